@@ -7,6 +7,7 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -333,12 +334,12 @@ def test_films_of_workers_that_are_not_the_same_are_a_fault(monkeypatch) -> None
     pytest.importorskip("distributed")
     monkeypatch.setattr(jobs, "_WORKERS", (1, 2))
 
-    def of_other_path_sets(_, job):
+    def of_other_path_sets(job, scene, options):
         film = render_job(replace(job, path_sets=(64, 192)))
         film.metadata.statistics.update(dict.fromkeys(("merge_s", "gather_s", "chunks", "worker_s"), 1.0))
         return film
 
     # No workers: what is wrong with their films shows whoever made them.
-    monkeypatch.setattr(jobs, "Cluster", lambda address: nullcontext(address))
-    monkeypatch.setattr(jobs, "render_on", of_other_path_sets)
+    workers = SimpleNamespace(render=of_other_path_sets)
+    monkeypatch.setattr(jobs, "Cluster", lambda address: nullcontext(workers))
     assert any("other bits" in fault for fault in jobs.bench_jobs(scale=0.01, rounds=1).faults)

@@ -180,8 +180,8 @@ def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--checkpoint", "often"], "expected a time such as 60s or 5m, or path sets such as 100i"),
-        (["--checkpoint", "0i"], "at least one path set"),
+        (["--checkpoint", "often"], "expected a time such as 60s or 5m, or steps such as 100i"),
+        (["--checkpoint", "0i"], "at least one step"),
         (["--checkpoint", "0s"], "expected a time such as"),
         (["--time-limit", "-3"], "--time-limit -3: expected a time above 0"),
         (["--noise", "0"], "--noise 0: must be above 0"),
@@ -189,7 +189,7 @@ def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path) -> None:
         (["--sample-range", "0:8", "--spp", "8"], "--spp beside --sample-range"),
         (["--hang-limit", "soon"], "--hang-limit soon"),
         (["--turntable", "3", "--checkpoint", "1i"], "--checkpoint beside --turntable"),
-        (["--turntable", "3", "--noise", "0.1"], "--noise beside --turntable"),
+        (["--turntable", "3", "--stats", "s.json"], "--stats beside --turntable"),
     ],
 )
 def test_what_cannot_be_asked_for_is_named(tmp_path: Path, options: list[str], words: str) -> None:
@@ -371,7 +371,7 @@ def test_a_full_disk_is_told_once_and_rendering_goes_on(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
+    checkpoint = Checkpoint(tmp_path / "a.npz", steps=1)
     film = glpath.render(BOX, spp=8, on_step=checkpoint, **SMALL)
     whole = (tmp_path / "a.npz").read_bytes()
     monkeypatch.setattr(files.os, call, full)
@@ -427,7 +427,7 @@ def test_a_render_without_its_last_checkpoint_ends_with_3(tmp_path: Path, monkey
 
 def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
-    checkpoint = Checkpoint(folder / "a.npz", path_sets=4)
+    checkpoint = Checkpoint(folder / "a.npz", steps=4)
 
     def lose(film: Film) -> None:
         if film.path_sets < 12:
@@ -442,7 +442,7 @@ def test_a_folder_that_vanishes_is_made_again(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
 def test_a_folder_that_becomes_read_only_leaves_the_old_checkpoint(tmp_path: Path) -> None:
-    checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
+    checkpoint = Checkpoint(tmp_path / "a.npz", steps=1)
     film = glpath.render(BOX, spp=8, on_step=checkpoint, **SMALL)
     tmp_path.chmod(0o500)
     try:
@@ -461,7 +461,7 @@ def test_a_disk_that_is_really_full(tmp_path: Path) -> None:
         pytest.skip("needs the right to mount")
     try:
         # Two films have no room at once: the second cannot replace the first.
-        checkpoint = Checkpoint(folder / "a.npz", path_sets=1)
+        checkpoint = Checkpoint(folder / "a.npz", steps=1)
         film = glpath.render(BOX, spp=8, resolution=(64, 48), max_depth=1, on_step=checkpoint)
         glpath.render(BOX, spp=16, resolution=(64, 48), max_depth=1, film=film, on_step=checkpoint)
         assert "No space left on device" in str(checkpoint.failure)
@@ -545,7 +545,7 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
 
     def some(first: int, count: int) -> dict[str, float]:
         for i in range(first, first + count):
-            checkpoint = Checkpoint(tmp_path / "a.npz", path_sets=1)
+            checkpoint = Checkpoint(tmp_path / "a.npz", steps=1)
             engine = ("path", "path-buffer")[i % 2]
             glpath.render(
                 BOX, spp=2, seed=i, max_depth=2, integrator=engine, resolution=(32, 24), on_step=checkpoint

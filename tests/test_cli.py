@@ -28,7 +28,10 @@ from glpath.errors import ContextError, SceneWarning
 from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
 from glpath.integrators.settings import PathSettings
-from glpath.rendering.progress import duration, percent, reporting
+from glpath.rendering.calls import reporting_to
+from glpath.rendering.progress import reporting
+from glpath.rendering.run_options import RunOptions
+from glpath.system.reporting import duration, percent
 from tests.support.command_line import run
 
 
@@ -42,18 +45,21 @@ class Renderer:
 
     def __call__(self, scene: Any, **options: Any) -> Film:
         self.calls.append({"scene": scene, **options})
-        for stage, done in (("compiling shaders", 0), ("rendering", 8), ("rendering", 16), ("rendering", 32)):
-            options["on_progress"](
-                rendering.Progress(
-                    done=done,
-                    total=32,
-                    elapsed_s=float(done),
-                    error=0.05 if done else None,
-                    film=self.film,
-                    stage=stage,
-                    renderer="llvmpipe (test)",
+        asked = RunOptions(progress=options["progress"], on_progress=options["on_progress"])
+        with reporting_to(asked) as told:
+            assert told.on_progress is not None
+            for stage, done in (("compiling shaders", 0), ("rendering", 8), ("rendering", 16), ("rendering", 32)):
+                told.on_progress(
+                    rendering.Progress(
+                        done=done,
+                        total=32,
+                        elapsed_s=float(done),
+                        error=0.05 if done else None,
+                        film=self.film,
+                        stage=stage,
+                        renderer="llvmpipe (test)",
+                    )
                 )
-            )
         if self.interrupt:
             raise interrupted(self.film)
         return self.film
@@ -337,7 +343,14 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         "backend": "egl",
         "device": 1,
         "require_gpu": True,
+        "threads": None,
         "timings": False,
+        "time_limit": None,
+        "noise": None,
+        "film": None,
+        "on_step": None,
+        "progress": "auto",
+        "cluster": None,
     }
 
 

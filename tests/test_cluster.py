@@ -35,11 +35,10 @@ from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
 from glpath.jobs import connection as clusters_connection
 from glpath.jobs.chunks import ATTEMPTS, Chunks, ChunksFailedError
-from glpath.jobs.cluster import render_on
-from glpath.jobs.connection import Cluster
-from glpath.rendering import RenderJob, run
+from glpath.jobs.cluster import Cluster
+from glpath.rendering import RenderJob, run, session
 from glpath.rendering.factory import plan_of
-from glpath.rendering.going_on import AnotherRenderError
+from glpath.rendering.resume import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
 from tests.support import killing
 from tests.support.engines import with_depth
@@ -62,6 +61,11 @@ def workers():
 def own_workers():
     with Cluster("local:2") as cluster:
         yield cluster
+
+
+def render_on(cluster: Cluster, job: RenderJob, chunk_seconds: float = 5.0, **options: Any) -> Film:
+    cluster.chunk_seconds = chunk_seconds
+    return run(job, cluster=cluster, **options)
 
 
 def job_of(spp: int, **options: Any) -> RenderJob:
@@ -103,6 +107,17 @@ def test_points_are_not_asked_what_a_camera_would_see(workers):
     film = render_on(workers, job, chunk_seconds=0.05)
     assert same(film, run(job))
     assert film.mean.any()
+
+
+def test_points_are_measured_and_texels_baked_by_a_cluster_as_by_one_process(workers):
+    workers.chunk_seconds = 5.0
+    points: Any = ([[0.0, 0.1, 0.0], [0.2, 0.1, 0.2]], [0.0, 1.0, 0.0])
+    measured = glpath.irradiance(BOX, *points, spp=16, max_depth=2, cluster=workers)
+    assert same(measured.film, glpath.irradiance(BOX, *points, spp=16, max_depth=2).film)
+    assert "worker_s" in measured.film.metadata.statistics
+    pytest.importorskip("xatlas")
+    baked = glpath.lightmap(BOX, size=32, spp=8, max_depth=2, cluster=workers)
+    assert same(baked.film, glpath.lightmap(BOX, size=32, spp=8, max_depth=2).film)
 
 
 def test_noise_ends_it_where_it_ends_one_process(workers):
@@ -205,7 +220,7 @@ def test_a_chunk_that_fails_everywhere_is_told_of_and_the_others_are_kept(
     request, monkeypatch, caplog, how, reason
 ):
     cluster = request.getfixturevalue("own_workers" if how == "dies" else "workers")
-    monkeypatch.setattr(clusters, "plan_of", lambda settings: Faulty(plan_of(settings), 21, how))
+    monkeypatch.setattr(session, "plan_of", lambda settings: Faulty(plan_of(settings), 21, how))
     with pytest.raises(ChunksFailedError, match=rf"path sets 16:24 failed on every worker.*{reason}") as caught:
         render_on(cluster, job_of(64), chunk_seconds=0.01)
     film = caught.value.film
@@ -243,7 +258,7 @@ def test_nothing_is_handed_to_the_dead_while_the_scheduler_still_lists_them():
     client = SimpleNamespace(submit=submit)
     cluster = SimpleNamespace(client=client, workers=lambda: ["a", "b"], address="played", connected=True)
     film = SimpleNamespace(path_sets=0, ranges=())
-    render = clusters._Render(cluster, SimpleNamespace(token="0" * 8), SimpleNamespace(film=film), 1.0)
+    render = clusters._Render(cluster, SimpleNamespace(token="0" * 8), SimpleNamespace(film=film))
     chunks = Chunks([(0, 64)], 1.0)
     render._look_around(chunks)
     render._hand_out(chunks)
@@ -259,7 +274,7 @@ def test_nothing_is_handed_to_the_dead_while_the_scheduler_still_lists_them():
 
 
 def test_a_mistake_of_the_user_is_not_tried_again(workers, monkeypatch):
-    monkeypatch.setattr(clusters, "plan_of", lambda settings: Faulty(plan_of(settings), 21, "user"))
+    monkeypatch.setattr(session, "plan_of", lambda settings: Faulty(plan_of(settings), 21, "user"))
     with pytest.raises(UsageError, match="at 21"):
         render_on(workers, job_of(64), chunk_seconds=0.01)
 

@@ -150,7 +150,7 @@ def test_frames_of_another_scene_or_kind_of_camera_are_rendered_alike(scene):
         (("--frames", "0:2", "-o", "a_{:.0}.png"), "has no place for the number of a frame"),
         (("--frames", "0:2", "-o", "a.mp4"), "a movie is made of .png frames"),
         (("--frames", "0:2", "-o", "-"), "-o - beside --frames"),
-        (("--frames", "0:2", "--noise", 0.1), "--noise beside --frames"),
+        (("--frames", "0:2", "--crop", "0,0,4,4"), "--crop beside --frames"),
         (("--frames", "0:2", "-D", "time=soon"), "-D time=soon beside --frames: expected seconds"),
     ],
 )
@@ -165,3 +165,15 @@ def test_a_scene_that_knows_no_time_says_so(tmp_path):
     done = render("teapot", "--frames", "0:2", "-o", tmp_path / "a.npz")
     assert done.exit_code != 0
     assert "has no parameter `time`" in " ".join(done.output.split())
+
+
+def test_each_frame_ends_by_its_own_noise() -> None:
+    cameras = [{"fov": 40.0}, {"fov": 60.0}]
+    small = {"resolution": (16, 12), "max_depth": 2}
+    films = list(glpath.render_frames("cornell-box-36", cameras, integrator="path", noise=0.2, **small))
+    assert [made.metadata.stop_rule for made in films] == ["noise", "noise"]
+    for camera, made in zip(cameras, films, strict=True):
+        still = glpath.render("cornell-box-36", camera=camera, noise=0.2, **small)
+        assert np.array_equal(still.radiance_sums, made.radiance_sums)
+    with pytest.raises(glpath.UsageError, match="each frame has its own"):
+        next(glpath.render_frames("cornell-box-36", cameras, film=films[0]))

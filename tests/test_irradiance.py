@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from pathlib import Path
@@ -567,6 +568,20 @@ def test_a_scheduler_s_signal_leaves_the_checkpoint_and_exit_code_75(tmp_path: P
     )
     assert code == 75, told
     assert os.listdir(tmp_path) == ["lux.checkpoint.npz"]
+
+
+def test_a_measurement_tells_programs_what_a_render_tells_them(tmp_path: Path) -> None:
+    out, stats = tmp_path / "lux.csv", tmp_path / "stats.json"
+    done = cli(*MEASURE[1:], "-o", out, "--noise", 0.2, "--stats", stats, "--progress", "json")
+    assert done.exit_code == 0, done.stderr
+    events = [json.loads(line) for line in done.stderr.splitlines()]
+    assert events[0]["event"] == "progress"
+    assert (events[-1]["event"], events[-1]["stop_rule"]) == ("done", "noise")
+    assert events[-1]["files"] == [str(out)]
+    told = json.loads(stats.read_text())
+    assert (told["stop_rule"], told["files"]) == ("noise", [str(out)])
+    assert told["path_sets"] == events[-1]["path_sets"]
+    assert sum(told["stage_ms"].values()) > 0
 
 
 def test_all_bounces_are_measured_by_themselves() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -211,14 +212,18 @@ def test_the_exposure_is_that_of_a_picture(name: str) -> None:
 
 def test_a_lightmap_shows_itself_and_its_page_while_it_converges(monkeypatch: pytest.MonkeyPatch) -> None:
     """It printed 251 lines of arrays, and rows of texels in place of the page."""
-    from glpath.bake.lightmap import _Glimpse
+    import IPython.display
 
-    baked = glpath.lightmap("cornell-box", size=64, spp=2)
+    bundles: list[dict[str, Any]] = []
+    handle = SimpleNamespace(update=lambda bundle, raw: bundles.append(bundle))
+    monkeypatch.setattr(IPython.display, "display", lambda bundle, **_: bundles.append(bundle) or handle)
+    monkeypatch.setattr("glpath.rendering.progress.in_notebook", lambda: True)
+    baked = glpath.lightmap("cornell-box", size=64, spp=2, progress=True)
     assert len(repr(baked)) < 200
     assert "1 page of 64 x 64" in repr(baked)
-    for shown in (baked, _Glimpse(baked.surfaces, baked.film)):
-        bundle = shown._repr_mimebundle_()
-        png = bundle["image/png"]
+    pictures = [bundle["image/png"] for bundle in bundles if "image/png" in bundle]
+    assert pictures
+    for png in (baked._repr_mimebundle_()["image/png"], *pictures):
         assert isinstance(png, bytes)
         assert png[:4] == b"\x89PNG"
         assert np.frombuffer(png[16:24], ">u4").tolist() == [64, 64], "the page, not rows of texels"

@@ -211,7 +211,7 @@ def test_a_second_matrix_of_view_factors_is_refused_and_leaves_the_rows_of_the_f
 
 
 def test_a_checkpoint_in_python_is_a_block(tmp_path: Path) -> None:
-    with Checkpoint(tmp_path / "a.npz", path_sets=1) as checkpoint:
+    with Checkpoint(tmp_path / "a.npz", steps=1) as checkpoint:
         glpath.render("cornell-box-36", spp=2, resolution=(8, 8), on_step=checkpoint)
         with pytest.raises(GlpathError, match=f"process {os.getpid()} on"), Checkpoint(tmp_path / "a.npz"):
             pass

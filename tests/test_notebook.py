@@ -352,8 +352,8 @@ def test_a_shape_that_there_is_not_is_named_with_those_that_are() -> None:
 KERNEL = """
 import subprocess, sys
 import glpath, glpath.gl.opening as c
-import glpath.rendering.calls
-glpath.rendering.calls.in_notebook = lambda: True
+import glpath.rendering.run_options
+glpath.rendering.run_options.in_notebook = lambda: True
 """
 
 

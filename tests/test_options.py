@@ -5,31 +5,37 @@ from __future__ import annotations
 import ast
 import inspect
 import re
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import pytest
 import typer
 from msgspec import Meta
+from typer.main import get_command
 from typer.testing import CliRunner
 
 import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
+from glpath.cli.run_request import OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
 from glpath.cli.typed import as_typed
 from glpath.integrators.settings import (
     INTEGRATORS,
     GatherSettings,
+    IntegratorKeywords,
     PathBufferSettings,
     PathSettings,
     TBufferSettings,
 )
 from glpath.rendering import RenderJob
 from glpath.rendering.calls import render
-from glpath.rendering.options import checked, options, settings_of, with_options
+from glpath.rendering.options import annotation_of, checked, options, settings_of, with_options
+from glpath.rendering.run_options import RunKeywords, RunOptions
 
 BOX = "cornell-box-36"
 
@@ -49,7 +55,7 @@ def foggy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("foggy")
 def test_a_new_option_is_a_parameter_and_a_line_of_the_help() -> None:
-    @with_options
+    @with_options()
     def call(scene: str, **options: Any) -> None:
         """Do it.
 
@@ -276,6 +282,59 @@ def test_a_name_that_is_no_option_is_answered_with_the_one_that_was_meant(call: 
     listed = error.value.message.split("allowed are ")[1].split(", ")
     parameters = inspect.signature(call).parameters.values()
     assert set(listed) == {p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
+
+
+def test_keywords_for_type_checkers_are_the_options() -> None:
+    of_integrators = get_type_hints(IntegratorKeywords)
+    assert of_integrators == {o.name: annotation_of(o) for o in options().values()}
+    assert RunKeywords.__annotations__.keys() == RunOptions.__annotations__.keys()
+    for field in fields(RunOptions):
+        assert RunKeywords.__annotations__[field.name].__forward_arg__ == field.type
+
+
+def test_workers_get_what_holds_for_a_part_of_a_render() -> None:
+    device: dict[str, Any] = {"backend": "egl", "device": 1, "require_gpu": True, "threads": 3, "timings": True}
+    asked = RunOptions(**device, noise=0.1, time_limit=9.0, on_step=print, on_progress=print, progress="bar")
+    assert asked.for_workers() == RunOptions(**device)
+
+
+MISSPELT = """
+from glpath.rendering.calls import render, render_frames
+render("cornell-box", spp=3, max_depth=2, time_limit=1.0, progress="lines")
+render("cornell-box", spq=3)
+render("cornell-box", max_deph=3)
+render("cornell-box", time_limit="soon")
+render_frames("cornell-box", [], nois=0.1)
+"""
+
+
+def test_a_misspelt_option_fails_a_type_check(tmp_path: Path) -> None:
+    program, package = tmp_path / "program.py", Path(glpath.__file__).parent
+    program.write_text(MISSPELT.lstrip())
+    # What declares options, and no more: all of the package takes a minute.
+    needed = ("rendering/calls", "rendering/options", "rendering/run_options", "integrators/settings")
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file=", "--follow-imports=skip", "--ignore-missing-imports",
+         f"--cache-dir={tmp_path}", str(program), *(str(package / f"{name}.py") for name in needed)],
+        capture_output=True, text=True, cwd=package.parent, timeout=120,
+    )  # fmt: skip
+    errors = dict(re.findall(r"program\.py:(\d+): error: (.*?)  \[", done.stdout))
+    assert list(errors) == ["3", "4", "5", "6"], done.stdout + done.stderr
+    assert errors["3"] == 'Unexpected keyword argument "spq" for "render"'
+    assert errors["6"] == 'Unexpected keyword argument "nois" for "render_frames"; did you mean "noise"?'
+
+
+def test_every_command_has_an_option_once_and_heeds_it() -> None:
+    offered = {}
+    for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
+        typed = [word for parameter in command.params for word in parameter.opts if word.startswith("--")]
+        assert len(typed) == len(set(typed)), name
+        offered[name] = {parameter.name for parameter in command.params} & set(OF_RENDERS)
+    assert offered["render"] == set(OF_RENDERS)
+    assert offered["measure"] == offered["lightmap"] == set(OF_FILMS)
+    assert offered["radiosity"] == set(OF_SOLVERS) >= {"checkpoint", "resume", "hang_limit", "progress", "quiet"}
+    assert offered["viewfactors"] == set(OF_MATRICES) >= {"resume", "progress", "quiet"}
+    assert not {"device", "cluster", "noise"} & set(OF_SOLVERS)
 
 
 def test_a_camera_is_given_whole_or_by_what_changes() -> None:

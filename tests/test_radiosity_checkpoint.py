@@ -92,6 +92,15 @@ def test_a_checkpoint_of_another_solution_is_refused_with_all_that_differs(tmp_p
         solve_radiosity(BOX, method="matrix", checkpoint=SolverCheckpoint(path))
 
 
+@pytest.mark.parametrize("options", [METHODS[0], METHODS[2]])
+def test_the_state_is_kept_every_so_many_steps(options: dict[str, Any], tmp_path: Path) -> None:
+    checkpoint = SolverCheckpoint(tmp_path / "s.npz", steps=4)
+    solution = solve_radiosity(BOX, checkpoint=checkpoint, **options)
+    steps = solution.statistics.get("steps") or solution.statistics["particles"] >> 14
+    assert 1 <= checkpoint.written <= steps // 4
+    assert SolverCheckpoint(tmp_path / "s.npz").found()
+
+
 def test_a_full_disk_is_told_once_and_solving_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

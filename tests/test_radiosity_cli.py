@@ -18,12 +18,12 @@ import trimesh
 
 import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
-from glpath.cli.radiosity import _told
-from glpath.cli.stages import reporting
+from glpath.cli.radiosity import _event
 from glpath.cli.warm import _SCENE, compile_kernels
 from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
 from glpath.radiosity.solvers import solve
 from glpath.radiosity.solvers.checks import METHODS
+from glpath.system.reporting import reporting
 from tests.support.command_line import run
 
 
@@ -145,7 +145,7 @@ def test_the_solution_of_another_scene_is_refused(solved, tmp_path):
 
 @pytest.mark.parametrize("mode", ["bar", "lines", "json", "none"])
 def test_progress_is_shown(mode, capsys):
-    with reporting(mode, sys.stderr, _told) as report:
+    with reporting(mode, sys.stderr, _event) as report:
         if report is not None:
             report(RadiosityProgress("shooting", 12, 0.25, 0.001, 300, 1.5))
             report(RadiosityProgress("refining", 12, None, 0.001, 300, 1.6))

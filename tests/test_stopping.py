@@ -16,7 +16,8 @@ from glpath.compare import relative_mse
 from glpath.film.batches import BATCHES, BLOCK
 from glpath.film.film import Film, FilmMetadata
 from glpath.film.noise import error_bound
-from glpath.rendering.stopping import StopRules, looks_at_noise
+from glpath.rendering.run_options import RunOptions
+from glpath.rendering.stopping import looks_at_noise
 from tests.support.engines import with_depth
 from tests.support.killing import SMALL
 
@@ -103,7 +104,7 @@ def test_looks_are_few_and_follow_from_the_count_alone() -> None:
 )
 def test_rules_that_cannot_be_are_refused(rules: dict[str, float]) -> None:
     with pytest.raises(glpath.UsageError, match="a number above 0 is needed"):
-        StopRules(**rules)
+        RunOptions(**rules)
 
 
 def test_the_command_line_says_what_ended_it_and_how_good_it_is(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import os
 import queue
 import signal
 import subprocess
@@ -399,3 +400,46 @@ def test_jobs_are_read_by_many_threads(context: Context) -> None:
     job = RenderJob.of("cornell-box-36", spp=2, max_depth=1, resolution=(8, 8))
     with ThreadPoolExecutor(16) as pool:
         assert all(one == job for one in pool.map(RenderJob.from_json, [job.to_json()] * 64))
+
+
+LIMITED = """
+import sys
+from pathlib import Path
+import glpath
+from glpath.system.machine import core_count
+film = glpath.render("cornell-box-36", spp=2, max_depth=2, resolution=(16, 12), threads=int(sys.argv[1]))
+names = [path.read_text() for path in Path("/proc/self/task").glob("*/comm")]
+software = film.metadata.device.startswith("llvmpipe")
+print(core_count(), sum(name.startswith("llvmpipe-") for name in names) if software else None)
+"""
+
+
+@pytest.mark.parametrize(("asked", "of_llvmpipe"), [(1, 0), (3, 3)])
+def test_a_process_computes_with_as_many_threads_as_it_was_asked_for(asked: int, of_llvmpipe: int) -> None:
+    """One is none but the caller's, which draws what llvmpipe's thread would."""
+    done = subprocess.run([sys.executable, "-c", LIMITED, str(asked)], capture_output=True, text=True, timeout=120)
+    cores = min(asked, len(os.sched_getaffinity(0)))
+    assert done.stdout.split() in ([str(cores), str(of_llvmpipe)], [str(cores), "None"]), done.stderr
+
+
+LIMITED_COMMANDS = """
+from typer.testing import CliRunner
+from glpath.cli.main import app
+from glpath.system import machine
+for command, *more in (
+    ("render", "-o", "a.npz"), ("measure", "-o", "a.npz", "--plane", "y=1"),
+    ("lightmap", "-o", "a.glb", "--uv", "keep"), ("radiosity", "-o", "a.npz"), ("viewfactors", "-o", "a.npz"),
+):
+    machine.limit_threads(64)
+    done = CliRunner().invoke(app, [command, "no-such-scene", *more, "--threads", "1"])
+    assert done.exit_code == 1 and "no-such-scene" in done.output, done.output
+    assert machine.core_count() == 1, command
+    assert CliRunner().invoke(app, [command, "cornell-box", *more, "--threads", "0"]).exit_code == 2
+"""
+
+
+def test_every_command_that_computes_can_be_limited() -> None:
+    done = subprocess.run([sys.executable, "-c", LIMITED_COMMANDS], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    with pytest.raises(glpath.UsageError, match="threads: 0 where a whole number from 1"):
+        glpath.render("furnace", threads=0)

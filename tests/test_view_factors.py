@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import math
+import os
 import re
 import shlex
 import signal
@@ -442,6 +445,21 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)
 
 
+def test_a_matrix_goes_on_where_its_rows_cannot_be_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    whole = glpath.view_factors(block_in_a_room(3))
+    monkeypatch.setattr("glpath.radiosity.view_factors.compute._SAVE_INTERVAL", 0.0)
+    monkeypatch.setattr("glpath.radiosity.view_factors.compute._SAVE_SHARE", math.inf)
+    monkeypatch.setattr(os, "replace", full)
+    found = glpath.view_factors(block_in_a_room(3), resume=tmp_path / "rows.part")
+    assert np.array_equal(found.matrix.toarray(), whole.matrix.toarray())
+    assert sum("the matrix goes on" in record.getMessage() for record in caplog.records) == 1
+
+
 def test_an_interruption_waits_for_no_row(tmp_path: Path) -> None:
     """One of `office` takes many seconds at this error. What is ended within a row is computed anew: see above."""
     scene = glpath.load_scene("office")
@@ -635,7 +653,7 @@ def test_sigterm_ends_the_command_within_a_row(tmp_path: Path) -> None:
     start = time.monotonic()
     _, said = running.communicate(timeout=60)
     assert time.monotonic() - start < 20  # of which the most is to load what ends it, on a machine that is busy
-    assert running.returncode == 130
+    assert running.returncode == 75
     assert "go on with: glpath viewfactors office" in said
 
 

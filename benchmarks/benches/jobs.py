@@ -31,8 +31,7 @@ from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.film.batches import BATCHES, BLOCK
 from glpath.film.film import Film
 from glpath.gl.context import get_context
-from glpath.jobs.cluster import render_on
-from glpath.jobs.connection import Cluster
+from glpath.jobs.cluster import Cluster
 from glpath.rendering import RenderJob, run
 from glpath.system.machine import core_count
 from glpath.system.versions import versions
@@ -52,7 +51,7 @@ def bench_jobs(scale: float = 1.0, rounds: int = 3, progress: Callable[[str], No
 
     def render(name: str, cluster: Cluster | None) -> float:
         begun: list[Film] = []
-        took = seconds_of(lambda: begun.append(run(job) if cluster is None else render_on(cluster, job)))
+        took = seconds_of(lambda: begun.append(run(job, cluster=cluster)))
         films.setdefault(name, []).extend(begun)
         return took
 

@@ -36,10 +36,10 @@ from benchmarks.references.stored import ALL_BOUNCES, smaller, stored_reference
 from benchmarks.verdict import Condition
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
-from glpath.rendering.progress import duration
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Material, Mesh, Shapes
 from glpath.scene.tessellate import with_projected_uv
+from glpath.system.reporting import duration
 
 # The block of figure 10; GGX's alpha is 0.2 across the brush, 0.49 along.
 _METAL = "large-box"

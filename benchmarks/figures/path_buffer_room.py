@@ -34,9 +34,9 @@ from benchmarks.scenes.room import POSTS
 from benchmarks.verdict import Condition
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.picture import EyeHits
-from glpath.rendering.progress import duration
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.reporting import duration
 
 # Of one path set, whose one light point is on one of many lamps.
 _NOISE = 3.0

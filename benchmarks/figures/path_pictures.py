@@ -31,9 +31,9 @@ from glpath.io import load_scene
 from glpath.radiosity import RadiositySolution, solve_radiosity
 from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
-from glpath.rendering.progress import duration
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.reporting import duration
 
 BOX, ROOM = "cornell-box-36", "room"
 SIDES = (32, 64, 128, 256)

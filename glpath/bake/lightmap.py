@@ -13,9 +13,9 @@ Poor at:  what looks different from elsewhere: mirrors, highlights, metal and gl
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import Any, Literal, Unpack, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,22 +29,17 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.denoise import denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
-from glpath.gl.context import open_context
-from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.settings import IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.radiosity.memory import require_memory
-from glpath.rendering.calls import reporting_to, run
+from glpath.rendering.calls import run_job
 from glpath.rendering.job import RenderJob, check_sensor, describe
-from glpath.rendering.options import MAX_SPP, check_word, settings_of, with_options
-from glpath.rendering.stopping import StopRules
+from glpath.rendering.options import RenderKeywords, check_word, settings_of, with_options
+from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
-from glpath.system.interactive import in_notebook
-
-if TYPE_CHECKING:
-    from glpath.rendering.progress import Progress
 
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -147,13 +142,15 @@ class Surfaces:
 class _Glimpse:
     """A film of texels as a notebook shows it while it converges: their light on the first page, not in rows."""
 
+    before_shown: Callable[[], None] | None = None
+
     def __init__(self, surfaces: Surfaces, film: Film) -> None:
-        self.surfaces, self.film = surfaces, film
+        self.surfaces, self.film, self.path_sets = surfaces, film, film.path_sets
 
     def __repr__(self) -> str:
         return f"{self.film.path_sets} path sets of {self.surfaces.scene.name}'s lightmap"
 
-    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
+    def shown(self) -> dict[str, object]:
         texels, (width, height) = self.surfaces.texels, self.surfaces.atlas.size
         light = np.zeros((height, width, 3))
         rendered = np.flatnonzero(~self.surfaces.inside)
@@ -279,7 +276,7 @@ class Lightmap:
         return write_kept(self, path, moz)
 
 
-@with_options
+@with_options()
 def lightmap(
     scene: AnyScene,
     *,
@@ -290,17 +287,8 @@ def lightmap(
     spp: int | None = None,
     first_path_set: int = 0,
     parameters: Mapping[str, object] | None = None,
-    backend: str = "auto",
-    device: int | None = None,
-    require_gpu: bool = False,
-    time_limit: float | None = None,
-    noise: float | None = None,
-    film: Film | None = None,
-    on_step: Callable[[Film], None] | None = None,
     denoise: bool = False,
-    progress: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> Lightmap:
     """Bake the light on all surfaces of a scene.
 
@@ -333,7 +321,7 @@ def lightmap(
     >>> baked.save("baked.glb")
     [PosixPath('baked.glb')]
     """
-    rules = StopRules(time_limit, noise)
+    run_options, chosen = RunOptions.taken_from(options)
     with aside("camera"):
         loaded = load_scene(scene, parameters)
     bake = Bake.of(
@@ -343,30 +331,11 @@ def lightmap(
         uv=uv,
         denoise=denoise,
         integrator=integrator,
-        spp=MAX_SPP if spp is None and rules else spp,
+        spp=run_options.spp(spp),
         first_path_set=first_path_set,
-        **options,
+        **chosen,
     )
-    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
-    with reporting_to(progress, None) as show:
-
-        def report(now: Progress) -> None:
-            if show is not None:
-                show(replace(now, film=cast("Film", _Glimpse(bake.surfaces, now.film))))
-            if on_progress is not None:
-                on_progress(now)
-
-        made = run(
-            bake.job,
-            context,
-            scene=bake.scene,
-            time_limit=time_limit,
-            noise=noise,
-            film=film,
-            on_step=on_step,
-            on_progress=report,
-        )
-    return bake.lightmap(made)
+    return bake.lightmap(bake.film(run_options))
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,7 +343,7 @@ class Bake:
     """A bake before its render: all that can be wrong with it is found when it is made.
 
     surfaces   : the texels
-    job, scene : that render them, for `glpath.rendering.run`
+    job, scene : that render them
     """
 
     surfaces: Surfaces
@@ -395,7 +364,7 @@ class Bake:
         spp: int | None = None,
         first_path_set: int = 0,
         say: Callable[[str], None] | None = None,
-        **options: Any,
+        **options: Unpack[IntegratorKeywords],
     ) -> Bake:
         """See `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
         if denoise:
@@ -415,6 +384,12 @@ class Bake:
             **options,
         )
         return cls(surfaces, job, seen, denoise)
+
+    def film(self, options: RunOptions) -> Film:
+        """Of the texels. Raises what `glpath.rendering.run` raises."""
+        return run_job(
+            self.job, self.scene, options, pictured=lambda film: cast("Film", _Glimpse(self.surfaces, film))
+        )
 
     def lightmap(self, film: Film) -> Lightmap:
         """Of a film of the texels."""

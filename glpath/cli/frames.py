@@ -21,17 +21,18 @@ import typer
 from numpy.typing import NDArray
 
 from glpath.cli.picture import Picture
+from glpath.cli.running import workers_of
 from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, UsageError
-from glpath.rendering.progress import duration
-from glpath.scene.camera import Camera
 from glpath.system.files import check_writable, save_all, whole_file
 from glpath.system.locks import Lock
+from glpath.system.reporting import duration
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
+    from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.scene import Scene
 
@@ -157,9 +158,7 @@ class FramesToRender:
     out      : the files of a frame, with a place for its number
     movies   : that are made of the .png of all
     picture  : how a film becomes one; its exposure is found for the first frame and kept, so that nothing flickers
-    resume   : leave those that are there
-    progress : of `glpath.rendering.progress.MODES`
-    silence  : seconds of --hang-limit
+    run      : of each frame; `resume` leaves those that are there
     """
 
     frames: Frames
@@ -167,32 +166,33 @@ class FramesToRender:
     movies: Sequence[Path]
     fps: float
     picture: Picture
-    resume: bool
-    progress: str
-    silence: float
+    run: RunRequest
 
-    def render(self, scene: Scene, scenes: Scenes, options: dict[str, Any], cluster: str | None) -> None:
+    def render(self, scene: Scene, scenes: Scenes, options: dict[str, Any]) -> None:
         """Render and write all.
 
         scene, scenes : the one of the first frame, and of any other
-        options       : of `glpath.render_frames`, with those of the machine
-        cluster       : the workers that share out each frame; None: this process
+        options       : of `glpath.render_frames`
 
         Raises ImageError, GlpathError where another process renders some of them, and `typer.Exit` where a signal
         ended it before the last.
         """
+        from glpath import rendering
+
         frames = self.frames
         check_frames_writable(frames, self.out)
         with contextlib.ExitStack() as held:
             for path in self.out:
                 held.enter_context(Lock(path, "a render of these frames", frames.first, frames.stop))
-            todo = left_to_do(frames, self.out, self.resume)
+            todo = left_to_do(frames, self.out, self.run.resume)
             cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
             shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
-            held.enter_context(watched(self.silence, "The frames before it are written."))
+            held.enter_context(watched(self.run.silence, "The frames before it are written."))
             held.enter_context(warnings.catch_warnings())
             warnings.filterwarnings("ignore", "There is motion")  # a frame is a still of it
-            ended_early = self._write(todo, films_of(scene, shown, options, cluster))
+            workers = held.enter_context(workers_of(self.run.cluster))
+            run = self.run.options(cluster=workers)
+            ended_early = self._write(todo, rendering.render_frames(scene, shown, **options, **vars(run)))
         if ended_early:
             raise typer.Exit(exit_code())
         pictures = next((path for path in self.out if path.suffix.lower() == ".png"), None)
@@ -221,7 +221,7 @@ class FramesToRender:
                 self._tell_of(done, len(todo), time.perf_counter() - started, list(map(str, paths)))
                 release()
         except KeyboardInterrupt:
-            if self.progress != "json":
+            if self.run.mode != "json":
                 self._tell(
                     {}, f"interrupted: {done} of {len(todo)} frames are written; --resume goes on with the others"
                 )
@@ -236,8 +236,8 @@ class FramesToRender:
         )
 
     def _tell(self, event: dict[str, Any], line: str) -> None:
-        if self.progress != "none":
-            say(json.dumps(event) if self.progress == "json" else line, err=True)
+        if self.run.mode != "none":
+            say(json.dumps(event) if self.run.mode == "json" else line, err=True)
 
 
 def check_frames_writable(frames: Frames, out: Sequence[Path]) -> None:
@@ -265,30 +265,3 @@ def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
                 with contextlib.suppress(OSError, KeyError, ValueError), Image.open(there) as picture:
                     return float(picture.info["glpath.exposure_stops"])
     return None
-
-
-def films_of(
-    scene: Scene,
-    shown: Iterator[Camera | Scene],
-    options: dict[str, Any],
-    cluster: str | None,
-) -> Iterator[Film]:
-    """A film for each camera or scene, in order; by a cluster, the path sets of each by all its workers.
-
-    options : of `glpath.render_frames`, with those of the machine
-    """
-    from glpath import rendering
-
-    if cluster is None:
-        yield from rendering.render_frames(scene, shown, **options)
-        return
-    from glpath.jobs.cluster import render_on
-    from glpath.jobs.connection import Cluster
-    from glpath.rendering.job import describe
-
-    machine = {name: options.pop(name) for name in ("backend", "device", "require_gpu", "timings")}
-    with Cluster(cluster) as workers:
-        for frame in shown:
-            whole = scene.with_camera(**vars(frame)) if isinstance(frame, Camera) else frame
-            job, loaded = describe(whole, **options)
-            yield render_on(workers, job, scene=loaded, **machine)

@@ -11,44 +11,22 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
-from glpath.cli.options import (
-    FOR_ALL,
-    BackendOption,
-    DeviceOption,
-    ProgressOption,
-    QuietOption,
-    RequireGpuOption,
-    option_values,
-    with_integrator_options,
-)
-from glpath.cli.outcome import conclude, last_words
-from glpath.cli.running import film_of
+from glpath.cli.options import FOR_ALL, option_values, with_options
+from glpath.cli.run_request import OF_FILMS, RunRequest
+from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
-from glpath.cli.signals import go_on_later
-from glpath.cli.unattended import (
-    DEFAULT_HANG_LIMIT,
-    CheckpointOption,
-    HangLimitOption,
-    NoiseOption,
-    ResumeOption,
-    TimeLimitOption,
-    checkpointed,
-    seconds,
-    stop_rules,
-)
+from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
-from glpath.rendering.options import MAX_SPP
-from glpath.rendering.progress import MODES, duration, percent
 from glpath.system.files import check_writable, save_all
+from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, Materials
-    from glpath.film.film import Film
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
@@ -78,7 +56,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_integrator_options(lightmap, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
+    )(with_options(lightmap, OF_FILMS, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
 
 
 def lightmap(
@@ -158,17 +136,9 @@ def lightmap(
             autocompletion=words(_INTEGRATORS),
         ),
     ] = "path",
-    checkpoint: CheckpointOption = None,
-    resume: ResumeOption = False,
-    time_limit: TimeLimitOption = None,
-    noise: NoiseOption = None,
-    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
-    backend: BackendOption = "auto",
-    device: DeviceOption = None,
-    require_gpu: RequireGpuOption = False,
-    progress: ProgressOption = "auto",
-    quiet: QuietOption = False,
+    *,
+    run: RunRequest,
     **options: Any,
 ) -> None:
     """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
@@ -181,7 +151,6 @@ def lightmap(
 
     check_glb(out)
     for option, found, allowed in (
-        ("--progress", progress, MODES),
         ("--materials", materials, _MATERIALS),
         ("--uv", uv, _UV),
         ("--integrator", integrator, _INTEGRATORS),
@@ -194,14 +163,10 @@ def lightmap(
         raise UsageError("--exposure: irradiance is written as it is.", "Leave it out, or --materials keep.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
-    rules = stop_rules(time_limit, noise)
-    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
-    if checkpoint is not None or resume:
-        go_on_later()
     stops = read_exposure(exposure)
     given = {
         "texels": texels, "size": size, "uv": uv, "denoise": denoise, "integrator": integrator,
-        "spp": MAX_SPP if spp is None and rules else spp, **option_values(integrator, options),
+        "spp": run.options().spp(spp), **option_values(integrator, options),
     }  # fmt: skip
     if uv == "make":
         from glpath.bake.atlas import require_xatlas
@@ -210,47 +175,39 @@ def lightmap(
     with aside("camera"):
         loaded = read_scene(scene, parameters)
     check_writable(out)
-    if quiet and progress == "auto":
-        progress = "none"
-    with checkpointed([out], checkpoint, resume) as (keeper, begun):
+    with checkpointed([out], run) as (checkpoint, begun):
         from glpath.bake.files import check_keepable
         from glpath.bake.lightmap import Bake
-        from glpath.gl.context import open_context
-        from glpath.rendering import run
 
         if materials == "keep":
             check_keepable(loaded)
-        announce = None if quiet or progress in ("none", "json") else lambda line: say(line, err=True)
+        announce = None if run.mode in ("none", "json") or run.quiet else lambda line: say(line, err=True)
         asked = {name: value for name, value in given.items() if value is not None}
         bake = Bake.of(loaded, say=announce, **asked)
 
-        def start(more: dict[str, Any]) -> Film:
-            return run(bake.job, open_context(backend, device, require_gpu), scene=bake.scene, **more)
-
-        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
-        film, failure = film_of(start, {**rules, **going_on}, progress, keeper, silence)
+        outcome = outcome_of(bake.film, run, checkpoint, begun)
+        film = outcome.film
         made: list[Lightmap] = []
-        written: list[Path] = []
+        files: list[Path] = []
         told_stops: list[float] = []
 
         def save(path: Path) -> None:
             made.append(bake.lightmap(film))  # here, as the film is kept where this fails
             kind = cast("Materials", materials)
             told_stops.append(made[0].exposure_stops(stops))
-            written.extend(made[0].save(path, materials=kind, exposure=told_stops[0], moz=moz))
+            files.extend(made[0].save(path, materials=kind, exposure=told_stops[0], moz=moz))
 
-        def write() -> GlpathError | None:
+        def write() -> tuple[list[Path], GlpathError | None]:
             kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
-            return save_all({out: save}, {"film.npz": film.save}, kept)[1]
+            return files, save_all({out: save}, {"film.npz": film.save}, kept)[1]
 
-        conclude(film, failure, keeper, write)
-    if not quiet and progress != "json":
-        words_of_it = _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
-        for line in (*words_of_it, f"  {light_of(loaded)}"):
-            say(line, err=True)
-        for path in written:
-            say(f"wrote {path}", err=True)
-    last_words(keeper, f"light of {film.path_sets} path sets is in {out}")
+        def lines(written: list[Path]) -> Iterator[str]:
+            if written:
+                yield from _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
+                yield f"  {light_of(loaded)}"
+            yield from (f"wrote {path}" for path in written)
+
+        outcome.leave(write, lines, lambda _: f"light of {film.path_sets} path sets is in {out}")
 
 
 def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[str]:
@@ -265,8 +222,8 @@ def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[s
     left_out = f", but for {hidden:,} sides that are inside closed solids" if hidden else ""
     yield f"  all {len(baked.scene.triangles):,} triangles are in it{left_out}"
     error = film.relative_error()
-    told = "" if error is None else f", error about {percent(error)}"
-    yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{told}"
+    noise = "" if error is None else f", error about {percent(error)}"
+    yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{noise}"
     if error is not None and error > _NOISY and not denoised:
         more = film.path_sets * math.ceil((error / _CLEAN) ** 2)
         yield f"  for less noise: --noise {_CLEAN:g} (some {more:,} path sets), --integrator gather, or --denoise"

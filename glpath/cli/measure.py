@@ -11,44 +11,25 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
-from glpath.cli.options import (
-    BackendOption,
-    DeviceOption,
-    ProgressOption,
-    QuietOption,
-    RequireGpuOption,
-    option_values,
-    with_integrator_options,
-)
-from glpath.cli.outcome import conclude, last_words
-from glpath.cli.running import film_of
+from glpath.cli.options import option_values, with_options
+from glpath.cli.run_request import OF_FILMS, RunRequest
+from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
-from glpath.cli.signals import go_on_later
-from glpath.cli.unattended import (
-    DEFAULT_HANG_LIMIT,
-    CheckpointBesideOption,
-    HangLimitOption,
-    NoiseOption,
-    ResumeOption,
-    TimeLimitOption,
-    checkpointed,
-    seconds,
-    stop_rules,
-)
+from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.film.units import EFFICACY
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
-from glpath.rendering.progress import MODES, duration
 from glpath.system.files import Save, check_writable, is_stream, save_all
-from glpath.system.terminal import say
+from glpath.system.reporting import duration
 
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
     from glpath.film.film import Film
     from glpath.integrators.settings import Integrator
     from glpath.rendering.points import Irradiance, Receiver
+    from glpath.rendering.run_options import RunOptions
     from glpath.rendering.uniformity import Estimate, Spread
 
 _INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
@@ -76,7 +57,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_integrator_options(measure, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
+    )(with_options(measure, OF_FILMS, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
 
 
 def measure(
@@ -173,17 +154,9 @@ def measure(
         int | None,
         typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=_LIGHT),
     ] = None,
-    checkpoint: CheckpointBesideOption = None,
-    resume: ResumeOption = False,
-    time_limit: TimeLimitOption = None,
-    noise: NoiseOption = None,
-    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
-    backend: BackendOption = "auto",
-    device: DeviceOption = None,
-    require_gpu: RequireGpuOption = False,
-    progress: ProgressOption = "auto",
-    quiet: QuietOption = False,
+    *,
+    run: RunRequest,
     **options: Any,
 ) -> None:
     """Irradiance and illuminance at points, with standard errors; of all also mean, minimum, maximum, and the
@@ -198,7 +171,6 @@ def measure(
 
     for path in out:
         check_kind(path)
-    check_choice("--progress", progress, MODES)
     check_choice("--integrator", integrator, _INTEGRATORS)
     check_choice("--receiver", receiver, _RECEIVERS)
     if (plane is None) == (points is None):
@@ -213,10 +185,6 @@ def measure(
             raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
-    rules = stop_rules(time_limit, noise)
-    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
-    if checkpoint is not None or resume:
-        go_on_later()
     pictures = [path for path in out if path.suffix.lower() == ".png"]
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
@@ -236,10 +204,8 @@ def measure(
     check_within(at, loaded, f"--plane {plane}" if plane is not None else f"--points {points}")
     for path in out:
         check_writable(path)
-    if quiet and progress == "auto":
-        progress = "none"
 
-    def start(more: dict[str, Any]) -> Film:
+    def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance
 
         return irradiance(
@@ -250,16 +216,14 @@ def measure(
             integrator=cast("Integrator", integrator),
             spp=spp,
             **options,
-            **more,
+            **vars(run),
         ).film
 
-    asked: dict[str, Any] = {**rules, "backend": backend, "device": device, "require_gpu": require_gpu}
-    with checkpointed(out, checkpoint, resume, films=False) as (keeper, begun):
-        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
-        film, failure = film_of(start, asked | going_on, progress, keeper, silence)
+    with checkpointed(out, run, films=False) as (checkpoint, begun):
+        outcome = outcome_of(start, run, checkpoint, begun)
         from glpath.rendering.points import Irradiance
 
-        found = Irradiance(film, len(at.points))
+        found = Irradiance(outcome.film, len(at.points))
         saves: dict[Path, Save] = {}
         for path in out:
             save: Any = save_npz if path.suffix.lower() == ".npz" else save_csv
@@ -269,16 +233,19 @@ def measure(
                 save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
             saves[path] = partial(save, at=at, found=found, **more)
         rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
-        conclude(film, failure, keeper, lambda: save_all(saves, rescue, "What was measured is kept in {}.")[1])
-    if not quiet and progress != "json":
-        for line in (*_summary(found), f"  {light_of(loaded)}"):
-            say(line, err=True)
-        if at.grid is not None:
-            say(f"  {at.grid.described(loaded)}", err=True)
-        for path in out:
-            if not is_stream(path):
-                say(f"wrote {path}", err=True)
-    last_words(keeper, f"what {film.path_sets} paths of each point found is written")
+
+        def lines(written: list[Path]) -> Iterator[str]:
+            yield from _summary(found)
+            yield f"  {light_of(loaded)}"
+            if at.grid is not None:
+                yield f"  {at.grid.described(loaded)}"
+            yield from (f"wrote {path}" for path in written if not is_stream(path))
+
+        outcome.leave(
+            lambda: save_all(saves, rescue, "What was measured is kept in {}."),
+            lines,
+            lambda _: f"what {outcome.film.path_sets} paths of each point found is written",
+        )
 
 
 def _summary(found: Irradiance) -> Iterator[str]:
@@ -317,11 +284,11 @@ def _figures(spread: Spread, digits: int = 4) -> str:
         _with_error(x, f"{x.value:.{digits}g}", unit)
         for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
     )
-    told = f"mean {mean}, minimum {least}, maximum {most}"
+    text = f"mean {mean}, minimum {least}, maximum {most}"
     if not spread.mean.value > 0:
-        return told
+        return text
     u0, ud = (_with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))
-    return f"{told}; U0 {u0}, Ud {ud}"
+    return f"{text}; U0 {u0}, Ud {ud}"
 
 
 def _with_error(of: Estimate, value: str, unit: str = "") -> str:

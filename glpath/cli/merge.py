@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from glpath.cli.help import PICTURES, command_help
-from glpath.cli.options import QuietOption
+from glpath.cli.options import with_options
 from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
-from glpath.rendering.progress import percent
+from glpath.cli.run_request import RunRequest
 from glpath.system.files import check_writable, save_all
+from glpath.system.reporting import percent
 from glpath.system.terminal import say
 
 
@@ -24,7 +25,7 @@ def register(app: typer.Typer) -> None:
         ("glpath merge film.npz -o film.png --exposure 1", "a picture of one film"),
     )
     epilog = "Exit codes: 0 done, 1 failed, 2 wrong usage, or films that do not belong together."
-    app.command(epilog=epilog, **help)(merge)
+    app.command(epilog=epilog, **help)(with_options(merge, ("quiet",)))
 
 
 def merge(
@@ -39,7 +40,8 @@ def merge(
     exposure: ExposureOption = None,
     tonemap: TonemapOption = "srgb",
     denoise: DenoiseOption = False,
-    quiet: QuietOption = False,
+    *,
+    run: RunRequest,
 ) -> None:
     """Add up films of one render: every path set counts the same, and once.
 
@@ -57,7 +59,7 @@ def merge(
     film, repeated = merge_shards(films)
     saves = picture.saves(film, out, film.exposure_stops(picture.exposure))
     written, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
-    if not quiet:
+    if not run.quiet:
         for path in repeated:
             say(f"{path}: is there already, and counts once", err=True)
         error = film.relative_error()

@@ -1,88 +1,80 @@
-"""Options of many commands, and those of `glpath render` that are the integrators': derived from their settings."""
+"""Options of commands that are declared elsewhere: of a run (`run_request`), and of integrators (settings)."""
 
 from __future__ import annotations
 
 import functools
 import inspect
 from collections.abc import Callable, Collection, Iterator, Mapping
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
 
 from glpath.cli.completion import words
+from glpath.cli.run_request import RunRequest, declared
 from glpath.cli.values import check_choice, colour
 from glpath.errors import UsageError
 from glpath.integrators.settings import INTEGRATORS, Rgb
 from glpath.rendering.options import Option, options
-from glpath.rendering.progress import MODES
 
 #: The panel of the help with what all integrators have.
 FOR_ALL = "Sampling"
-OUTPUT = "What is printed"
-_MACHINE = "Machine"
-
-ProgressOption = Annotated[
-    str,
-    typer.Option(
-        metavar="|".join(MODES), help="Progress on stderr.", rich_help_panel=OUTPUT, autocompletion=words(MODES)
-    ),
-]
-QuietOption = Annotated[
-    bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=OUTPUT)
-]
-
-BackendOption = Annotated[
-    str,
-    typer.Option(
-        metavar="auto|egl|osmesa",
-        help="How OpenGL is reached.",
-        rich_help_panel=_MACHINE,
-        autocompletion=words(("auto", "egl", "osmesa")),
-    ),
-]
-DeviceOption = Annotated[
-    int | None,
-    typer.Option(metavar="N", help="A device of `glpath devices`.", rich_help_panel=_MACHINE),
-]
-RequireGpuOption = Annotated[
-    bool, typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE)
-]
 
 
-def with_integrator_options(
+def with_options(
     function: Callable[..., Any],
+    run: Collection[str],
     only: Collection[str] | None = None,
     *,
     integrators: Collection[str] = tuple(INTEGRATORS),
     all_bounces: bool = False,
+    texts: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[..., Any]:
-    """A command with an option for each of the integrators', in place of its last parameter, **options.
+    """A command with options in place of its last parameters: `run`, a `RunRequest`, and those of integrators,
+    **options, where it has these.
 
-    only        : names of those that it has; None: all
+    run         : names of options of a run
+    only        : names of options of integrators that it has; None: all
     integrators : that it has; options of others are left out
     all_bounces : light of all bounces is the default, where a picture has fewer
+    texts       : of options of a run whose help says more here
     """
     signature = inspect.signature(function, eval_str=True)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
-    further = [
-        inspect.Parameter(
-            option.name,
-            inspect.Parameter.POSITIONAL_OR_KEYWORD,
-            default=False if option.first.type is bool else option.default,
-            annotation=_annotation(option, integrators),
+    of_run = []
+    for name in run:
+        annotation, default = declared(name)
+        if name in texts:
+            option = copy(annotation.__metadata__[0])
+            option.help = texts[name]
+            annotation = Annotated[annotation.__origin__, option]
+        of_run.append(_parameter(name, default, annotation))
+    of_integrators = [
+        _parameter(
+            option.name, False if option.first.type is bool else option.default, _annotation(option, integrators)
         )
-        for option in _options_of(integrators, all_bounces)
+        for option in (_options_of(integrators, all_bounces) if len(explicit) < len(signature.parameters) else ())
         if only is None or option.name in only
     ]
 
     @functools.wraps(function)
     def command(**values: Any) -> Any:
-        return function(**values)
+        request = RunRequest(**{name: values.pop(name) for name in run})
+        request.begin()
+        return function(**values, run=request)
 
-    command.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
+    typed = [p for p in explicit if p.name != "run"]
+    parameters = [*typed, *of_run, *of_integrators]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return command
+
+
+def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
 def _options_of(integrators: Collection[str], all_bounces: bool) -> Iterator[Option]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,12 +14,13 @@ from glpath.cli.picture import Picture
 from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
 from glpath.film.metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
-from glpath.rendering.progress import duration, percent
 from glpath.system.files import save_all, write_bytes
 from glpath.system.machine import peak_resident_bytes
+from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
+    from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.film.metadata import FilmMetadata
     from glpath.jobs.checkpoint import Checkpoint
@@ -40,109 +41,116 @@ _TESTS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is asked of a render that has ended.
+    """A film when its render has ended, however that was.
 
-    out     : files of the picture
-    picture : how the film becomes one
-    stats   : where statistics go; None: nowhere
-    spp     : path sets that were asked for; None where others end it
-    as_json, quiet, verbose : what is told on standard error
+    failure : why it is not whole
+    checkpoint  : its checkpoint
+    before  : path sets that it came with
     """
 
-    out: Sequence[Path]
-    picture: Picture
-    stats: Path | None
-    spp: int | None
-    as_json: bool
-    quiet: bool
-    verbose: bool
+    film: Film
+    failure: GlpathError | None
+    run: RunRequest
+    checkpoint: Checkpoint | None
+    before: int
 
-    def leave(self, film: Film, failure: GlpathError | None, keeper: Checkpoint | None, before: int) -> None:
+    def leave(
+        self,
+        write: Callable[[], tuple[list[Path], GlpathError | None]],
+        lines: Callable[[list[Path]], Iterable[str]],
+        there: Callable[[list[Path]], str],
+        event: Callable[[], dict[str, Any]] = dict,
+    ) -> None:
         """Write and tell of all that there is. Returns where all was done.
 
-        failure : why the film is not whole
-        keeper  : its checkpoint
-        before  : path sets that it came with
+        write : the outputs; returns those that are written, and why others could not be
+        lines : what is said of it
+        there : what is written, of a render that was interrupted
+        event : further values of the last object of `--progress json`
 
         Raises `failure`, ImageError for outputs that cannot be written, and `typer.Exit` with the exit code.
         """
+        film, checkpoint, failure = self.film, self.checkpoint, self.failure
         complete = film.metadata.stop_rule in RULES
-        if keeper is not None and by_scheduler() and not complete:
-            end = leave_for_later(keeper, film)
-            if self.stats is not None:
-                write_stats(self.stats, film, keeper, before, [])
+        if checkpoint is not None and by_scheduler() and not complete:
+            end = leave_for_later(checkpoint, film)
+            self._write_stats([])
             raise end
         written: list[Path] = []
-        stops: float | None = None
         if film.path_sets:
-            stops = film.exposure_stops(self.picture.exposure)
-            written, unsaved = save_all(
-                self.picture.saves(film, self.out, stops),
-                {"film.npz": film.save},
-                "The film is kept in {}; glpath.Film.load reads it, save writes it.",
-            )
+            written, unsaved = write()
             failure = failure or unsaved
-        if keeper is not None and complete and by_scheduler() and failure is None:
+        if checkpoint is not None and complete and by_scheduler() and failure is None:
             forget()
         ended_early = arrived()
-        if keeper is not None and keeper.path not in written and film.path_sets:
-            settle(keeper, film, failure)
-        if self.stats is not None and film.path_sets:
-            try:
-                write_stats(self.stats, film, keeper, before, written)
-            except ImageError as error:
-                failure = failure or error
-        if self.as_json:
-            say_json(_as_event(film, written, ended_early, self.picture.denoise), err=True)
-        elif not self.quiet:
-            if before and before == film.path_sets and complete:
-                say(f"all {before} path sets were in {keeper.path if keeper else 'the film'} already", err=True)
-            for line in _summary(film, written, stops, self.verbose, self.picture.denoise):
+        if checkpoint is not None and checkpoint.path not in written and film.path_sets:
+            settle(checkpoint, film, failure)
+        try:
+            self._write_stats(written)
+        except ImageError as error:
+            failure = failure or error
+        if self.run.progress == "json":
+            say_json({**_as_event(film, written, ended_early), **event()}, err=True)
+        elif not self.run.quiet and film.path_sets:
+            if self.before == film.path_sets and complete:
+                say(
+                    f"all {self.before} path sets were in {checkpoint.path if checkpoint else 'the film'} already",
+                    err=True,
+                )
+            for line in lines(written):
                 say(line, err=True)
         if failure is not None:
             raise failure
         if ended_early:
-            _say_interrupted(film, self.spp, written, keeper)
+            self._say_interrupted(
+                there(written) if written else "before the first path set was done; nothing is written"
+            )
             raise typer.Exit(INTERRUPTED)
-        if keeper is not None and keeper.failure is not None and keeper.path not in written:
-            raise without_checkpoint(keeper)
+        if checkpoint is not None and checkpoint.failure is not None and checkpoint.path not in written:
+            raise without_checkpoint(checkpoint)
+
+    def _write_stats(self, files: Sequence[Path]) -> None:
+        if self.run.stats is not None and self.film.path_sets:
+            write_stats(self.run.stats, self.film, self.checkpoint, self.before, files)
+
+    def _say_interrupted(self, there: str) -> None:
+        say(f"glpath: interrupted: {there}", err=True)
+        checkpoint, film = self.checkpoint, self.film
+        if (
+            film.path_sets
+            and film.metadata.stop_rule == INTERRUPTED_RULE
+            and checkpoint
+            and checkpoint.failure is None
+        ):
+            say(_GO_ON.format(checkpoint.path), err=True)
 
 
-def conclude(
-    film: Film, failure: GlpathError | None, keeper: Checkpoint | None, write: Callable[[], GlpathError | None]
-) -> None:
-    """Write what a command makes of its film, which is no picture, and settle the checkpoint.
+def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: int | None) -> None:
+    """Write the film as pictures, and tell of it.
 
-    failure : why the film is not whole
-    write   : returns why something could not be written
-
-    Raises either; KeyboardInterrupt where there is nothing to write; `typer.Exit` where a scheduler wants the
-    machine.
+    spp : path sets that were asked for; None where others end it
     """
-    if keeper is not None and by_scheduler() and film.metadata.stop_rule not in RULES:
-        raise leave_for_later(keeper, film)
-    if not film.path_sets:
-        raise KeyboardInterrupt
-    unsaved = write()
-    failure = failure or unsaved
-    if keeper is not None:
-        settle(keeper, film, failure)
-    if failure is not None:
-        raise failure
+    film = outcome.film
+    stops = film.exposure_stops(picture.exposure) if film.path_sets else 0.0
+    kept = "The film is kept in {}; glpath.Film.load reads it, save writes it."
+    of = "" if spp is None else f" of {spp}"
 
+    def there(written: list[Path]) -> str:
+        films = [path for path in written if path.suffix.lower() == ".npz"]
+        text = f"{film.path_sets}{of} path sets are in {', '.join(map(str, written))}"
+        checkpoint, interrupted = outcome.checkpoint, film.metadata.stop_rule == INTERRUPTED_RULE
+        by_itself = films and interrupted and (checkpoint is None or checkpoint.failure is not None)
+        return f"{text}\n{_GO_ON.format(films[0])}" if by_itself else text
 
-def last_words(keeper: Checkpoint | None, written: str) -> None:
-    """After `conclude`: raises `typer.Exit` where it was interrupted, or the last checkpoint was not written.
+    def event() -> dict[str, Any]:
+        return {"denoised_error": film.relative_error(denoised=True)} if picture.denoise else {}
 
-    written : the sentence that says what is
-    """
-    if arrived():
-        say(f"glpath: interrupted: {written}", err=True)
-        if keeper is not None and keeper.failure is None:
-            say(_GO_ON.format(keeper.path), err=True)
-        raise typer.Exit(INTERRUPTED)
-    if keeper is not None and keeper.failure is not None:
-        raise without_checkpoint(keeper)
+    outcome.leave(
+        lambda: save_all(picture.saves(film, out, stops), {"film.npz": film.save}, kept),
+        lambda written: _summary(film, written, stops, outcome.run.verbose, picture.denoise),
+        there,
+        event,
+    )
 
 
 def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> None:
@@ -179,26 +187,8 @@ def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
     return typer.Exit(GO_ON_LATER)
 
 
-def _say_interrupted(film: Film, spp: int | None, written: Sequence[Path], keeper: Checkpoint | None) -> None:
-    if written:
-        of = "" if spp is None else f" of {spp}"
-        text = f"{film.path_sets}{of} path sets are in {', '.join(map(str, written))}"
-    else:
-        text = "before the first path set was done; nothing is written"
-    say(f"glpath: interrupted: {text}", err=True)
-    films = [path for path in written if path.suffix.lower() == ".npz"]
-    if keeper is not None and keeper.failure is None and film.path_sets:
-        films = [keeper.path]
-    if films and film.metadata.stop_rule == INTERRUPTED_RULE:
-        say(_GO_ON.format(films[0]), err=True)
-
-
-def _summary(
-    film: Film, written: Sequence[Path], stops: float | None, verbose: bool, denoise: bool
-) -> Iterator[str]:
+def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, denoise: bool) -> Iterator[str]:
     """What was rendered, on what, how fast and how well; stops: of exposure of a .png."""
-    if not film.path_sets:
-        return
     m = film.metadata
     _, _, width, height = m.window
     error = film.relative_error()
@@ -241,7 +231,7 @@ def _summary(
         yield f"wrote {path}{shown}"
 
 
-def _as_event(film: Film, written: Sequence[Path], interrupted: bool, denoise: bool) -> dict[str, Any]:
+def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[str, Any]:
     """The last object of `--progress json`."""
     m = film.metadata
     return {
@@ -251,7 +241,6 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool, denoise: b
         "error": film.relative_error(),
         "stop_rule": m.stop_rule,
         "error_bound": m.error_bound,
-        **({"denoised_error": film.relative_error(denoised=True)} if denoise else {}),
         "renderer": m.device,
         "statistics": m.statistics,
         "files": [str(path) for path in written],

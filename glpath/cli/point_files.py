@@ -194,15 +194,15 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
         return  # above open ground
     low, high = _at(lower[axis]), _at(upper[axis])
-    told = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
+    text = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
     if nearest[axis] > size:
         raise UsageError(
-            f"{told}, and is {size:.4g} wide.",
+            f"{text}, and is {size:.4g} wide.",
             "Coordinates are in the scene's units, and its axes: `glpath info` prints where it is.",
         )
     up = AXES[int(np.argmax(np.abs(scene.camera.up)))]
     other = f". A working plane is {up}=HEIGHT, if {up} is up." if at.grid and AXES[at.grid.axis] != up else "."
-    warn(told + other)
+    warn(text + other)
 
 
 def _at(x: float) -> str:

@@ -13,24 +13,15 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
-from glpath.cli.options import ProgressOption, QuietOption
+from glpath.cli.options import with_options
+from glpath.cli.run_request import OF_SOLVERS, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
-from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, go_on_later, interrupted, result_of
-from glpath.cli.stages import Told, reporting
-from glpath.cli.unattended import (
-    DEFAULT_HANG_LIMIT,
-    SOLVING,
-    HangLimitOption,
-    check_absent,
-    left_in,
-    seconds,
-    watched,
-)
-from glpath.cli.values import check_choice
+from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, interrupted, result_of
+from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
-from glpath.rendering.progress import MODES, duration, percent
 from glpath.system.files import check_writable, save_all
+from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -75,7 +66,7 @@ def register(app: typer.Typer) -> None:
         everyday="scene out method patches size splits adaptive unshot particles seed radiosity exposure check "
         "checkpoint resume parameters quiet",
     )
-    app.command(epilog=codes + later, **help)(radiosity)
+    app.command(epilog=codes + later, **help)(with_options(radiosity, OF_SOLVERS))
 
 
 def radiosity(
@@ -157,27 +148,9 @@ def radiosity(
             help="Afterwards, estimate what the elements do to the picture that the scene's camera gathers.",
         ),
     ] = False,
-    checkpoint: Annotated[
-        str | None,
-        typer.Option(
-            metavar="60s|5m",
-            help="So often, write the solver's state to s.checkpoint.npz beside s.npz; it is removed when all is "
-            "done. Not of matrix.",
-            rich_help_panel=_SOLVER,
-        ),
-    ] = None,
-    resume: Annotated[
-        bool,
-        typer.Option(
-            "--resume",
-            help="Go on with that file, to the same bits; begin where there is none.",
-            rich_help_panel=_SOLVER,
-        ),
-    ] = False,
-    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
     parameters: Parameters = None,
-    progress: ProgressOption = "auto",
-    quiet: QuietOption = False,
+    *,
+    run: RunRequest,
 ) -> None:
     """Solve the light between a scene's diffuse surfaces; `glpath render --integrator gather` shows it.
 
@@ -196,13 +169,11 @@ def radiosity(
         raise UsageError(f"--exposure {exposure}: a .npz holds the light itself.", "Write a .glb, or leave it out.")
     if radiosity is not None:
         _check_solved(context, radiosity)
-    check_choice("--progress", progress, MODES)
-    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
     with nullcontext() if check else aside("camera"):
         loaded = read_scene(scene, parameters)
     for path in out:
         check_writable(path)
-    keeper = _checkpoint(out[0], checkpoint, resume)
+    checkpoint = _checkpoint(out[0], run)
     if adaptive is None:
         adaptive = 2 if baked and method == "progressive" else 0
     options: dict[str, Any] = {
@@ -210,43 +181,42 @@ def radiosity(
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
         "overshoot": overshoot, "ambient": ambient, "form_factors": cast("Kind", form_factors),
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
-        "seed": seed, "checkpoint": keeper, "shafts": _shafts(shaft),
+        "seed": seed, "checkpoint": checkpoint, "shafts": _shafts(shaft),
     }  # fmt: skip
-    with keeper or nullcontext():
-        if keeper is not None and not resume:
-            check_absent(keeper.path)
-        with watched(silence, left_in(keeper.path if keeper is not None else None), SOLVING):
+    with checkpoint or nullcontext():
+        if checkpoint is not None and not run.resume:
+            check_absent(checkpoint.path)
+        with watched(run.silence, left_in(checkpoint.path if checkpoint is not None else None), SOLVING):
             if radiosity is not None:
                 solution: RadiositySolution | None = _loaded(radiosity, loaded)
             else:
-                solution = _solve(loaded, options, "none" if quiet and progress == "auto" else progress)
-        if keeper is not None and by_scheduler():
-            if keeper.failure is not None:
-                raise ImageError(keeper.failure)
-            say(f"glpath: ended by a signal: {keeper.path} is what --resume goes on with", err=True)
+                solution = _solve(loaded, options, run.mode)
+        if checkpoint is not None and by_scheduler():
+            if checkpoint.failure is not None:
+                raise ImageError(checkpoint.failure)
+            say(f"glpath: ended by a signal: {checkpoint.path} is what --resume goes on with", err=True)
             raise typer.Exit(GO_ON_LATER)
         if solution is not None:
             _save(solution, loaded, out, exposure)
-        if keeper is not None and not arrived():
-            keeper.path.unlink(missing_ok=True)
-    _end(solution, out, loaded, quiet or progress == "json", solved=radiosity is None)
+        if checkpoint is not None and not arrived():
+            checkpoint.remove()
+    _end(solution, out, loaded, not run.talks, solved=radiosity is None)
     if check and solution is not None:
         from glpath.rendering import element_error
 
         found = result_of(lambda: element_error(loaded, solution))
-        say(json.dumps(found.recorded()) if progress == "json" else str(found), err=True)
+        say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
 
 
-def _checkpoint(out: Path, every: str | None, resume: bool) -> SolverCheckpoint | None:
-    """The checkpoint that was asked for. Raises UsageError, and ImageError where it cannot be written."""
+def _checkpoint(out: Path, run: RunRequest) -> SolverCheckpoint | None:
+    """The checkpoint that was asked for. Raises ImageError where it cannot be written."""
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 
-    if every is None and not resume:
+    if not run.keeps:
         return None
-    go_on_later()
     path = out.with_name(f"{out.stem}.checkpoint.npz")
     check_writable(path)
-    return SolverCheckpoint(path, None if every is None else seconds("--checkpoint", every))
+    return SolverCheckpoint(path, *run.interval)
 
 
 def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolution | None:
@@ -254,7 +224,7 @@ def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolutio
     from glpath.radiosity import RadiosityInterrupted, solve_radiosity
 
     try:
-        with reporting(mode, sys.stderr, _told) as report:
+        with reporting(mode, sys.stderr, _event) as report:
             return result_of(lambda: solve_radiosity(scene, **options, on_progress=report))
     except RadiosityInterrupted as stop:
         interrupted()
@@ -288,6 +258,7 @@ def _check_solved(context: typer.Context, solution: Path) -> None:
         assert option.name is not None, "options have names"
         source = context.get_parameter_source(option.name)  # by its name: Typer may have a Click of its own
         says_how = getattr(option, "rich_help_panel", None) in (_MESH, _SOLVER)
+        says_how = says_how or option.name in ("checkpoint", "resume")
         if says_how and source is not None and source.name == "COMMANDLINE":
             raise UsageError(
                 f"--radiosity and {option.opts[0]} contradict each other: {solution} is solved already.",
@@ -342,16 +313,17 @@ def _summary(solution: RadiositySolution) -> Iterator[str]:
         yield f"  {s['particles']:,} particles, {s['hits']:,} hits{error}"
 
 
-def _told(progress: RadiosityProgress) -> Told:
+def _event(progress: RadiosityProgress) -> ProgressEvent:
     what = "particles" if progress.stage == "particles" else "steps"
     unshot = progress.unshot
     share = "" if unshot is None or what == "particles" else f", {percent(unshot)} unshot"
-    return Told(
+    detail = f"{progress.steps:,} {what}{share}, {progress.elements:,} elements"
+    return ProgressEvent(
         stage=progress.stage,
         elapsed_s=progress.elapsed_s,
         done=0 if unshot is None else 1 - unshot,
         total=None if unshot is None else 1 - progress.until,
-        detail=f"{progress.steps:,} {what}{share}, {progress.elements:,} elements",
-        head=f"{progress.stage}: ",
-        event={"steps": progress.steps, "unshot": unshot, "until": progress.until, "elements": progress.elements},
+        detail=detail,
+        line=f"{progress.stage}: {detail}",
+        values={"steps": progress.steps, "unshot": unshot, "until": progress.until, "elements": progress.elements},
     )

@@ -6,7 +6,6 @@ Everything that can be wrong with the options, the scene and the outputs is foun
 
 from __future__ import annotations
 
-import logging
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,46 +16,20 @@ from glpath.cli import camera, completion, outcome, running
 from glpath.cli.completion import words
 from glpath.cli.frames import Frames, FramesToRender
 from glpath.cli.help import PICTURES, command_help
-from glpath.cli.options import (
-    FOR_ALL,
-    OUTPUT,
-    BackendOption,
-    DeviceOption,
-    ProgressOption,
-    QuietOption,
-    RequireGpuOption,
-    option_values,
-    with_integrator_options,
-)
+from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.picture import IMAGE, DenoiseOption, ExposureOption, Picture, TonemapOption
+from glpath.cli.run_request import OF_RENDERS, RunRequest
 from glpath.cli.scene import HELP, Scenes, parameters_option
-from glpath.cli.signals import go_on_later
-from glpath.cli.unattended import (
-    DEFAULT_HANG_LIMIT,
-    CheckpointOption,
-    ClusterOption,
-    HangLimitOption,
-    NoiseOption,
-    RangeOption,
-    ResumeOption,
-    StatsOption,
-    TimeLimitOption,
-    checkpointed,
-    seconds,
-    stop_rules,
-)
-from glpath.cli.unattended import sample_range as read_range
+from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import resolution as read_resolution
+from glpath.cli.values import sample_range as read_range
 from glpath.errors import UsageError
 from glpath.film.aovs import DENOISER_AOVS
 from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.rendering.options import default_spp_text
-from glpath.rendering.progress import MODES
 from glpath.system.files import check_writable
-
-log = logging.getLogger("glpath")
 
 _EXIT_CODES = (
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
@@ -75,7 +48,7 @@ def register(app: typer.Typer) -> None:
         everyday="scene out resolution exposure tonemap denoise parameters spp integrator seed aovs max_depth "
         "camera_position camera_target camera_fov device resume noise time_limit quiet",
     )
-    app.command(epilog=_EXIT_CODES, **help)(with_integrator_options(render))
+    app.command(epilog=_EXIT_CODES, **help)(with_options(render, OF_RENDERS))
 
 
 def render(
@@ -160,28 +133,16 @@ def render(
     fps: Annotated[
         float, typer.Option(metavar="N", help="Frames a second of --frames.", rich_help_panel=camera.CAMERA)
     ] = 24.0,
-    backend: BackendOption = "auto",
-    device: DeviceOption = None,
-    require_gpu: RequireGpuOption = False,
-    checkpoint: CheckpointOption = None,
-    resume: ResumeOption = False,
-    time_limit: TimeLimitOption = None,
-    noise: NoiseOption = None,
-    sample_range: RangeOption = None,
-    stats: StatsOption = None,
-    cluster: ClusterOption = None,
-    hang_limit: HangLimitOption = DEFAULT_HANG_LIMIT,
-    progress: ProgressOption = "auto",
-    quiet: QuietOption = False,
-    verbose: Annotated[
-        bool,
+    sample_range: Annotated[
+        str | None,
         typer.Option(
-            "-v",
-            "--verbose",
-            help="Also the log, settings and time by stage, which costs some.",
-            rich_help_panel=OUTPUT,
+            metavar="A:B",
+            help="Path sets A to B - 1 alone, in place of --spp: a shard, which `glpath merge` adds to others.",
+            rich_help_panel=FOR_ALL,
         ),
-    ] = False,
+    ] = None,
+    *,
+    run: RunRequest,
     **options: Any,
 ) -> None:
     """Render a scene to one or more files.
@@ -196,12 +157,6 @@ def render(
         running.refuse_beside_a_job(context)
     elif scene is None:
         raise UsageError("render: no SCENE and no --job.", "Name a scene file or a shipped scene; `glpath scenes`.")
-    if quiet and verbose:
-        raise UsageError("-q and -v contradict each other.", "Give one of them.")
-    if checkpoint is not None or resume:
-        go_on_later()
-    if verbose:
-        logging.getLogger("glpath").setLevel(logging.INFO)
     many = Frames.of_options(turntable, frames, fps)
     movies: list[Path] = []
     if many is not None:
@@ -209,12 +164,8 @@ def render(
     for path in out:
         check_suffix(path)
     check_choice("--integrator", integrator, tuple(INTEGRATORS))
-    check_choice("--progress", progress, MODES)
-    for option, count, low in (("--spp", spp, 1), ("--device", device, 0)):
-        if count is not None and count < low:
-            raise UsageError(f"{option} {count}: must be at least {low}.")
-    rules = stop_rules(time_limit, noise)
-    silence = seconds("--hang-limit", hang_limit, allow_zero=True)
+    if spp is not None and spp < 1:
+        raise UsageError(f"--spp {spp}: must be at least 1.")
     first = {}
     if sample_range is not None:
         if spp is not None:
@@ -229,21 +180,13 @@ def render(
             )
         options["aovs"] = [*(options["aovs"] or ()), *DENOISER_AOVS]
     options = option_values(integrator, options)
-    machine = {
-        "backend": backend,
-        "device": device,
-        "require_gpu": require_gpu,
-        "timings": verbose or stats is not None,
-    }
     if many is not None:
         others = {
             "--crop": crop,
             "--job": job,
-            "--checkpoint": checkpoint,
-            "--time-limit": time_limit,
-            "--noise": noise,
+            "--checkpoint": run.checkpoint,
             "--sample-range": sample_range,
-            "--stats": stats,
+            "--stats": run.stats,
         }
         many.check(out, others)
     if job is None:
@@ -263,28 +206,17 @@ def render(
         scenes = Scenes(scene, parameters or [], size, shown, fps)
         loaded = scenes.at(many.first) if frames is not None and many is not None else scenes.at()
         options = {"integrator": integrator, "spp": spp, **first, **options}
-        start, spp = running.described(loaded, None if crop is None else read_crop(crop), options, bool(rules))
+        start = running.of_scene(loaded, None if crop is None else read_crop(crop), options)
+        if spp is None and not run.ends_by_rule:
+            spp = INTEGRATORS[integrator].default_spp
     else:
         start, spp = running.of_file(job, denoise)
     for path in out if many is None else []:
         check_writable(path)
         if str(path) == "-" and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
-    if quiet and progress == "auto":
-        progress = "none"
     if many is not None:
-        FramesToRender(many, out, movies, fps, picture, resume, progress, silence).render(
-            loaded, scenes, {**options, **machine}, cluster
-        )
+        FramesToRender(many, out, movies, fps, picture, run).render(loaded, scenes, options)
         return
-    if stats is not None:
-        check_writable(stats)
-    asked = outcome.Outcome(out, picture, stats, spp, progress == "json", quiet, verbose)
-    with checkpointed(out, checkpoint, resume) as (keeper, begun):
-        before = 0 if begun is None else begun.path_sets
-        if begun is not None and keeper is not None:
-            log.info("going on with %s path sets of %s", before, keeper.path)
-        going_on = {"film": begun, "on_step": keeper} if keeper is not None else {}
-        given = {**machine, **rules, **going_on, "cluster": cluster}
-        film, failure = running.film_of(start, given, progress, keeper, silence)
-        asked.leave(film, failure, keeper, before)
+    with checkpointed(out, run) as (checkpoint, begun):
+        outcome.leave_picture(running.outcome_of(start, run, checkpoint, begun), out, picture, spp)

@@ -2,52 +2,37 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from glpath.cli.outcome import Outcome
+from glpath.cli.run_request import OF_RENDERS
 from glpath.cli.signals import hold, interrupted, result_of
 from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film.aovs import DENOISER_AOVS
-from glpath.integrators.settings import INTEGRATORS
-from glpath.rendering.options import MAX_SPP
-from glpath.rendering.progress import Progress, reporting
 
 if TYPE_CHECKING:
+    from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
-    from glpath.rendering import RenderJob
+    from glpath.rendering.progress import Progress
+    from glpath.rendering.run_options import RunOptions, Workers
     from glpath.scene import Scene
 
-# Renders, when it is called with the options of the device and of progress.
-Start = Callable[[dict[str, Any]], "Film"]
+log = logging.getLogger("glpath")
+
+# Renders, with the options of a run.
+Start = Callable[["RunOptions"], "Film"]
 
 # What may stand beside --job: where the image goes, what renders it, what is told.
-_BESIDE_A_JOB = (
-    "job",
-    "out",
-    "exposure",
-    "tonemap",
-    "denoise",
-    "backend",
-    "device",
-    "require_gpu",
-    "checkpoint",
-    "resume",
-    "time_limit",
-    "noise",
-    "stats",
-    "cluster",
-    "hang_limit",
-    "progress",
-    "quiet",
-    "verbose",
-)
+_BESIDE_A_JOB = ("job", "out", "exposure", "tonemap", "denoise", *OF_RENDERS)
 
 
 def refuse_beside_a_job(context: typer.Context) -> None:
@@ -64,25 +49,13 @@ def refuse_beside_a_job(context: typer.Context) -> None:
         )
 
 
-def described(
-    scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any], rules: bool
-) -> tuple[Start, int | None]:
-    """The render of a scene with the options of the command line, and its path sets; None where others end it."""
+def of_scene(scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any]) -> Start:
+    """The render of a scene with the options of the command line."""
     from glpath import rendering
-    from glpath.rendering.job import describe
 
     if crop is not None:
         check_inside(crop, scene.camera.resolution)
-
-    def start(more: dict[str, Any]) -> Film:
-        if (address := more.pop("cluster")) is None:
-            return rendering.render(scene, crop=crop, **options, **more)
-        asked = {**options, "spp": options["spp"] or (MAX_SPP if rules else None)}
-        job, loaded = describe(scene, crop=crop, **asked)
-        return _by_cluster(address, job, {**more, "scene": loaded})
-
-    default = None if rules else INTEGRATORS[options["integrator"]].default_spp
-    return start, options["spp"] or default
+    return lambda run: rendering.render(scene, crop=crop, **options, **vars(run))
 
 
 def of_file(path: Path, denoise: bool) -> tuple[Start, int]:
@@ -95,34 +68,40 @@ def of_file(path: Path, denoise: bool) -> tuple[Start, int]:
             f"--denoise beside --job: {path} asks for no AOVs albedo and normal, by which pictures are denoised.",
             f"Make the job with aovs={DENOISER_AOVS!r}.",
         )
-
-    def start(more: dict[str, Any]) -> Film:
-        from glpath.gl.context import open_context
-
-        if (address := more.pop("cluster")) is not None:
-            return _by_cluster(address, job, more)
-        device = {name: more.pop(name) for name in ("backend", "device", "require_gpu")}
-        return rendering.run(job, open_context(**device), **more)
-
-    return start, job.spp
+    return lambda run: rendering.run(job, **vars(run)), job.spp
 
 
-def _by_cluster(address: str, job: RenderJob, options: dict[str, Any]) -> Film:
-    from glpath.jobs.cluster import render_on
-    from glpath.jobs.connection import Cluster
+@contextmanager
+def workers_of(address: str | None) -> Iterator[Workers | None]:
+    """The cluster of --cluster; None: this process renders."""
+    if address is None:
+        yield None
+        return
+    from glpath.jobs.cluster import Cluster
 
     with Cluster(address) as cluster:
-        return render_on(cluster, job, **options)
+        yield cluster
 
 
-def film_of(
-    start: Start, options: dict[str, Any], progress: str, keeper: Checkpoint | None, hang_limit: float
+def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None) -> Outcome:
+    """The film, or what there is of it when a signal ends the render, or workers fail; KeyboardInterrupt before
+    there is one.
+
+    checkpoint, begun : the checkpoint, and the film to go on with
+    """
+    before = 0 if begun is None else begun.path_sets
+    if checkpoint is not None and begun is not None:
+        log.info("going on with %s path sets of %s", before, checkpoint.path)
+    film, failure = _film_of(start, run, checkpoint, begun)
+    return Outcome(film, failure, run, checkpoint, before)
+
+
+def _film_of(
+    start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None
 ) -> tuple[Film, GlpathError | None]:
-    """The film, or what there is of it when a signal ends the render, or workers fail, and why; KeyboardInterrupt
-    before there is one."""
     from glpath.jobs.chunks import ChunksFailedError
     from glpath.rendering import RenderInterrupted
-    from glpath.rendering.going_on import AnotherRenderError
+    from glpath.rendering.resume import AnotherRenderError
 
     films: list[Film] = []
 
@@ -130,28 +109,30 @@ def film_of(
         films[:] = [progress.film]
         if progress.done == progress.total:
             hold()
-        report(progress)
 
     try:
         try:
             with (
-                watched(hang_limit, left_in(keeper.path if keeper is not None else None)),
-                reporting(progress, sys.stderr) as report,
+                watched(run.silence, left_in(checkpoint.path if checkpoint is not None else None)),
+                workers_of(run.cluster) as workers,
             ):
-                return result_of(lambda: start({**options, "on_progress": watch})), None
+                options = run.options(
+                    film=begun, on_step=checkpoint, progress=run.mode, on_progress=watch, cluster=workers
+                )
+                return result_of(lambda: start(options)), None
         except ChunksFailedError as error:
             return error.film, error
         except RenderInterrupted as stop:
             films[:] = [stop.film]
             interrupted(stop.number)
         except AnotherRenderError as error:
-            assert keeper is not None, "only a checkpoint is gone on with"
+            assert checkpoint is not None, "only a checkpoint is gone on with"
             raise UsageError(
-                f"{keeper.path}: cannot be gone on with: {error.reason}.",
+                f"{checkpoint.path}: cannot be gone on with: {error.reason}.",
                 "Ask for what it was made with; or remove it, and the render begins anew.",
             ) from error
         except Exception as error:
-            keep_after_failure(keeper, error)
+            keep_after_failure(checkpoint, error)
             raise
     except KeyboardInterrupt:  # on the way here from the render
         if not films:

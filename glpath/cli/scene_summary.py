@@ -124,17 +124,17 @@ def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
 
 
 def _about_light(light: Light) -> dict[str, Any]:
-    told: dict[str, Any] = {"name": light.name, "kind": light.kind, "intensity": light.intensity.tolist()}
+    found: dict[str, Any] = {"name": light.name, "kind": light.kind, "intensity": light.intensity.tolist()}
     bound = light.kind != "directional" and light.falloff == "quadratic"
     flux = 4 * np.pi if light.profile is None else light.profile.flux
-    told["power"] = (flux * light.intensity).tolist() if bound and light.kind == "point" else None
-    told["falloff"] = light.falloff
+    found["power"] = (flux * light.intensity).tolist() if bound and light.kind == "point" else None
+    found["falloff"] = light.falloff
     if light.kind != "directional":
-        told["position"] = light.position.tolist()
+        found["position"] = light.position.tolist()
     if light.kind != "point" or light.profile is not None:
-        told["direction"] = light.direction.tolist()
+        found["direction"] = light.direction.tolist()
     if light.profile is not None:
-        told |= {"profile": light.profile.candela.shape, "c0": light.c0.tolist()}
+        found |= {"profile": light.profile.candela.shape, "c0": light.c0.tolist()}
     if light.kind == "spot":
-        told["cone"] = list(light.cone)
-    return told
+        found["cone"] = list(light.cone)
+    return found

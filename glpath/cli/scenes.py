@@ -105,13 +105,13 @@ def validate(
     """Check scenes without rendering. Exits with 1 when one has an error."""
     console = clean_console(soft_wrap=True, highlight=False)
     failed = False
-    told = []
+    listed = []
     for name in scenes:
         error, found = _examine(name, parameters)
         bad = error is not None or (strict and bool(found))
         failed |= bad
         if as_json:
-            told.append({"scene": name, "ok": not bad, "error": error, "warnings": found})
+            listed.append({"scene": name, "ok": not bad, "error": error, "warnings": found})
             continue
         if error is not None:
             console.print(f"[red]error[/]    {escape(error)}")
@@ -120,7 +120,7 @@ def validate(
         if error is None and not found:
             console.print(f"[green]ok[/]       {escape(name)}")
     if as_json:
-        say_json(told, indent=2)
+        say_json(listed, indent=2)
     if failed:
         raise typer.Exit(1)
 
@@ -142,7 +142,7 @@ def scenes(as_json: Annotated[bool, typer.Option("--json", help="Print JSON for 
     """List the shipped scenes, and of generated ones the parameters (-D KEY=VALUE) with their defaults."""
     shipped = shipped_scenes()
     if as_json:
-        told = [
+        listed = [
             {
                 "name": name,
                 "description": description,
@@ -153,7 +153,7 @@ def scenes(as_json: Annotated[bool, typer.Option("--json", help="Print JSON for 
             }
             for name, description in shipped.items()
         ]
-        say_json(told, indent=2)
+        say_json(listed, indent=2)
         return
     table = Table("scene", "what it shows", box=None, header_style="bold")
     for name, description in shipped.items():

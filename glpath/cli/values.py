@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 from glpath.errors import UsageError
 
 Vector = tuple[float, float, float]
+
+_UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def check_choice(option: str, found: str, allowed: Sequence[str]) -> None:
@@ -80,6 +83,35 @@ def exposure(text: str | None) -> float | Literal["auto"] | None:
     if not abs(stops) <= 100:
         raise UsageError(f"--exposure {text}: must be a number of stops from -100 to 100, or auto.")
     return stops
+
+
+def seconds(option: str, text: str, allow_zero: bool = False) -> float:
+    """90, 90s, 10m, 2h, 1.5h or 1d. Raises UsageError."""
+    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)", text.strip().lower())
+    value = float(match[1]) * _UNITS[match[2]] if match and match[2] in _UNITS else -1.0
+    if not (value > 0 or (allow_zero and value == 0)) or value > 1e9:
+        raise UsageError(f"{option} {text}: expected a time above 0 such as 90s, 10m, 2h or 1d.")
+    return value
+
+
+def interval(option: str, text: str) -> tuple[float | None, int | None]:
+    """Seconds, or steps: 60s, 5m, 100i. Raises UsageError."""
+    if match := re.fullmatch(r"(\d+)i", text.strip().lower()):
+        if int(match[1]) < 1:
+            raise UsageError(f"{option} {text}: must be at least one step, 1i.")
+        return None, int(match[1])
+    try:
+        return seconds(option, text), None
+    except UsageError:
+        raise UsageError(f"{option} {text}: expected a time such as 60s or 5m, or steps such as 100i.") from None
+
+
+def sample_range(text: str) -> tuple[int, int]:
+    """First path set and how many of --sample-range. Raises UsageError."""
+    match = re.fullmatch(r"(\d+):(\d+)", text.strip())
+    if not match or int(match[1]) >= int(match[2]):
+        raise UsageError(f"--sample-range {text}: expected A:B, whole numbers of which B is greater, e.g. 0:64.")
+    return int(match[1]), int(match[2]) - int(match[1])
 
 
 def check_inside(window: tuple[int, int, int, int], resolution: tuple[int, int]) -> None:

@@ -12,14 +12,14 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
-from glpath.cli.options import ProgressOption, QuietOption
+from glpath.cli.options import with_options
+from glpath.cli.run_request import OF_MATRICES, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
-from glpath.cli.stages import Told, reporting
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
-from glpath.rendering.progress import MODES, duration
 from glpath.system.files import check_writable, is_stream, rescued, save_all
+from glpath.system.reporting import ProgressEvent, duration, reporting
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -38,8 +38,14 @@ def register(app: typer.Typer) -> None:
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
         ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and going on"),
     )
-    epilog = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (go on with --resume)."
-    app.command(epilog=epilog, **help)(viewfactors)
+    epilog = (
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
+        "again), 130 interrupted (go on with --resume)."
+    )
+    texts = {
+        "resume": "Keep rows that are done in FILE.part (of the first), and go on from there after an interruption."
+    }
+    app.command(epilog=epilog, **help)(with_options(viewfactors, OF_MATRICES, texts=texts))
 
 
 def viewfactors(
@@ -75,16 +81,9 @@ def viewfactors(
     flip: Annotated[
         bool, typer.Option("--flip", help="The fronts are the other sides: the inside of a model.")
     ] = False,
-    resume: Annotated[
-        bool,
-        typer.Option(
-            "--resume",
-            help="Keep rows that are done in FILE.part (of the first), and go on from there after an interruption.",
-        ),
-    ] = False,
     parameters: Parameters = None,
-    progress: ProgressOption = "auto",
-    quiet: QuietOption = False,
+    *,
+    run: RunRequest,
 ) -> None:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
@@ -98,26 +97,24 @@ def viewfactors(
     for path in out:
         if file_kind(path) == "idf" and groups == "faces":
             check_names((), path.stem, path)
-    check_choice("--progress", progress, MODES)
     check_choice("--groups", groups, _GROUPS)
     wanted = [] if enforce is None else enforce.split(",")
     for word in wanted:
         check_choice("--enforce", word, _PROPERTIES)
     if not 1e-7 <= error <= 0.1:
         raise UsageError(f"--error {error:g}: must be from 1e-7 to 0.1.")
-    if resume and is_stream(out[0]):
+    if run.resume and is_stream(out[0]):
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
     with geometry_alone():
         loaded = read_scene(scene, parameters)
     for path in out:
         check_writable(path)
-    part = out[0].with_name(out[0].name + ".part") if resume else None
-    mode = "none" if quiet and progress == "auto" else progress
+    part = out[0].with_name(out[0].name + ".part") if run.resume else None
 
     def compute() -> ViewFactors:
         from glpath.radiosity.view_factors.compute import view_factors
 
-        with reporting(mode, sys.stderr, _told) as report:
+        with reporting(run.mode, sys.stderr, _event) as report:
             return view_factors(loaded, groups=groups, error=error, flip=flip, resume=part, on_progress=report)
 
     try:
@@ -141,7 +138,7 @@ def viewfactors(
     _, failure = save_all(dict.fromkeys(out, found.save), rescue, kept)
     if failure is not None:
         raise failure
-    if not quiet and progress != "json":
+    if run.talks:
         for line in _summary(found):
             say(line, err=True)
         for path in out:
@@ -185,17 +182,17 @@ def _summary(found: ViewFactors) -> Iterator[str]:
         yield f"  {s['crowded_pairs']:,} pairs had more occluders than are looked at: their factors are too large"
 
 
-def _told(progress: ViewFactorProgress) -> Told:
+def _event(progress: ViewFactorProgress) -> ProgressEvent:
     memory = f", {progress.bytes / 1e6:,.0f} MB in the end" if progress.bytes else ""
     rows = f"{progress.done:,} of {progress.total:,} rows, {progress.factors:,} factors{memory}"
-    return Told(
+    return ProgressEvent(
         stage=progress.stage,
         elapsed_s=progress.elapsed_s,
         done=progress.done,
         total=progress.total or None,
         detail=rows if progress.total else "",
-        head="",
-        event={
+        line=rows if progress.total else "",
+        values={
             "done": progress.done,
             "total": progress.total,
             "factors": progress.factors,

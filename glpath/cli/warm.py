@@ -10,7 +10,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from glpath.errors import SceneWarning
-from glpath.rendering.progress import duration
+from glpath.system.reporting import duration
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:

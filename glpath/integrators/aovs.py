@@ -178,8 +178,8 @@ class EyeAovs:
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))
         if "sum_low" in sums:
-            place, hits = _joined(sums["sum_low"], sums["sum_high"])
-            place = place / self._place_quanta
+            words, hits = _joined(sums["sum_low"], sums["sum_high"])
+            place = words / self._place_quanta
             self._add("position", np.concatenate([place[..., :3], hits], axis=2))
             self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
         if "sum_uv_low" in sums:

@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypedDict
 
 from msgspec import Meta
 
@@ -560,3 +560,33 @@ INTEGRATORS: dict[str, type[IntegratorSettings]] = {
     settings.integrator: settings
     for settings in (PathSettings, PathBufferSettings, GatherSettings, ClassicSettings, TBufferSettings)
 }
+
+
+class IntegratorKeywords(TypedDict, total=False):
+    """The options of all integrators as keyword arguments, for type checkers; None is not given."""
+
+    seed: int
+    aovs: str | tuple[Aov, ...]
+    sampling: Sampling | None
+    max_depth: int | None
+    guide: Guide | None
+    ambient: float | Rgb | None
+    roulette: int | None
+    directions: Directions | None
+    light_resolution: int | None
+    geometry_budget: int | None
+    bounce_lod: float | None
+    lookup_depth: int | None
+    cast: Cast | None
+    radiosity: str | Solution | Path | None
+    radiosity_lookup: Lookup | None
+    direct_light: DirectLight | None
+    lookup_distance: float | None
+    branches: int | None
+    shadows: Shadows | None
+    shadow_resolution: int | None
+    shadow_test: ShadowTest | None
+    shadow_filter: int | None
+    secondary: Secondary | None
+    light_samples: int | None
+    count_tests: bool

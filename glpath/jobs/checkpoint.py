@@ -4,8 +4,8 @@
         film = glpath.render(scene, spp=4096, film=checkpoint.load(), on_step=checkpoint)
 
 The file is a film like any other (`Film.load`), of sums and counts: what goes on from it has the bits of a render
-in one go, on one device. It is replaced in one step, and is on the disk when that is over, so that there is a whole
-one at any moment; what cannot be written leaves the one before. Within the block no other process has it (`locks`).
+in one go, on one device. There is a whole one at any moment, and within the block no other process has it
+(`glpath.system.checkpoint`).
 
 Cost:     a write of 24 bytes per pixel and batch, 50 MB for 512 x 512, each time; rendering waits for it.
 Poor at:  two processes with one checkpoint without the block: each replaces the other's.
@@ -14,90 +14,51 @@ Poor at:  two processes with one checkpoint without the block: each replaces the
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from glpath.errors import ImageError, UsageError
+from glpath.errors import UsageError
 from glpath.film.film import Film
-from glpath.system.files import is_stream, reason_of, remove_parts
-from glpath.system.locks import Lock, Locked
+from glpath.system.checkpoint import CheckpointFile
+from glpath.system.files import is_stream
 
 log = logging.getLogger("glpath")
 
 
 @dataclass
-class Checkpoint(Locked):
+class Checkpoint(CheckpointFile):
     """Where the film goes, and how often. To be called with the film after every step.
 
-    As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it.
-
-    path      : .npz
-    seconds   : between two; None: not by time
-    path_sets : between two; None: not by number
-    written   : how often it was
-    failure   : why it could not be, the last time; None where it could
-    film      : that it was called with last
+    steps : path sets
+    film  : that it was called with last
     """
 
-    path: Path
-    seconds: float | None = None
-    path_sets: int | None = None
-    written: int = 0
-    failure: str | None = None
-    film: Film | None = None
-    _last_time: float = field(default_factory=time.monotonic)
-    _last_sets: int = 0
-    _reasons: set[str] = field(default_factory=set)
+    holder = "a render that goes on with it"
+    work = "rendering"
 
-    def __post_init__(self) -> None:
-        self.path = Path(self.path)
-        self._lock = Lock(self.path, "a render that goes on with it")
+    film: Film | None = None
 
     def load(self) -> Film | None:
         """The film to go on with; None where there is none yet. Raises ImageError for a file that is no film."""
-        remove_parts(self.path)
-        if not self.path.exists():
+        if not self.found():
             return None
         film = Film.load(self.path)
-        self._last_sets = film.path_sets
+        self._last_step = film.path_sets
         return film
 
     def __call__(self, film: Film) -> None:
         """Write the film if it is time for that."""
         self.film = film
-        by_time = self.seconds is not None and time.monotonic() - self._last_time >= self.seconds
-        by_sets = self.path_sets is not None and film.path_sets - self._last_sets >= self.path_sets
-        if by_time or by_sets:
+        if self.due(film.path_sets):
             self.write(film)
 
     def write(self, film: Film) -> bool:
-        """Write it now; whether that went well. What goes wrong is told in the log, each reason once."""
-        started = time.monotonic()
-        try:
-            film.save(self.path)
-        except ImageError as error:
-            self.failure = error.message
-            reason = reason_of(error.__cause__ or error)
-            if reason not in self._reasons:
-                self._reasons.add(reason)
-                log.warning("checkpoint: %s; rendering goes on", error.message.rstrip("."))
-        else:
-            self.failure = None
-            self.written += 1
-            took = time.monotonic() - started
-            log.info("checkpoint: %s path sets in %s, written in %.2f s", film.path_sets, self.path, took)
-        # Of the end, so that a slow disk is not all that the time goes into.
-        self._last_time, self._last_sets = time.monotonic(), film.path_sets
-        return self.failure is None
-
-    def remove(self) -> None:
-        """Remove the file, where there is one. Raises ImageError."""
-        try:
-            self.path.unlink(missing_ok=True)
-        except OSError as error:
-            raise ImageError(f"{self.path}: cannot be removed: {reason_of(error)}.") from error
+        """Write it now; whether that went well."""
+        if well := self.written_by(film.save, film.path_sets):
+            text = "checkpoint: %s path sets in %s, written in %.2f s"
+            log.info(text, film.path_sets, self.path, self.took)
+        return well
 
 
 def checkpoint_path(outputs: Sequence[Path], films: bool = True) -> Path:

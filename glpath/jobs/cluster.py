@@ -1,12 +1,12 @@
 """One render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
 
     with Cluster("local:4") as cluster:                    # or "tls://scheduler:8786": `connection`
-        film = render_on(cluster, RenderJob.of("cornell-box", spp=4096))
+        film = glpath.render("cornell-box", spp=4096, cluster=cluster)
 
 The film has the bits of the render by one process, where all devices are of one kind. The scene and a radiosity
 solution go to each worker once, path sets in chunks of some seconds (`chunks`), whose films are merged as they
 come. A worker that is lost costs the chunks that it had, which others render again; a chunk that fails everywhere
-is told of at the end, with a film of all others.
+is reported at the end, with a film of all others.
 
 Cost:     a start of Python, a context and the shaders for each worker; a film's sums for each chunk over the
           network, 24 bytes a pixel and batch of path sets.
@@ -24,7 +24,6 @@ import queue
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -34,18 +33,15 @@ from glpath.film.batches import BLOCK
 from glpath.film.film import Film
 from glpath.film.metadata import INTERRUPTED_RULE, merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
-from glpath.jobs.connection import Cluster, quiet
+from glpath.jobs.connection import Connection, quiet
 from glpath.jobs.worker import Part, Shared, render_part, this_version
-from glpath.rendering.factory import plan_of
-from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, missing
-from glpath.rendering.progress import Progress
-from glpath.rendering.session import empty_film, metadata_of
-from glpath.rendering.stopping import StopRules, looks_at_noise
-from glpath.scene import Scene, check_scene
-from glpath.sensors.sensor import CameraSensor
+from glpath.rendering.run_options import RunOptions
+from glpath.rendering.session import begin, checked_plan, prepare
+from glpath.rendering.stopping import looks_at_noise
+from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
 
 log = logging.getLogger("glpath")
@@ -65,71 +61,44 @@ _SHUN_S = 10.0
 _SILENCE_S = 10.0
 
 
-def render_on(
-    cluster: Cluster,
-    job: RenderJob,
-    *,
-    scene: Scene | None = None,
-    backend: str = "auto",
-    device: int | None = None,
-    require_gpu: bool = False,
-    time_limit: float | None = None,
-    noise: float | None = None,
-    film: Film | None = None,
-    on_step: Callable[[Film], None] | None = None,
-    timings: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
-    chunk_seconds: float = CHUNK_SECONDS,
-) -> Film:
-    """The film of a job, by all workers of a cluster: as `glpath.rendering.run`.
+class Cluster(Connection):
+    """Workers that render: the `cluster` of `glpath.render`, `render_frames`, `irradiance` and `lightmap`.
 
-    Parameters
-    ----------
-    scene         : what the job describes, where it was made in memory, or has been loaded already
-    time_limit    : seconds of this clock, not of the workers'
+    address, dashboard, errors : as of `Connection`
     chunk_seconds : that a chunk of path sets should take a worker
-    The others are as of `glpath.render`; on_step is called when chunks have been merged.
-
-    `film.metadata.elapsed_s` is by this clock; `statistics["worker_s"]` adds up the workers' seconds. By `noise` it
-    ends at the same path set as the render by one process.
-
-    Raises
-    ------
-    what `glpath.rendering.run` raises; ChunksFailedError, with all else in its film, where path sets fail on
-    several workers; ContextError where the scheduler is gone: the film of the last `on_step` has what was merged
-    RenderInterrupted : on Ctrl-C, with what was merged
     """
-    if not chunk_seconds > 0:
-        raise UsageError(f"chunk_seconds: {chunk_seconds!r} where a number above 0 is needed")
-    rules = StopRules(time_limit, noise)
-    loaded = job.seen(scene)
-    plan = plan_of(job.integrator)
-    for text in check_scene(loaded, isinstance(job.sensor, CameraSensor)) + plan.warnings(loaded):
-        warn(text)
-    started = time.perf_counter()
-    film_of = film
-    first = empty_film(metadata_of(job, plan, loaded, None))
-    if film_of is not None:
-        # The digest of a radiosity solution is known only after it is made.
-        check_same_render(film_of, first.metadata, job.path_sets, {"settings.radiosity"})
-    clock = Clock(first if film_of is None else film_of, job.spp, "", on_progress, rules, on_step, started=started)
-    if clock.ended_before():
+
+    def __init__(self, address: str, dashboard: bool = False, chunk_seconds: float = CHUNK_SECONDS) -> None:
+        if not chunk_seconds > 0:
+            raise UsageError(f"chunk_seconds: {chunk_seconds!r} where a number above 0 is needed")
+        self.chunk_seconds = chunk_seconds
+        super().__init__(address, dashboard)
+
+    def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
+        """The film of a job, by all workers: what `cluster=` of `glpath.rendering.run` comes to.
+
+        `on_step` is called when chunks have been merged. `film.metadata.elapsed_s` and `time_limit` are by this
+        clock; `statistics["worker_s"]` adds up the workers' seconds. By `noise` it ends at the same path set as the
+        render by one process.
+
+        Raises
+        ------
+        what `glpath.rendering.run` raises; ChunksFailedError, with all else in its film, where path sets fail on
+        several workers; ContextError where the scheduler is gone: the film of the last `on_step` has what was
+        merged
+        RenderInterrupted : on Ctrl-C, with what was merged
+        """
+        started = time.perf_counter()
+        plan = checked_plan(job, scene)
+        clock = begin(job, plan, scene, options, None, started=started, prepared=False)
+        if clock.ended_before():
+            return clock.film
+        plan = prepare(job, plan, scene, plan.traceable(scene), clock)
+        shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
+        _Render(self, shared, clock).run()
+        for text in plan.remarks(clock.film):
+            warn(text)
         return clock.film
-    try:
-        plan = plan.prepared(plan.traceable(loaded), clock.report)
-    except KeyboardInterrupt:
-        raise RenderInterrupted(clock.film) from None
-    metadata = metadata_of(job, plan, loaded, None)
-    if clock.film.path_sets:
-        check_same_render(clock.film, metadata, job.path_sets, set())
-    clock.film.metadata = replace(
-        clock.film.metadata, settings=metadata.settings, solution_error=metadata.solution_error
-    )
-    shared = Shared(uuid.uuid4().hex, job, loaded, plan, backend, device, require_gpu, timings, this_version())
-    _Render(cluster, shared, clock, chunk_seconds).run()
-    for text in plan.remarks(clock.film):
-        warn(text)
-    return clock.film
 
 
 @dataclass(frozen=True)
@@ -147,7 +116,6 @@ class _Render:
     cluster: Cluster
     shared: Shared
     clock: Clock
-    chunk_seconds: float
     _counts: dict[str, Any] = field(default_factory=dict)
     _events: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
     _gatherers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(_GATHERERS, "gather"))
@@ -161,12 +129,12 @@ class _Render:
     _merging: float = 0.0  # seconds that the last film took
 
     def run(self) -> None:
-        """Fill the clock's film. Raises what `render_on` raises."""
-        film, rules = self.clock.film, self.clock.rules
+        """Fill the clock's film. Raises what `Cluster.render` raises."""
+        film, noise = self.clock.film, self.clock.options.noise
         chunks = Chunks(
             missing(self.shared.job.path_sets, film.ranges),
-            self.chunk_seconds,
-            looks_at_noise if rules.noise is not None else lambda count: False,
+            self.cluster.chunk_seconds,
+            looks_at_noise if noise is not None else lambda count: False,
             film.path_sets,
         )
         with interrupt_as_flag() as interrupted:
@@ -187,7 +155,7 @@ class _Render:
         """The rule that ended it; "" where path sets failed."""
         last_look = -_LOOK_AROUND_S
         alone_since = time.monotonic()
-        told = False
+        warned = False
         while True:
             if interrupted:
                 raise KeyboardInterrupt
@@ -198,9 +166,9 @@ class _Render:
                 last_look = now
             if self._workers:
                 alone_since = now
-            elif now - alone_since > _SILENCE_S and not told:
+            elif now - alone_since > _SILENCE_S and not warned:
                 log.warning("cluster %s: no worker is there; waiting for one", self.cluster.address)
-                told = True
+                warned = True
             if not self._workers:
                 heartbeat.beat()  # a cluster may take its time; that is no hang
             self._hand_out(chunks)
@@ -287,7 +255,7 @@ class _Render:
 
     def _ready(self) -> list[int]:
         """What to merge now: the next one where a rule looks at the film after each, else all that is there."""
-        if self.clock.rules.noise is None:
+        if self.clock.options.noise is None:
             return list(self._parts)
         return [first] if self._order and (first := min(self._order)) in self._parts else []
 
@@ -348,9 +316,9 @@ class _Render:
         chunks.fail(task.chunk)
 
     def _tell(self, rule: str) -> None:
-        if self.clock.on_step is not None:
+        if self.clock.options.on_step is not None:
             self._finish("")
-            self.clock.on_step(self.clock.film)
+            self.clock.options.on_step(self.clock.film)
         self.clock.report("rendering", bool(rule))
 
     def _finish(self, rule: str) -> None:

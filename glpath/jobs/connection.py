@@ -18,7 +18,7 @@ import socket
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
 from glpath.jobs.worker import Shared, hold, let_go
@@ -40,7 +40,7 @@ _LOST_S, _ANSWER_S = 3.0, 30.0
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 
-class Cluster:
+class Connection:
     """Workers: processes of this machine, or those of a Dask scheduler.
 
     address   : "local:N" for N processes here; else what `distributed.Client` connects to, "tls://host:port",
@@ -66,7 +66,7 @@ class Cluster:
             self.client = _connected(distributed, address)
             _warn_if_open(self.address, self.client.scheduler.address)
 
-    def __enter__(self) -> Cluster:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import threading
 import time
-import warnings
 from dataclasses import dataclass, replace
 
 from glpath.errors import UsageError
 from glpath.film.film import Film
-from glpath.gl.context import open_context
 from glpath.rendering.factory import Plan
 from glpath.rendering.job import RenderJob
+from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import Session
 from glpath.scene import Scene
 from glpath.system.versions import versions
@@ -28,8 +27,7 @@ class Shared:
     job   : all of it
     scene : with the job's camera
     plan  : prepared: a radiosity solution is made before, by who asks, and is the same for all
-    backend, device, require_gpu : as of `glpath.gl.context.open_context`
-    timings : time each stage
+    options : `RunOptions.for_workers`
     version : of glpath, which has to be the worker's
     """
 
@@ -37,11 +35,8 @@ class Shared:
     job: RenderJob
     scene: Scene
     plan: Plan
-    backend: str = "auto"
-    device: int | None = None
-    require_gpu: bool = False
-    timings: bool = False
-    version: str = ""
+    options: RunOptions
+    version: str
 
 
 @dataclass
@@ -89,22 +84,12 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     with _turn:
         if _session is None or _session[0] != shared.token:
             forget()
-            context = open_context(shared.backend, shared.device, shared.require_gpu)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # told where the render was asked for
-                _session = shared.token, Session(shared.job, shared.scene, plan=shared.plan)
-        else:
-            context = open_context(shared.backend, shared.device, shared.require_gpu)
+            _session = shared.token, Session(shared.job, shared.scene, shared.options, plan=shared.plan)
         steps: list[tuple[float, int]] = []
         job = replace(shared.job, path_sets=path_sets)
+        options = replace(shared.options, on_step=lambda film: steps.append((time.perf_counter(), film.path_sets)))
         try:
-            film = _session[1].render(
-                job,
-                shared.scene,
-                context,
-                timings=shared.timings,
-                on_step=lambda film: steps.append((time.perf_counter(), film.path_sets)),
-            )
+            film = _session[1].render(job, shared.scene, options)
         except BaseException:
             forget()  # the next one begins with a new engine
             raise

@@ -19,7 +19,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import ipywidgets
 import numpy as np
@@ -31,7 +31,7 @@ from glpath.errors import SceneError, UsageError
 from glpath.film import image
 from glpath.film.film import Film
 from glpath.gl.context import open_context
-from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.integrators.settings import Integrator, IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.notebook.live import LiveImage
 from glpath.notebook.orbit import nearer, shifted, turned
@@ -58,7 +58,7 @@ _SCRIPT = Path(__file__).with_name("canvas.js")
 _FOCUSED = "\n.renderview-view:focus-visible { outline: 2px solid var(--jp-brand-color1, #1976d2); }\n"
 
 
-@with_options
+@with_options(run=False)
 def view(
     scene: AnyScene,
     *,
@@ -71,7 +71,7 @@ def view(
     backend: str = "auto",
     device: int | None = None,
     require_gpu: bool = False,
-    **options: Any,
+    **options: Unpack[IntegratorKeywords],
 ) -> View:
     """An image of the scene that turns with the mouse, and converges when it is left alone.
 
@@ -101,10 +101,10 @@ def view(
     image.check_exposure(exposure)
     loaded = load_scene(scene, parameters).at()
     chosen = integrator or _integrator(loaded)
-    if chosen in ("t-buffer", "classic") and options.get("shadows") is None:
-        given = {name: value for name, value in options.items() if value is not None}
-        options = {"shadows": "cube", "shadow_resolution": 512} | given
-    job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **options)
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    if chosen in ("t-buffer", "classic") and "shadows" not in given:
+        given = {"shadows": "cube", "shadow_resolution": 512} | given
+    job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **given)
     context = open_context(backend, device, require_gpu, probe_first=in_notebook())
     with context:
         live = LiveImage(job, loaded, context)

@@ -1,6 +1,7 @@
 """A render: a job that describes it, the engine that it asks for, and the loop that fills a film.
 
     options     parameters, help and checks, derived from the integrators' settings
+    run_options how a job is run: device, end, what it resumes, who hears of it
     job         one render as a value: plain data, JSON, to be split
     factory     an integrator with its options, as an engine for a scene
     tiles       the parts of an image that a device holds at once

@@ -7,24 +7,24 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 from glpath.errors import UsageError, warn
 from glpath.film.film import Film
-from glpath.gl.context import Context, open_context
+from glpath.gl.context import Context
 from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.io import AnyScene
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
-from glpath.rendering.options import MAX_SPP, with_options
-from glpath.rendering.progress import Progress, Report, reporting
+from glpath.rendering.options import RenderKeywords, check_word, with_options
+from glpath.rendering.progress import Progress, reporting
+from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.rendering.session import Session
-from glpath.rendering.stopping import StopRules
 from glpath.scene import Camera, Scene, check_camera
 from glpath.sensors.sensor import CameraSensor, PointSensor
-from glpath.system.interactive import in_notebook
+from glpath.system.reporting import MODES
 
 
-@with_options
+@with_options()
 def render(
     scene: AnyScene,
     *,
@@ -35,17 +35,7 @@ def render(
     crop: tuple[int, int, int, int] | None = None,
     camera: Mapping[str, Any] | Camera | None = None,
     parameters: Mapping[str, object] | None = None,
-    backend: str = "auto",
-    device: int | None = None,
-    require_gpu: bool = False,
-    time_limit: float | None = None,
-    noise: float | None = None,
-    film: Film | None = None,
-    on_step: Callable[[Film], None] | None = None,
-    timings: bool = False,
-    progress: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> Film:
     """Render a scene: global illumination by paths or from a radiosity solution, or Whitted's ray tracing.
 
@@ -73,19 +63,7 @@ def render(
                      focus_distance of a lens, shutter (opens, closes; seconds). A new place ends its motion. Or a
                      whole `glpath.scene.Camera`, in place of the scene's
     parameters     : of a generated scene
-    backend, device, require_gpu : see `glpath.gl.context.open_context`
-    time_limit     : end after so many seconds, those of `film` included, and at least one path set
-    noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
-                     channels, is below this with 95 % confidence: see `Film.error_bound`. 0.02 is a fair picture,
-                     0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film
-                     has the bits of one of that `spp`. Poor at rare, bright events: nobody misses what was never
-                     seen
-    film           : a film that this render had begun, to go on with: path sets that it holds are not rendered
-                     again. It is changed, and returned
-    on_step        : called with the film after each step, of up to half a second or one path set; to save it, say
-    timings        : time each stage (`film.metadata.statistics["stage_ms"]`); slows the render down
-    progress       : show how far it is: in a notebook the image itself as it converges, else a line on stderr
-    on_progress    : called about twice a second, with a `Progress`
+    {run_options}
     {options}
 
     Raises
@@ -106,50 +84,38 @@ def render(
     ((64, 96, 3), 4)
     >>> film.save("cornell-box.png")
     """
-    rules = StopRules(time_limit, noise)
+    run_options, chosen = RunOptions.taken_from(options)
     job, loaded = describe(
         scene,
         integrator=integrator,
-        spp=MAX_SPP if spp is None and rules else spp,
+        spp=run_options.spp(spp),
         first_path_set=first_path_set,
         resolution=resolution,
         crop=crop,
         camera=camera,
         parameters=parameters,
-        **options,
+        **chosen,
     )
-    session = Session(job, loaded)
-    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
-    with session, reporting_to(progress, on_progress) as report:
-        film = session.render(
-            job, loaded, context, timings=timings, on_progress=report, rules=rules, film=film, on_step=on_step
-        )
-    for text in session.remarks(film):
-        warn(text)
-    return film
+    return run_job(job, loaded, run_options)
 
 
+@with_options(integrators=False)
 def run(
     job: RenderJob,
     context: Context | None = None,
     *,
     scene: Scene | None = None,
     sensor: PointSensor | None = None,
-    time_limit: float | None = None,
-    noise: float | None = None,
-    film: Film | None = None,
-    on_step: Callable[[Film], None] | None = None,
-    timings: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
+    **options: Unpack[RunKeywords],
 ) -> Film:
     """The film of a job: what `render` gives for the arguments that the job was made of.
 
     Parameters
     ----------
-    context : None: the one of this process, see `glpath.gl.context.open_context`
+    context : in place of one of `backend` and `device`
     scene   : what the job describes, where that was made in memory, or has been loaded already
     sensor  : the points of a job that is of points and has come from JSON, which holds none
-    time_limit, noise, film, on_step, timings, on_progress : as of `render`
+    The others are as of `render`
 
     Raises and warns as `render` does; SceneError for a scene whose content is not the job's.
 
@@ -161,24 +127,36 @@ def run(
     >>> parts[0].merge(parts[1]).path_sets
     16
     """
-    rules = StopRules(time_limit, noise)
     if sensor is not None:
         if not isinstance(job.sensor, PointSensor):
             raise UsageError("sensor: points for a job whose paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
-    loaded = job.seen(scene)
-    session = Session(job, loaded)
-    context = open_context(probe_first=in_notebook()) if context is None else context
-    with session:
-        film = session.render(
-            job, loaded, context, timings=timings, on_progress=on_progress, rules=rules, film=film, on_step=on_step
-        )
+    return run_job(job, job.seen(scene), RunOptions(**options), context)
+
+
+def run_job(
+    job: RenderJob,
+    scene: Scene,
+    options: RunOptions,
+    context: Context | None = None,
+    pictured: Callable[[Film], Film] | None = None,
+) -> Film:
+    """The film of a job whose scene is loaded: the one way of all renders, by this process or a cluster's.
+
+    pictured : what `progress` shows of a film that is no picture
+    """
+    if options.cluster is not None:
+        with reporting_to(options, pictured) as reported:
+            return options.cluster.render(job, scene, replace(reported, cluster=None))
+    session = Session(job, scene, options, context=context)
+    with session, reporting_to(options, pictured) as reported:
+        film = session.render(job, scene, reported)
     for text in session.remarks(film):
         warn(text)
     return film
 
 
-@with_options
+@with_options()
 def render_frames(
     scene: AnyScene,
     frames: Iterable[Mapping[str, Any] | Camera | Scene],
@@ -187,11 +165,7 @@ def render_frames(
     spp: int | None = None,
     resolution: tuple[int, int] | None = None,
     parameters: Mapping[str, object] | None = None,
-    backend: str = "auto",
-    device: int | None = None,
-    require_gpu: bool = False,
-    timings: bool = False,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> Iterator[Film]:
     """Render a film of films: one scene from several cameras, or as its lights and objects move.
 
@@ -203,7 +177,8 @@ def render_frames(
              `Scene` with a camera of its own, which for "path", "path-buffer" and "gather" is all that may be new
              in it. All have the resolution of the first
 
-    The other parameters are those of `render`. Yields a `Film` a frame, with its own time and counts.
+    The other parameters are those of `render`, of each frame: each ends by its own `noise` or `time_limit`. Yields
+    a `Film` a frame, with its own time and counts.
 
     Example
     -------
@@ -214,10 +189,20 @@ def render_frames(
 
     Raises what `render` raises.
     """
+    run_options, chosen = RunOptions.taken_from(options)
+    if run_options.film is not None:
+        raise UsageError(
+            "film: of a single render, but each frame has its own.", "Render the frames that are missing."
+        )
     job, base = describe(
-        scene, integrator=integrator, spp=spp, resolution=resolution, parameters=parameters, **options
+        scene,
+        integrator=integrator,
+        spp=run_options.spp(spp),
+        resolution=resolution,
+        parameters=parameters,
+        **chosen,
     )
-    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
+    workers = run_options.cluster
     with ExitStack() as until_done:
         session: Session | None = None
         for frame in frames:
@@ -229,10 +214,15 @@ def render_frames(
                 sensor=CameraSensor.of(shown.camera),
                 window=(0, 0, *shown.camera.resolution),
             )
-            if session is None or not session.follows(job, shown):
+            if workers is None and (session is None or not session.follows(job, shown)):
                 until_done.close()  # what is on the device is of no use for another scene
-                session = until_done.enter_context(Session(job, shown))
-            yield session.render(job, shown, context, timings=timings, started=started)
+                session = until_done.enter_context(Session(job, shown, run_options))
+            with reporting_to(run_options) as reported:
+                if session is not None:
+                    film = session.render(job, shown, reported, started)
+                elif workers is not None:
+                    film = workers.render(job, shown, replace(reported, cluster=None))
+            yield film
 
 
 def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scene:
@@ -245,16 +235,19 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
 
 
 @contextmanager
-def reporting_to(shown: bool, on_progress: Report | None) -> Iterator[Report | None]:
-    """Whom to tell of the progress: the user, a function, both or nobody."""
-    if not shown:
-        yield on_progress
+def reporting_to(options: RunOptions, pictured: Callable[[Film], Film] | None = None) -> Iterator[RunOptions]:
+    """The options, whose `on_progress` tells whoever asked to hear of it: the user, a function, both or nobody."""
+    if not options.progress:
+        yield options
         return
-    with reporting("auto", sys.stderr) as show:
+    mode = "auto" if options.progress is True else options.progress
+    check_word("progress", mode, MODES)
+    with reporting(mode, sys.stderr) as show:
 
         def both(progress: Progress) -> None:
-            show(progress)
-            if on_progress is not None:
-                on_progress(progress)
+            if options.on_progress is not None:
+                options.on_progress(progress)
+            if show is not None:
+                show(progress if pictured is None else replace(progress, film=pictured(progress.film)))
 
-        yield both
+        yield replace(options, on_progress=both)

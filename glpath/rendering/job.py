@@ -17,20 +17,18 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Unpack, get_args
 
 import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings
+from glpath.integrators.settings import INTEGRATORS, IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
 from glpath.io.completed import aside
 from glpath.io.convert import decode_json
 from glpath.rendering.options import (
-    MAX_FIRST_PATH_SET,
-    MAX_SPP,
     check_count,
     check_word,
     checked,
@@ -40,6 +38,7 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
+from glpath.rendering.stopping import MAX_FIRST_PATH_SET, MAX_SPP
 from glpath.scene import Camera, Scene, check_camera
 from glpath.scene.camera import Projection
 from glpath.scene.source_location import SourceLocation
@@ -117,7 +116,7 @@ class RenderJob:
     path_sets: tuple[int, int]
 
     @classmethod
-    @with_options
+    @with_options(run=False)
     def of(
         cls,
         scene: AnyScene,
@@ -130,7 +129,7 @@ class RenderJob:
         camera: Mapping[str, Any] | Camera | None = None,
         parameters: Mapping[str, object] | None = None,
         sensor: PointSensor | None = None,
-        **options: Any,
+        **options: Unpack[IntegratorKeywords],
     ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
 
@@ -296,17 +295,17 @@ def describe(
     camera: Mapping[str, Any] | Camera | None = None,
     parameters: Mapping[str, object] | None = None,
     sensor: PointSensor | None = None,
-    **options: Any,
+    **options: Unpack[IntegratorKeywords],
 ) -> tuple[RenderJob, Scene]:
     """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError.
 
     sensor : points, in place of the scene's camera. What is measured there has the light of all bounces, where
              no `max_depth` is asked for
     """
-    if sensor is not None and isinstance(integrator, str) and options.get("max_depth") is None:
-        all_of_it = INTEGRATORS[integrator].all_bounces if integrator in INTEGRATORS else {}
-        options = {**all_of_it, **{name: value for name, value in options.items() if value is not None}}
-    settings = settings_of(integrator, options)
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    if sensor is not None and isinstance(integrator, str) and "max_depth" not in given:
+        given = {**(INTEGRATORS[integrator].all_bounces if integrator in INTEGRATORS else {}), **given}
+    settings = settings_of(integrator, given)
     spp = settings.default_spp if spp is None else spp
     check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
@@ -318,8 +317,8 @@ def describe(
         starts = CameraSensor.of(loaded.camera)
     else:
         if resolution is not None or camera is not None:
-            given = "camera" if resolution is None else "resolution"
-            raise UsageError(f"{given}: has no meaning with a sensor of points, which has its own.")
+            name = "camera" if resolution is None else "resolution"
+            raise UsageError(f"{name}: has no meaning with a sensor of points, which has its own.")
         check_sensor(settings, sensor)
         loaded, starts = sensor.seen(loaded), sensor
     window = window_of(starts.resolution, crop)

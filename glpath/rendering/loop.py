@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,7 +21,8 @@ from glpath.integrators.engine import Engine
 from glpath.rendering.factory import Counts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.rendering.progress import Progress
-from glpath.rendering.stopping import FIRST_LOOK, StopRules, stopped_by_noise
+from glpath.rendering.run_options import RunOptions
+from glpath.rendering.stopping import FIRST_LOOK, stopped_by_noise
 from glpath.rendering.tiles import Tile
 from glpath.system.heartbeat import heartbeat
 
@@ -100,15 +101,13 @@ class Clock:
 
     film    : that grows; what it held before the render is counted in `elapsed` and in the statistics
     total   : path sets in the film when all are done
-    on_step : called with the film after each step, when its metadata are up to date
+    options : of the run; `on_step` is called when the film's metadata are up to date
     """
 
     film: Film
     total: int
     renderer: str
-    on_progress: Callable[[Progress], None] | None
-    rules: StopRules = field(default_factory=StopRules)
-    on_step: Callable[[Film], None] | None = None
+    options: RunOptions
     step: int = 1
     statistics: dict[str, object] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
@@ -132,12 +131,12 @@ class Clock:
         """
         if self.film.path_sets >= self.total:
             return SPP
-        if at_block:
-            enough, bound = stopped_by_noise(self.film, self.rules)
+        if at_block and self.options.noise is not None:
+            enough, bound = stopped_by_noise(self.film, self.options.noise)
             self._bound = self._bound if bound is None else bound
             if enough:
                 return NOISE
-        limit = self.rules.time_limit
+        limit = self.options.time_limit
         return TIME_LIMIT if limit is not None and self.elapsed >= limit else ""
 
     def ended_before(self) -> bool:
@@ -153,7 +152,7 @@ class Clock:
 
     def report(self, stage: str, ended: bool = False) -> None:
         heartbeat.beat()
-        if self.on_progress is None:
+        if self.options.on_progress is None:
             return
         done, now = self.film.path_sets, time.perf_counter()
         last = ended or done == self.total
@@ -161,7 +160,7 @@ class Clock:
             return
         if done:
             self._error = self.film.relative_error()
-        self.on_progress(
+        self.options.on_progress(
             Progress(
                 done,
                 done if last else self._expected(),
@@ -182,11 +181,11 @@ class Clock:
     def _expected(self) -> int:
         """Path sets in the end, as far as the rules let guess: the error falls with the root of their number."""
         done, guesses = self.film.path_sets, [float(self.total)]
-        if done and self.rules.time_limit is not None:
-            guesses.append(done * self.rules.time_limit / max(self.elapsed, 1e-9))
-        if self.rules.noise is not None:
+        if done and self.options.time_limit is not None:
+            guesses.append(done * self.options.time_limit / max(self.elapsed, 1e-9))
+        if self.options.noise is not None:
             known = self._bound is not None and done
-            guesses.append(done * ((self._bound or 0) / self.rules.noise) ** 2 if known else FIRST_LOOK)
+            guesses.append(done * ((self._bound or 0) / self.options.noise) ** 2 if known else FIRST_LOOK)
         return min(self.total, max(done + 1, round(min(guesses))))
 
     def count_step(self, count: int) -> None:
@@ -196,9 +195,9 @@ class Clock:
 
     def stepped(self, engine: Engine, ended: bool) -> None:
         """Tell of a step; ended: it was the last one."""
-        if self.on_step is not None:
+        if self.options.on_step is not None:
             self.finish(engine, "")
-            self.on_step(self.film)
+            self.options.on_step(self.film)
         self.report("rendering", ended)
 
     def finish(self, engine: Counts, rule: str) -> None:

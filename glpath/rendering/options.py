@@ -1,7 +1,8 @@
 """The options of a render, derived from the fields of the integrators' settings (`glpath.integrators.settings`).
 
 From each field come the parameter of `render` and its line in the docstring (`with_options`), the check of a value
-(`settings_of`) and, in `glpath.cli.options`, the option of the command line.
+(`settings_of`) and, in `glpath.cli.options`, the option of the command line. With them come those of a run
+(`run_options`).
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.integrators.settings import INTEGRATORS, IntegratorSettings, Rgb, Solution
+from glpath.integrators.settings import INTEGRATORS, IntegratorKeywords, IntegratorSettings, Rgb, Solution
+from glpath.rendering.run_options import RunKeywords, RunOptions
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: A Sobol sequence of 30 bits ends at 2**30.
-MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
+
+class RenderKeywords(IntegratorKeywords, RunKeywords, total=False):
+    """Keyword arguments of a render, for type checkers."""
+
 
 #: In place of all words where any number may be chosen.
 ALL = "all"
@@ -316,38 +320,52 @@ def colour(name: str, value: float | Sequence[float]) -> Rgb:
 # What Python shows.
 
 
-def with_options(function: Function) -> Function:
-    """The function with all options as parameters by keyword in its signature, in place of its last, **options.
+def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Function], Function]:
+    """Decorates a function: options become parameters by keyword in its signature, in place of its last, **options.
 
-    Raises UsageError for any other name, with all that it has. {options} in its docstring becomes a row for each,
-    {default_spp} the default of spp.
+    integrators, run : whether it has those of all integrators, and those of a run
+
+    It then raises UsageError for any other name, with all that it has. In its docstring {options} and {run_options}
+    become a row for each, {default_spp} the default of spp.
     """
-    signature = inspect.signature(function)
-    explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
-    further = [
-        inspect.Parameter(
-            option.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=option.default,
-            annotation=_annotation(option),
-        )
-        for option in options().values()
-    ]
-    named = [p.name for p in explicit if p.kind is inspect.Parameter.KEYWORD_ONLY]
 
-    @functools.wraps(function)
-    def call(*given: Any, **by_name: Any) -> Any:
-        for name in by_name.keys() - signature.parameters.keys():
-            check_name(name, [*named, *options()])
-        return function(*given, **by_name)
+    def decorated(function: Function) -> Function:
+        signature = inspect.signature(function)
+        explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+        of_run = [(f.name, f.default, f.type) for f in fields(RunOptions)] if run else []
+        of_all = [(o.name, o.default, annotation_of(o)) for o in options().values()] if integrators else []
+        further = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for name, default, annotation in (*of_run, *of_all)
+        ]
+        named = [p.name for p in explicit if p.kind is inspect.Parameter.KEYWORD_ONLY] + [o[0] for o in of_run]
 
-    call.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
-    text = inspect.cleandoc(function.__doc__ or "")
-    call.__doc__ = text.replace("{options}", options_text()).replace("{default_spp}", default_spp_text())
-    return typing.cast("Function", call)
+        @functools.wraps(function)
+        def call(*given: Any, **by_name: Any) -> Any:
+            for name in by_name.keys() - signature.parameters.keys():
+                check_name(name, [*named, *(options() if integrators else ())])
+            return function(*given, **by_name)
+
+        call.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
+        text = inspect.cleandoc(function.__doc__ or "")
+        for placeholder, rows in (
+            ("{options}", options_text),
+            ("{run_options}", run_options_text),
+            ("{default_spp}", default_spp_text),
+        ):
+            text = text.replace(placeholder, rows())
+        call.__doc__ = text
+        return typing.cast("Function", call)
+
+    return decorated
 
 
-def _annotation(option: Option) -> Any:
+def run_options_text() -> str:
+    """The rows of a docstring that say what each option of a run is."""
+    return inspect.cleandoc(RunOptions.__doc__ or "").partition("\n\n")[2]
+
+
+def annotation_of(option: Option) -> Any:
     """What the parameter takes: more than what the field then holds."""
     kind: Any = option.first.type
     if kind == Rgb:

@@ -7,9 +7,9 @@ Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,20 +19,17 @@ from glpath.film.film import Film
 from glpath.film.image import luminance
 from glpath.film.noise import standard_error
 from glpath.film.units import Unit, conversion
-from glpath.gl.context import open_context
 from glpath.integrators.settings import Integrator, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside, uniform_sky
 from glpath.io.values import LARGEST
-from glpath.rendering.calls import reporting_to, run
+from glpath.rendering.calls import run_job
 from glpath.rendering.job import describe
-from glpath.rendering.options import MAX_SPP, check_word, with_options
-from glpath.rendering.progress import Progress
-from glpath.rendering.stopping import StopRules
+from glpath.rendering.options import RenderKeywords, check_word, with_options
+from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Scene, Sky
 from glpath.sensors.sensor import PointSensor
-from glpath.system.interactive import in_notebook
 
 Float64 = NDArray[np.float64]
 
@@ -100,7 +97,7 @@ class Irradiance:
         return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]
 
 
-@with_options
+@with_options()
 def irradiance(
     scene: AnyScene,
     points: ArrayLike,
@@ -112,16 +109,7 @@ def irradiance(
     first_path_set: int = 0,
     white_sky: bool = False,
     parameters: Mapping[str, object] | None = None,
-    backend: str = "auto",
-    device: int | None = None,
-    require_gpu: bool = False,
-    time_limit: float | None = None,
-    noise: float | None = None,
-    film: Film | None = None,
-    on_step: Callable[[Film], None] | None = None,
-    progress: bool = False,
-    on_progress: Callable[[Progress], None] | None = None,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> Irradiance:
     """The irradiance at points of a scene, each on the side of its normal, with its standard error.
 
@@ -155,35 +143,23 @@ def irradiance(
     >>> found.values.shape, found.standard_errors.shape, found.illuminance().shape
     ((1, 3), (1, 3), (1,))
     """
-    rules = StopRules(time_limit, noise)
+    run_options, chosen = RunOptions.taken_from(options)
     check_word("receiver", receiver, get_args(Receiver))
     place, facing = _points(points, normals)
     if receiver == "cylinder":
         facing = _around(facing)
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)
-    loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
+    loaded = lit(loaded, white_sky, ambient=chosen.get("ambient"))
     job, loaded = describe(
         loaded,
         integrator=integrator,
-        spp=MAX_SPP if spp is None and rules else spp,
+        spp=run_options.spp(spp),
         first_path_set=first_path_set,
         sensor=_in_rows(place, facing, loaded),
-        **options,
+        **chosen,
     )
-    context = open_context(backend, device, require_gpu, probe_first=in_notebook())
-    with reporting_to(progress, on_progress) as report:
-        found = run(
-            job,
-            context,
-            scene=loaded,
-            time_limit=time_limit,
-            noise=noise,
-            film=film,
-            on_step=on_step,
-            on_progress=report,
-        )
-    return Irradiance(found, len(place))
+    return Irradiance(run_job(job, loaded, run_options), len(place))
 
 
 def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> Scene:

@@ -1,11 +1,7 @@
-"""How far a render is: an image that converges in a notebook, a bar on a terminal, lines elsewhere, or JSON.
-
-Each is a context manager that yields what `rendering.render` calls as `on_progress`.
-"""
+"""How far a render is: an image that converges in a notebook; elsewhere as `glpath.system.reporting` shows it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -13,17 +9,8 @@ from typing import Any, TextIO
 
 from glpath.film.film import Film
 from glpath.system.interactive import in_notebook, running_cell
-from glpath.system.terminal import clean, clean_console
-
-#: Of the command line; in a notebook "auto" is an image.
-MODES = ("auto", "bar", "lines", "json", "none")
-
-# Seconds between two lines: five at first, then a twentieth of the time that went by, so that neither a short nor a
-# long render fills the log, and at most two minutes, as continuous integration ends what is silent for long.
-_SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
-
-# Seconds between two JSON objects.
-_JSON_INTERVAL = 0.1
+from glpath.system.reporting import ProgressEvent, duration, percent
+from glpath.system.reporting import reporting as system_reporting
 
 
 @dataclass(frozen=True)
@@ -50,108 +37,36 @@ class Progress:
 Report = Callable[[Progress], None]
 
 
-def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report]:
-    """The reporter of a mode out of `MODES`; auto is an image in a notebook, a bar on a terminal, else lines."""
+def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
+    """The reporter of a mode out of `glpath.system.reporting.MODES`; auto is an image in a notebook."""
     if mode == "auto" and in_notebook():
         return _image()
-    if mode == "auto":
-        mode = "bar" if clean_console(stream).is_terminal else "lines"
-    return {"bar": _bar, "lines": _lines, "json": _json, "none": _none}[mode](stream)
-
-
-@contextmanager
-def _none(stream: TextIO) -> Iterator[Report]:
-    yield lambda progress: None
-
-
-@contextmanager
-def _bar(stream: TextIO) -> Iterator[Report]:
-    from rich import progress as rich_progress
-
-    console = clean_console(stream, highlight=False)
-    columns = (
-        rich_progress.TextColumn("{task.description}", markup=False),
-        rich_progress.BarColumn(bar_width=None),
-        rich_progress.TextColumn("{task.fields[sets]}", markup=False),
-        rich_progress.TimeElapsedColumn(),
-        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
-    )
-    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None, sets="", detail="")
-        renderer = ""
-        pace = _Pace()
-
-        def report(progress: Progress) -> None:
-            nonlocal renderer
-            rate = pace.rate(progress)
-            if progress.renderer != renderer:
-                renderer = progress.renderer
-                console.print(f"rendering on {renderer}", markup=False)
-            started = progress.done > 0
-            bar.update(
-                task,
-                description=progress.stage,
-                completed=progress.done,
-                total=progress.total if started else None,  # without a total the bar pulses
-                sets=f"{progress.done}/{progress.total} path sets",
-                detail=", ".join(_details(progress, rate)) if started else "",
-            )
-
-        yield report
-
-
-@contextmanager
-def _lines(stream: TextIO) -> Iterator[Report]:
-    renderer = stage = ""
-    next_line = 0.0
     pace = _Pace()
-
-    def report(progress: Progress) -> None:
-        nonlocal renderer, stage, next_line
-        now, rate = progress.elapsed_s, pace.rate(progress)
-        if progress.renderer != renderer:
-            renderer = progress.renderer
-            print(clean(f"rendering on {renderer}"), file=stream, flush=True)
-        if progress.stage == stage and now < next_line and progress.done < progress.total:
-            return
-        if progress.stage != stage and progress.done == 0:
-            print(clean(progress.stage), file=stream, flush=True)
-        else:
-            details = "".join(f", {text}" for text in _details(progress, rate))
-            share = 100 * progress.done / max(progress.total, 1)
-            count = f"{progress.done}/{progress.total} path sets ({share:.0f} %)"
-            print(clean(f"{count} after {duration(now)}{details}"), file=stream, flush=True)
-        stage = progress.stage
-        next_line = now + min(max(_SOONEST, _SHARE * now), _LATEST)
-
-    yield report
+    return system_reporting(mode, stream, lambda progress: _event(progress, pace.rate(progress)))
 
 
-@contextmanager
-def _json(stream: TextIO) -> Iterator[Report]:
-    stage = ""
-    next_object = 0.0
-    pace = _Pace()
-
-    def report(progress: Progress) -> None:
-        nonlocal stage, next_object
-        rate = pace.rate(progress)
-        if progress.stage == stage and progress.elapsed_s < next_object and progress.done < progress.total:
-            return
-        stage, next_object = progress.stage, progress.elapsed_s + _JSON_INTERVAL
-        event = {
-            "event": "progress",
-            "stage": progress.stage,
-            "done": progress.done,
-            "total": progress.total,
-            "elapsed_s": round(progress.elapsed_s, 3),
-            "left_s": None if rate is None else round((progress.total - progress.done) / rate, 3),
+def _event(progress: Progress, rate: float | None) -> ProgressEvent:
+    done, total, started = progress.done, progress.total, progress.done > 0
+    details = list(_details(progress, rate))
+    count = f"{done}/{total} path sets"
+    return ProgressEvent(
+        stage=progress.stage,
+        elapsed_s=progress.elapsed_s,
+        done=done,
+        total=total if started else None,
+        count=count,
+        detail=", ".join(details) if started else "",
+        line=f"{count} ({100 * done / max(total, 1):.0f} %)" if started else "",
+        line_detail="".join(f", {text}" for text in details),
+        values={
+            "done": done,
+            "total": total,
+            "left_s": None if rate is None else round((total - done) / rate, 3),
             "error": progress.error,
             "renderer": progress.renderer,
-        }
-        print(json.dumps(event), file=stream, flush=True)
-
-    yield report
+        },
+        renderer=progress.renderer,
+    )
 
 
 @contextmanager
@@ -229,20 +144,3 @@ def _details(progress: Progress, rate: float | None) -> Iterator[str]:
             yield f"{duration((progress.total - progress.done) / rate)} left"
     if progress.error is not None:
         yield f"error {percent(progress.error)}"
-
-
-def duration(seconds: float) -> str:
-    """Seconds as people say them: 7.3 s, 42 s, 3 min 05 s, 2 h 10 min."""
-    if seconds < 9.95:
-        return f"{seconds:.1f} s"
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02} min"
-
-
-def percent(share: float) -> str:
-    """A share of 1 in percent, with two digits that count."""
-    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -16,12 +15,11 @@ from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
 from glpath.rendering.factory import Plan, plan_of, sensor_in
-from glpath.rendering.going_on import check_same_render
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
-from glpath.rendering.progress import Progress
-from glpath.rendering.stopping import StopRules
+from glpath.rendering.resume import check_same_render
+from glpath.rendering.run_options import RunOptions
 from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.sensors.sensor import CameraSensor
@@ -33,23 +31,31 @@ class Session:
     """Renders jobs one after another. What one of them leaves on the device, shadow-buffers too, serves the next,
     until the end of `with session:`. Sessions in several threads take turns, job by job.
 
-    Made from the first job and its scene, with its camera; what is wrong with them is found here, before there is a
-    context. Raises SceneError for a scene that the engine does not know; warns SceneWarning of one that it hardly
-    renders as it is meant.
+    Made from the first job and its scene, with its camera; what is wrong with them is found before there is a
+    context. Raises SceneError for a scene that the engine does not know, ContextError where there is no device;
+    warns SceneWarning of a scene that it hardly renders as it is meant.
 
-    plan : of the job's integrator, where somebody has prepared it already
+    options : of which the device and `timings` hold for all jobs
+    context : that is there already
+    plan    : of the job's integrator, where somebody has prepared it already
     """
 
-    def __init__(self, job: RenderJob, scene: Scene, plan: Plan | None = None) -> None:
+    def __init__(
+        self,
+        job: RenderJob,
+        scene: Scene,
+        options: RunOptions,
+        *,
+        context: Context | None = None,
+        plan: Plan | None = None,
+    ) -> None:
         self._job = job
-        self._plan = plan_of(job.integrator) if plan is None else plan
-        seen = isinstance(job.sensor, CameraSensor)
-        for text in check_scene(scene, seen) + self._plan.warnings(scene):
-            warn(text)
+        self._plan = checked_plan(job, scene) if plan is None else plan
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
-        self._context: Context | None = None
+        self._timings = options.timings
+        self._context = context or options.context()
 
     def __enter__(self) -> Session:
         return self
@@ -60,61 +66,32 @@ class Session:
     def close(self) -> None:
         """Free what is on the device, and give its memory back. The next render begins with a new engine."""
         engine, self._engine = self._engine, None
-        if engine is not None and self._context is not None:
+        if engine is not None:
             # Where another thread keeps the context, it will do so: no reason to lose a film.
             with suppress(ContextError), self._context:
                 engine.close()
                 del engine
                 return_memory()
 
-    def render(
-        self,
-        job: RenderJob,
-        scene: Scene,
-        context: Context,
-        *,
-        timings: bool = False,
-        on_progress: Callable[[Progress], None] | None = None,
-        started: float | None = None,
-        rules: StopRules | None = None,
-        film: Film | None = None,
-        on_step: Callable[[Film], None] | None = None,
-    ) -> Film:
+    def render(self, job: RenderJob, scene: Scene, options: RunOptions, started: float | None = None) -> Film:
         """The film of a job: the first one, then others of its integrator and resolution.
 
         scene   : of the job, with its camera
         started : `time.perf_counter()` when the job was begun; now
-        rules, film, on_step : as of `glpath.rendering.run`
 
         Raises RenderInterrupted, and UsageError for another resolution or a film of another render; ContextError
         where the device fails.
         """
         started = time.perf_counter() if started is None else started
+        context = self._context
         context.check()
-        self._context = context
-        metadata = metadata_of(job, self._plan, scene, context)
-        if film is None:
-            film = empty_film(metadata)
-        else:
-            # The digest of a radiosity solution is known only after it is made.
-            check_same_render(
-                film, metadata, job.path_sets, {"settings.radiosity"} if self._engine is None else set()
-            )
-            film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
-        clock = Clock(
-            film, job.spp, context.info.renderer, on_progress, rules or StopRules(), on_step, started=started
-        )
+        prepared = self._engine is not None
+        clock = begin(job, self._plan, scene, options, context, started=started, prepared=prepared)
         if clock.ended_before():
-            return film
-        if self._engine is None:
-            self._plan = _prepared(self._plan, self._traced, clock)
-            metadata = metadata_of(job, self._plan, scene, context)
-            if film.path_sets:
-                check_same_render(film, metadata, job.path_sets, set())
-            film.metadata = replace(
-                film.metadata, settings=metadata.settings, solution_error=metadata.solution_error
-            )
-        _name_both(film, metadata)
+            return clock.film
+        if not prepared:
+            self._plan = prepare(job, self._plan, scene, self._traced, clock)
+        _name_both(clock.film, context)
         with context.rendering():
             if self._engine is None:
                 clock.report("compiling shaders")
@@ -123,14 +100,14 @@ class Session:
                 with context:
                     sensor = sensor_in(self._traced, job.sensor, scene)
                     window = self._tiles[0].window
-                    engine = self._plan.engine(context, self._traced, sensor, window, timings)
+                    engine = self._plan.engine(context, self._traced, sensor, window, self._timings)
                     self._engine = engine.prepare()
             else:
                 with context:
                     self._go_on(self._engine, job, scene)
             self._job = job
             trace(self._engine, context, self._tiles, clock, job.path_sets)
-        return film
+        return clock.film
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
         """Whether the engine can go on with this job, of the same integrator; the scene has its camera."""
@@ -165,14 +142,78 @@ def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
     return moved or job.scene.sha256 != before.scene.sha256
 
 
-def _name_both(film: Film, metadata: FilmMetadata) -> None:
+def checked_plan(job: RenderJob, scene: Scene) -> Plan:
+    """The plan of a job's integrator. Warns of a scene that it hardly renders as it is meant."""
+    plan = plan_of(job.integrator)
+    for text in check_scene(scene, isinstance(job.sensor, CameraSensor)) + plan.warnings(scene):
+        warn(text)
+    return plan
+
+
+def begin(
+    job: RenderJob,
+    plan: Plan,
+    scene: Scene,
+    options: RunOptions,
+    context: Context | None,
+    *,
+    started: float,
+    prepared: bool,
+) -> Clock:
+    """The clock of a render, with its film: the one of the options, if that is of this job, or a new one.
+
+    context  : None: others will render it
+    prepared : whether the plan is; the digest of a radiosity solution is known only after it is made
+
+    Raises AnotherRenderError, and ContextError where there is no memory for a film.
+    """
+    metadata = metadata_of(job, plan, scene, context)
+    film = options.film
+    if film is None:
+        film = empty_film(metadata)
+    else:
+        check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
+        film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
+    return Clock(film, job.spp, "" if context is None else context.info.renderer, options, started=started)
+
+
+def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Clock) -> Plan:
+    """The plan with what takes long before the first path set, of which the clock tells, and the film says.
+
+    Raises RenderInterrupted, and AnotherRenderError.
+    """
+    started = time.perf_counter()
+    try:
+        prepared = plan.prepared(traced, clock.report)
+    except KeyboardInterrupt:
+        raise RenderInterrupted(clock.film) from None
+    if prepared is not plan:
+        clock.statistics["radiosity_s"] = time.perf_counter() - started
+    film, metadata = clock.film, metadata_of(job, prepared, scene, None)
+    if film.path_sets:
+        check_same_render(
+            film,
+            replace(metadata, device=film.metadata.device, versions=film.metadata.versions),
+            job.path_sets,
+            set(),
+        )
+    film.metadata = replace(film.metadata, settings=metadata.settings, solution_error=metadata.solution_error)
+    return prepared
+
+
+def _name_both(film: Film, context: Context) -> None:
     """A film that goes on here names what it was begun with, and what it goes on with."""
     held = film.metadata
     film.metadata = replace(
         held,
-        device=joined(held.device, metadata.device),
-        versions=merged_values(held.versions, metadata.versions),
+        device=joined(held.device, context.info.renderer),
+        versions=merged_values(held.versions, _versions(context)),
     )
+
+
+def _versions(context: Context | None) -> dict[str, str]:
+    here = versions("glpath", "moderngl", "numpy", "scipy")
+    return here if context is None else here | {"driver": context.info.driver}
 
 
 def empty_film(metadata: FilmMetadata) -> Film:
@@ -207,8 +248,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         # Known of the camera that the solution was made for; a gather at points has errors of their own.
         solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
-        versions=versions("glpath", "moderngl", "numpy", "scipy")
-        | ({} if context is None else {"driver": context.info.driver}),
+        versions=_versions(context),
     )
 
 
@@ -233,15 +273,3 @@ def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
 def _recorded(job: RenderJob, plan: Plan) -> dict[str, Any]:
     """What decides the image, without what the metadata has fields of its own for."""
     return {k: v for k, v in (plan.recorded() | job.sensor.recorded()).items() if k not in ("seed", "max_depth")}
-
-
-def _prepared(plan: Plan, scene: Scene, clock: Clock) -> Plan:
-    """What takes long before the first path set, with word of it. Raises RenderInterrupted."""
-    started = time.perf_counter()
-    try:
-        prepared = plan.prepared(scene, clock.report)
-    except KeyboardInterrupt:
-        raise RenderInterrupted(clock.film) from None
-    if prepared is not plan:
-        clock.statistics["radiosity_s"] = time.perf_counter() - started
-    return prepared

@@ -12,7 +12,7 @@ Source:   ISO 15469:2004 (CIE S 011), table 1 and equations 1 to 6; Darula & Kit
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,7 +107,7 @@ def cie_sky(
     return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)
 
 
-def _horizontal(seen: Float64, rows: Float64) -> float:
+def _horizontal(seen: Float64, rows: NDArray[np.floating[Any]]) -> float:
     """The irradiance of a horizontal surface, of radiance (h, w) in rows at angles (h,) from the zenith."""
     step = np.pi / len(rows)
     above = rows < np.pi / 2

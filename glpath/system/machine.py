@@ -8,6 +8,9 @@ import os
 import resource
 from pathlib import Path
 
+# Of this process, where it is limited.
+_most_threads: int | None = None
+
 
 def peak_resident_bytes() -> int:
     """The most memory that this process had at once; llvmpipe's is in it."""
@@ -22,8 +25,19 @@ def peak_resident_bytes() -> int:
 
 
 def core_count() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """Cores that this process may use: what it may run on, or fewer, see `limit_threads`."""
+    cores = len(os.sched_getaffinity(0))
+    return cores if _most_threads is None else min(cores, _most_threads)
+
+
+def limit_threads(count: int) -> None:
+    """From now on this process computes with so many threads at most: solvers, llvmpipe, Open Image Denoise.
+
+    llvmpipe is told when it is loaded, so that a process which has a context keeps the threads of that.
+    """
+    global _most_threads
+    _most_threads = count
+    os.environ["LP_NUM_THREADS"] = os.environ["OIDN_NUM_THREADS"] = str(count)
 
 
 def return_memory() -> None:

@@ -13,23 +13,19 @@ Cost:     a write of 48 bytes per element and 72 per patch, each time.
 from __future__ import annotations
 
 import json
-import logging
-import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import ImageError, UsageError
-from glpath.system.files import reason_of, remove_parts, whole_file
-from glpath.system.locks import Lock, Locked
+from glpath.errors import UsageError
+from glpath.system.checkpoint import CheckpointFile
+from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
 from glpath.system.versions import versions
-
-log = logging.getLogger("glpath")
 
 _FORMAT = 1
 
@@ -47,29 +43,16 @@ class Solver(Protocol):
 
 
 @dataclass
-class SolverCheckpoint(Locked):
-    """Where the state goes, and how often.
+class SolverCheckpoint(CheckpointFile):
+    """Where the state goes, and how often; a `with` block, which `solve_radiosity` enters.
 
-    As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it;
-    `solve_radiosity` does so.
-
-    path    : .npz
-    seconds : between two; None: at a signal alone
-    written : how often it was
-    failure : why it could not be, the last time; None where it could
+    steps : shots of a patch, or batches of particles
     """
 
-    path: Path
-    seconds: float | None = None
-    written: int = 0
-    failure: str | None = None
-    _made_by: str = ""
-    _last: float = field(default_factory=time.monotonic)
-    _reasons: set[str] = field(default_factory=set)
+    holder = "a solver that goes on with it"
+    work = "solving"
 
-    def __post_init__(self) -> None:
-        self.path = Path(self.path)
-        self._lock = Lock(self.path, "a solver that goes on with it")
+    _made_by: str = ""
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
         """Go on with the file where there is one; whether there was.
@@ -85,8 +68,7 @@ class SolverCheckpoint(Locked):
         }
         self._made_by = json.dumps(wanted)
         asked = json.loads(self._made_by)
-        remove_parts(self.path)
-        if not self.path.exists():
+        if not self.found():
             return False
         with open_npz(self.path, "a checkpoint of a radiosity solution", "Remove it to begin anew.") as stored:
             if (found := int(stored.read("solver_checkpoint", "iu", ()))) != _FORMAT:
@@ -103,25 +85,19 @@ class SolverCheckpoint(Locked):
             solver.restore({name: stored.read(name, "iufb") for name in solver.state()})
         return True
 
-    def step(self, solver: Solver) -> None:
-        """Write the state if it is time for that."""
-        if self.seconds is not None and time.monotonic() - self._last >= self.seconds:
-            self.write(solver)
+    def step(self, solver: Solver, step: int) -> None:
+        """Write the state if it is time for that, after so many steps."""
+        if self.due(step):
+            self.write(solver, step)
 
-    def write(self, solver: Solver) -> None:
-        """Write it now, if it is whole. What goes wrong is told in the log, each reason once."""
+    def write(self, solver: Solver, step: int) -> None:
+        """Write it now, if it is whole."""
         if not solver.whole:
             return  # a signal came in the middle of a step; the file from before is good
-        try:
-            with whole_file(self.path) as temporary, temporary.open("wb") as file:
+
+        def save(path: Path) -> None:
+            with whole_file(path) as temporary, temporary.open("wb") as file:
                 arrays: dict[str, Any] = solver.state()
                 np.savez(file, solver_checkpoint=np.int64(_FORMAT), made_by=np.array(self._made_by), **arrays)
-        except ImageError as error:
-            self.failure = error.message
-            if (reason := reason_of(error.__cause__ or error)) not in self._reasons:
-                self._reasons.add(reason)
-                log.warning("checkpoint: %s; solving goes on", error.message.rstrip("."))
-        else:
-            self.failure = None
-            self.written += 1
-        self._last = time.monotonic()
+
+        self.written_by(save, step)

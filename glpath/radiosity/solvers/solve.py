@@ -271,7 +271,7 @@ def _progressive(
 
     def report(share: float) -> None:
         if checkpoint is not None:
-            checkpoint.step(refinement)
+            checkpoint.step(refinement, refinement.steps)
         run.report("shooting", refinement.steps, share, until, len(refinement.transport.mesh.elements))
 
     def solution() -> RadiositySolution:
@@ -301,7 +301,7 @@ def _progressive(
         return solution()
     except KeyboardInterrupt as stop:
         if checkpoint is not None:
-            checkpoint.write(refinement)
+            checkpoint.write(refinement, refinement.steps)
         # While elements are being split, the solution from before is the one that is whole.
         raise RadiosityInterrupted(before or (solution() if refinement.steps else None)) from stop
 
@@ -335,7 +335,7 @@ def _monte_carlo(
 
     def report() -> None:
         if checkpoint is not None:
-            checkpoint.step(shooting)
+            checkpoint.step(shooting, shooting.particles // BATCH)
         left = max(0.0, 1 - shooting.particles / (batches * BATCH))
         run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
 
@@ -365,7 +365,7 @@ def _monte_carlo(
             batches += asked
     except KeyboardInterrupt as stop:
         if checkpoint is not None:
-            checkpoint.write(shooting)
+            checkpoint.write(shooting, shooting.particles // BATCH)
         raise RadiosityInterrupted(solution() if shooting.particles else None) from stop
 
 

@@ -30,9 +30,9 @@ from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
 from glpath.radiosity.view_factors.records import Work
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.radiosity.view_factors.rows import COUNT_NAMES, exchange_rows
+from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import check_writable, whole_file
 from glpath.system.kernels import announced, waiting
-from glpath.system.locks import Lock
 from glpath.system.machine import core_count
 from glpath.system.npz import open_npz
 
@@ -158,10 +158,11 @@ def view_factors(
         raise UsageError(f"view_factors: threads is {threads!r}; allowed are whole numbers from 1.")
     if resume is not None:
         check_writable(resume)
-    run = _Run(error, threads or core_count(), None if resume is None else Path(resume), on_progress)
+    kept = None if resume is None else _Rows(Path(resume), _SAVE_INTERVAL)
+    run = _Run(error, threads or core_count(), kept, on_progress)
     with ExitStack() as held:
-        if run.resume is not None:
-            held.enter_context(Lock(run.resume, "a matrix of view factors that goes on with it"))
+        if kept is not None:
+            held.enter_context(kept)
         held.enter_context(announced(waiting(kernels_of()), run.compiling if on_progress is not None else None))
         given = faces_of(faces, groups, flip)
         found = run.solve(given)
@@ -169,8 +170,8 @@ def view_factors(
         _warn_of_backs(found, given.source)
         if enforce:
             found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
-        if run.resume is not None:
-            run.resume.unlink(missing_ok=True)
+        if kept is not None:
+            kept.remove()
     return found
 
 
@@ -208,11 +209,18 @@ def kernels_of() -> tuple[Any, ...]:
     return (bvh._build, exchange_rows, back_rays)
 
 
+class _Rows(CheckpointFile):
+    """The file of the rows that are done."""
+
+    holder = "a matrix of view factors that goes on with it"
+    work = "the matrix"
+
+
 class _Run:
     """One call of `view_factors`."""
 
-    def __init__(self, error: float, threads: int, resume: Path | None, on_progress: Report | None) -> None:
-        self.error, self.threads, self.resume, self.on_progress = error, threads, resume, on_progress
+    def __init__(self, error: float, threads: int, kept: _Rows | None, on_progress: Report | None) -> None:
+        self.error, self.threads, self.kept, self.on_progress = error, threads, kept, on_progress
         self.started = time.perf_counter()
         self.reported = -math.inf
         self.parts: list[_Part] = []
@@ -231,12 +239,11 @@ class _Run:
         tasks = np.arange(-(-total // self.task))
         # Some from everywhere come first: they say how much memory all will take.
         order = np.concatenate([tasks[k::16] for k in (0, *range(1, 16))])
-        if self.resume is not None and self.resume.exists():
-            self.parts = [_read_part(self.resume, key)]
+        if self.kept is not None and self.kept.found():
+            self.parts = [_read_part(self.kept.path, key)]
         done = np.isin(order, np.concatenate([np.zeros(0, np.int64), *(part.tasks for part in self.parts)]))
         self.rows_done = min(int(done.sum()) * self.task, total)
         pending = deque(order[~done].tolist())
-        saved, wrote_s = time.perf_counter(), 0.0
         self._report("rows", self.rows_done, total, True)
         # A queue, not futures: to hand these about takes as long as some tasks do.
         ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
@@ -269,10 +276,8 @@ class _Run:
                 left -= len(parts)
                 self._take(parts, total)
                 self._report("rows", self.rows_done, total, not left)
-                now = time.perf_counter()
-                if self.resume is not None and now - saved > max(_SAVE_INTERVAL, wrote_s / _SAVE_SHARE):
-                    self._save(key)
-                    saved, wrote_s = time.perf_counter(), time.perf_counter() - now
+                if self.kept is not None and self.kept.due(self.rows_done):
+                    self._save(self.kept, key)
             backs = back_shares(
                 where, is_closed(faces.outlines), self.error, self.threads, stop,
                 lambda: self._report("backs", total, total, False),
@@ -280,11 +285,11 @@ class _Run:
         except BaseException:
             pending.clear()
             stop[0] = 1  # rows that are hard take minutes
-            if self.resume is not None:
+            if self.kept is not None:
                 _end(running)
                 found = [ended.get() for _ in range(ended.qsize())]
                 self._take([part for part in found if isinstance(part, _Part)], total)
-                self._save(key)
+                self._save(self.kept, key)
             raise
         finally:
             _end(running)
@@ -317,17 +322,21 @@ class _Run:
         self.reported = elapsed
         self.on_progress(ViewFactorProgress(stage, done, total, 2 * self._factors(), self.bytes, elapsed))
 
-    def _save(self, key: str) -> None:
-        assert self.resume is not None
+    def _save(self, kept: _Rows, key: str) -> None:
         if not self.parts:
             return
         part = _joined(self.parts)
         self.parts = [part]
-        with whole_file(self.resume) as temporary, open(temporary, "wb") as file:
-            np.savez(
-                file, key=np.array(key), tasks=part.tasks, i=part.i, j=part.j, exchange=part.exchange,
-                error=part.error, counts=part.counts,
-            )  # fmt: skip
+
+        def save(path: Path) -> None:
+            with whole_file(path) as temporary, open(temporary, "wb") as file:
+                np.savez(
+                    file, key=np.array(key), tasks=part.tasks, i=part.i, j=part.j, exchange=part.exchange,
+                    error=part.error, counts=part.counts,
+                )  # fmt: skip
+
+        kept.written_by(save, self.rows_done)
+        kept.seconds = max(_SAVE_INTERVAL, kept.took / _SAVE_SHARE)
 
     def _result(self, faces: Faces, where: Geometry, backs: Float64, backs_error: Float64) -> ViewFactors:
         part = _joined(self.parts)

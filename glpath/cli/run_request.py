@@ -1,0 +1,216 @@
+"""The options of how a command runs, each declared once; a command names those that it heeds.
+
+`with_options` of `glpath.cli.options` gives a command a `RunRequest` of what was typed, and `RunRequest.options` is
+what that comes to for whoever renders.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.cli.signals import go_on_later
+from glpath.cli.values import check_choice, interval, seconds
+from glpath.errors import UsageError
+from glpath.rendering.run_options import RunOptions
+from glpath.system.files import check_writable
+from glpath.system.machine import limit_threads
+from glpath.system.reporting import MODES
+
+_MACHINE, _LONG, _OUTPUT = "Machine", "Long renders", "What is printed"
+_BACKENDS = ("auto", "egl", "osmesa")
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What was typed of the options of a run; what a command does not offer has its default."""
+
+    backend: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_BACKENDS),
+            help="How OpenGL is reached.",
+            rich_help_panel=_MACHINE,
+            autocompletion=words(_BACKENDS),
+        ),
+    ] = "auto"
+    device: Annotated[
+        int | None, typer.Option(metavar="N", help="A device of `glpath devices`.", rich_help_panel=_MACHINE)
+    ] = None
+    require_gpu: Annotated[
+        bool,
+        typer.Option("--require-gpu", help="Fail rather than render in software.", rich_help_panel=_MACHINE),
+    ] = False
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Compute with so many threads at most, in software on the processor; default one for each core.",
+            rich_help_panel=_MACHINE,
+        ),
+    ] = None
+    checkpoint: Annotated[
+        str | None,
+        typer.Option(
+            metavar="60s|5m|100i",
+            help="So often, by time or steps (path sets, or a solver's), write what is done to "
+            "a.checkpoint.npz beside a.png, or to the first film of -o, a.npz; it is removed when all is done.",
+            rich_help_panel=_LONG,
+        ),
+    ] = None
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with that file, to the same bits; begin where there is none. Of another scene, setting or "
+            "version, it is refused.",
+            rich_help_panel=_LONG,
+        ),
+    ] = False
+    time_limit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="90s|10m|2h",
+            help="End after this time, that before --resume included; without --spp there is no other end.",
+            rich_help_panel=_LONG,
+        ),
+    ] = None
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            metavar="X",
+            help="End when the relative error of the image is below X with 95 % confidence: 0.02 is a fair "
+            "picture, 0.005 a clean one; without --spp there is no other end.",
+            rich_help_panel=_LONG,
+        ),
+    ] = None
+    stats: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write times by stage (whose measuring costs some), memory, device and counts as JSON.",
+            rich_help_panel=_LONG,
+        ),
+    ] = None
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="local:N|tls://HOST:PORT",
+            help="Share the path sets out to N processes here, or to the workers of a Dask scheduler; the same "
+            "bits (pip install 'glpath[cluster]').",
+            rich_help_panel=_LONG,
+        ),
+    ] = None
+    hang_limit: Annotated[
+        str,
+        typer.Option(
+            metavar="300s|10m|0",
+            help="End the process (exit code 134) when for so long nothing was done; 0: wait for ever.",
+            rich_help_panel=_LONG,
+        ),
+    ] = "300s"
+    progress: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(MODES),
+            help="Progress on stderr.",
+            rich_help_panel=_OUTPUT,
+            autocompletion=words(MODES),
+        ),
+    ] = "auto"
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)
+    ] = False
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "-v",
+            "--verbose",
+            help="Also the log, settings and time by stage, which costs some.",
+            rich_help_panel=_OUTPUT,
+        ),
+    ] = False
+
+    def begin(self) -> None:
+        """Raise UsageError for what cannot be; what holds for the whole command holds from now on."""
+        check_choice("--progress", self.progress, MODES)
+        if self.quiet and self.verbose:
+            raise UsageError("-q and -v contradict each other.", "Give one of them.")
+        if self.device is not None and self.device < 0:
+            raise UsageError(f"--device {self.device}: must be at least 0.")
+        if self.noise is not None and not 0 < self.noise < math.inf:
+            raise UsageError(f"--noise {self.noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
+        _ = self.interval, self.silence, self.options()
+        if self.threads is not None:
+            limit_threads(self.threads)
+        if self.stats is not None:
+            check_writable(self.stats)
+        if self.keeps:
+            go_on_later()
+        if self.verbose:
+            logging.getLogger("glpath").setLevel(logging.INFO)
+
+    @property
+    def keeps(self) -> bool:
+        """Whether there is a checkpoint."""
+        return self.checkpoint is not None or self.resume
+
+    @property
+    def interval(self) -> tuple[float | None, int | None]:
+        """Seconds or steps between two checkpoints."""
+        return (None, None) if self.checkpoint is None else interval("--checkpoint", self.checkpoint)
+
+    @property
+    def silence(self) -> float:
+        """Seconds after which what does nothing hangs; 0: never."""
+        return seconds("--hang-limit", self.hang_limit, allow_zero=True)
+
+    @property
+    def mode(self) -> str:
+        """How progress is shown."""
+        return "none" if self.quiet and self.progress == "auto" else self.progress
+
+    @property
+    def talks(self) -> bool:
+        """Whether lines for people are printed."""
+        return not self.quiet and self.progress != "json"
+
+    @property
+    def ends_by_rule(self) -> bool:
+        """Whether something ends it before its last path set."""
+        return self.time_limit is not None or self.noise is not None
+
+    def options(self, **more: Any) -> RunOptions:
+        """For who renders; more: its other fields."""
+        return RunOptions(
+            backend=self.backend,
+            device=self.device,
+            require_gpu=self.require_gpu,
+            threads=self.threads,
+            time_limit=None if self.time_limit is None else seconds("--time-limit", self.time_limit),
+            noise=self.noise,
+            timings=self.verbose or self.stats is not None,
+            **more,
+        )
+
+
+#: Of commands that render; of those that render no pictures; of a solver, which needs no device; and of the matrix
+#: of view factors, whose rows are kept as often as that takes no time.
+OF_RENDERS = tuple(field.name for field in fields(RunRequest))
+OF_FILMS = tuple(name for name in OF_RENDERS if name != "verbose")
+_OF_DEVICES = ("backend", "device", "require_gpu", "time_limit", "noise", "stats", "cluster")
+OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
+OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit"))
+
+
+def declared(name: str) -> tuple[Any, Any]:
+    """The annotation of an option, as typer takes it, and its default."""
+    hints = get_type_hints(RunRequest, include_extras=True)
+    return hints[name], next(field.default for field in fields(RunRequest) if field.name == name)

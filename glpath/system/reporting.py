@@ -1,0 +1,161 @@
+"""How far work is, on a stream: a bar on a terminal, lines elsewhere, or JSON; whatever it is that works."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from typing import Any, Literal, TextIO, TypeVar, get_args
+
+from glpath.system.terminal import clean, clean_console
+
+_Progress = TypeVar("_Progress")
+
+Mode = Literal["auto", "bar", "lines", "json", "none"]
+#: Of the command line; a notebook may show something else by "auto".
+MODES: tuple[str, ...] = get_args(Mode)
+
+# Seconds between two lines: five at first, then a twentieth of the time that went by, and at most two minutes. So
+# neither short work nor long fills a log, and continuous integration, which ends what is silent for long, hears it.
+_SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
+
+# Seconds between two JSON objects.
+_JSON_INTERVAL = 0.1
+
+
+@dataclass(frozen=True)
+class ProgressEvent:
+    """What is reported of a progress.
+
+    done, total : of the stage, for a bar, which pulses where total is None
+    count       : done of total in words, beside the bar
+    detail      : what else is known, beside the bar
+    line        : the beginning of a line; "" where there is nothing to tell but the stage
+    line_detail : its end, after the time
+    values      : the same as numbers
+    renderer    : who works, where that is to be told
+    """
+
+    stage: str
+    elapsed_s: float
+    done: float
+    total: float | None
+    values: dict[str, Any]
+    count: str = ""
+    detail: str = ""
+    line: str = ""
+    line_detail: str = ""
+    renderer: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the stage is done."""
+        return self.total is not None and self.done >= self.total
+
+
+def reporting(
+    mode: str, stream: TextIO, event_of: Callable[[_Progress], ProgressEvent]
+) -> AbstractContextManager[Callable[[_Progress], None] | None]:
+    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines; of none, None."""
+    if mode == "auto":
+        mode = "bar" if clean_console(stream).is_terminal else "lines"
+    if mode == "none":
+        return nullcontext()
+    return _reporting({"bar": _bar, "lines": _lines, "json": _json}[mode](stream), event_of)
+
+
+@contextmanager
+def _reporting(
+    shown: AbstractContextManager[Callable[[ProgressEvent], None]], event_of: Callable[[_Progress], ProgressEvent]
+) -> Iterator[Callable[[_Progress], None]]:
+    with shown as show:
+        yield lambda progress: show(event_of(progress))
+
+
+@contextmanager
+def _bar(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+    from rich import progress as rich_progress
+
+    console = clean_console(stream, highlight=False)
+    columns = (
+        rich_progress.TextColumn("{task.description}", markup=False),
+        rich_progress.BarColumn(bar_width=None),
+        rich_progress.TextColumn("{task.fields[count]}", markup=False),
+        rich_progress.TimeElapsedColumn(),
+        rich_progress.TextColumn("{task.fields[detail]}", markup=False),
+    )
+    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=None, count="", detail="")
+        renderer = ""
+
+        def show(event: ProgressEvent) -> None:
+            nonlocal renderer
+            if event.renderer != renderer:
+                renderer = event.renderer
+                console.print(f"rendering on {renderer}", markup=False)
+            bar.update(
+                task,
+                description=event.stage,
+                completed=event.done,
+                total=event.total,
+                count=event.count,
+                detail=event.detail,
+            )
+
+        yield show
+
+
+@contextmanager
+def _lines(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+    """One when a stage begins or ends, and now and then."""
+    renderer = stage = ""
+    after = 0.0
+
+    def show(event: ProgressEvent) -> None:
+        nonlocal renderer, stage, after
+        now = event.elapsed_s
+        if event.renderer != renderer:
+            renderer = event.renderer
+            print(clean(f"rendering on {renderer}"), file=stream, flush=True)
+        new = event.stage != stage
+        if not new and now < after and not event.ended:
+            return
+        text = event.line or ("" if new else event.stage)
+        text = f"{text} after {duration(now)}{event.line_detail}" if text else event.stage
+        print(clean(text), file=stream, flush=True)
+        stage, after = event.stage, now + min(max(_SOONEST, _SHARE * now), _LATEST)
+
+    yield show
+
+
+@contextmanager
+def _json(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+    stage, after = "", 0.0
+
+    def show(event: ProgressEvent) -> None:
+        nonlocal stage, after
+        if event.stage == stage and event.elapsed_s < after and not event.ended:
+            return
+        stage, after = event.stage, event.elapsed_s + _JSON_INTERVAL
+        told = {"event": "progress", "stage": stage, **event.values, "elapsed_s": round(event.elapsed_s, 3)}
+        print(json.dumps(told), file=stream, flush=True)
+
+    yield show
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them: 7.3 s, 42 s, 3 min 05 s, 2 h 10 min."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02} min"
+
+
+def percent(share: float) -> str:
+    """A share of 1 in percent, with two digits that count."""
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
