@@ -39,7 +39,7 @@ def eye_uniforms(
     """What rays through a window of the image need.
 
     window : (x, y, width, height) in pixels of the whole image, y from the top; None: all of it
-    pixel  : place in each pixel, x to the right and y down, each in [0, 1)
+    pixel  : position in each pixel, x to the right and y down, each in [0, 1)
     lens   : (2,) in [0, 1), the point of a lens that all rays go through; None: its middle
     ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor for
              who takes all rays to start at one point
@@ -71,16 +71,16 @@ def eye_uniforms(
 def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
     """How far ahead of a camera rays start that look for what is in a sphere: 0, unless it is far away.
 
-    What is met at a distance has the rounding of the distance, which 32 bits make more than scans allow.
+    Far hits have the rounding of the distance, which in 32 bits is more than scans allow.
     """
-    way = centre - camera.position
-    if camera.projection == "panorama" or not np.linalg.norm(way) > _DISTANT * radius:
+    to_centre = centre - camera.position
+    if camera.projection == "panorama" or not np.linalg.norm(to_centre) > _DISTANT * radius:
         return 0.0
-    return max(0.0, float(way @ camera.frame()[2]) - 2.0 * radius)
+    return max(0.0, float(to_centre @ camera.frame()[2]) - 2.0 * radius)
 
 
 def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple[float, float]:
-    """The one of them that changes with the place in each pixel."""
+    """The uniform that changes with the position in each pixel."""
     width, height = resolution
     return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]
 

@@ -7,17 +7,17 @@ of the first, collected while the second is current, deletes the second's object
 does not guard against it. Who needs two devices starts two processes. No display is ever terminated (eglTerminate):
 EGL shares one per device with everybody in the process.
 
-Threads. A context is current in one thread at a time, and only that thread can let go of it. So whoever draws has
-it no longer than needed, in one of two ways:
+Threads. A context is current in one thread at a time, and only that thread can let go of it. So whoever draws
+holds it no longer than needed, by one of two calls:
 
     with open_context() as context: ...    # waits its turn, and lets go at the end
     context = get_context()                # to draw by hand: this thread keeps it until `leave`, or its end
 
-Renders take the first way: while the engine is made, then for each step of half a second, so that a live view moves
-while a render goes on in another thread. Between the frames of `render_frames`, and outside of all calls, nobody
+Renders use the first: while the engine is made, then for each step of half a second, so that a live view moves
+during a render in another thread. Between the frames of `render_frames`, and outside of all calls, nobody
 has it. One render at a time is on the device (`rendering`), as each fills its memory.
 
-The second way is for programs of one thread and for exploring. It waits for renders under way; then others who ask
+The second is for programs of one thread and for exploring. It waits for running renders; then others who ask
 are refused, as they might wait for ever. In a notebook they wait for the end of the cell instead, and the next cell
 has the context again. What Python collects in a thread that has not got the context is deleted by whoever has it
 next (`opening.CollectingContext`). An exception, Ctrl-C too, leaves `with` as always.

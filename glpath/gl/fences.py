@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 _SYNC_GPU_COMMANDS_COMPLETE = 0x9117
 
-#: Draws until a fence may go. llvmpipe has at most 64 scenes under way.
+#: Draws until a fence may go. llvmpipe has at most 64 unfinished scenes.
 HELD = 80
 
 

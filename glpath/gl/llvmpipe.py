@@ -1,4 +1,4 @@
-"""What Mesa's llvmpipe (22.3) wants said otherwise in a shader: the same numbers, fetched more cheaply.
+"""Rewrites shaders for Mesa's llvmpipe (22.3): the same numbers, fetched more cheaply.
 
 - It calls a function of some 180 instructions for a texelFetch, and puts a third as many in place for an imageLoad;
   `shaders/gl/texels.glsl` is the GLSL of that.
@@ -34,7 +34,7 @@ _UNIFORM = re.compile(
 
 
 def is_spoken(gl: moderngl.Context) -> bool:
-    """By the renderer, or as GLPATH_TEXELS says, so that tests run both ways."""
+    """By the renderer, or as GLPATH_TEXELS says, so that tests run both."""
     chosen = os.environ.get("GLPATH_TEXELS") or "auto"
     if chosen not in TEXELS:
         raise ShaderError(
@@ -64,9 +64,9 @@ def fetch_at_start(line: str) -> str:
     if not uniform or uniform["array"] or "u" in uniform["type"]:
         return line
     name, kind = uniform["name"], uniform["type"]
-    least = "-2147483647" if kind.startswith("i") else "-3e38"
+    lowest = "-2147483647" if kind.startswith("i") else "-3e38"
     rest = line[uniform.end() :]
-    return f"uniform {kind} {name}{_GIVEN};\n{kind} {name} = max({name}{_GIVEN}, {least});{rest}"
+    return f"uniform {kind} {name}{_GIVEN};\n{kind} {name} = max({name}{_GIVEN}, {lowest});{rest}"
 
 
 class HandedOn:
@@ -106,11 +106,11 @@ class HandedOn:
         copies = [f"    {name} = {name}{_GIVEN};" for name in self._found]
         return "\n".join(
             [
-                text.replace("void main()", "void place()"),
+                text.replace("void main()", "void shade()"),
                 *outputs,
                 "void main()",
                 "{",
-                "    place();",
+                "    shade();",
                 *copies,
                 "}",
             ]

@@ -178,7 +178,7 @@ class Pass:
 
 @dataclass
 class PixelDispatch:
-    """A compute shader in the place of a pass: an invocation for each pixel of an area, 8 x 8 in a group.
+    """A compute shader instead of a pass: an invocation for each pixel of an area, 8 x 8 in a group.
 
     written : images among the textures that it writes; it reads the others
     area    : (x, y, width, height), the uniform of that name

@@ -1,4 +1,4 @@
-"""What alternates: a pass reads one of two and writes the other, then they change places."""
+"""What alternates: a pass reads one of two and writes the other, then they are swapped."""
 
 from __future__ import annotations
 

@@ -106,8 +106,8 @@ class Source:
     def _flatten(self, name: str, included_from: str) -> str:
         path = shader_folder() / name
         if not path.is_file():
-            place = f"{included_from}: " if included_from else ""
-            raise ShaderError(f"{place}no shader file {name} in {shader_folder()}")
+            prefix = f"{included_from}: " if included_from else ""
+            raise ShaderError(f"{prefix}no shader file {name} in {shader_folder()}")
         self._seen.add(name)
         return self._lines(name, path.read_text())
 
@@ -227,7 +227,7 @@ def load_program(
 
     Raises
     ------
-    ShaderError : with the driver's log, in which each place is a file and line of the shader folder
+    ShaderError : with the driver's log, in which each position is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
     stages = {stage: name for stage, name in stages.items() if name}

@@ -51,7 +51,7 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "U": "its product with the vector from there is u",
         "V": "and this one's is v",
     },
-    "emission": {"RADIANCE": "of a shape; the density per area of a light point on it, 0 where none is drawn"},
+    "emission": {"RADIANCE": "of a shape; the density per area of a light sample on it, 0 where none is drawn"},
     "emitter": {"DENSITIES": "the same of four triangles, where those of a shape differ"},
     "material": {
         "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
@@ -204,7 +204,7 @@ def float_tables(
     return {
         "vertex": _texel(shapes.vertices.astype(np.float32)),
         "shading": _texel(shapes.vertex_normals if "HAS_VERTEX_NORMALS" in has else none),
-        "uv": _texel(_both_uv(scene) if "HAS_TEXTURES" in has or "HAS_BRUSHES" in has else none),
+        "uv": _texel(_both_uv(scene) if "HAS_TEXTURES" in has or "HAS_ANISOTROPY" in has else none),
         "colour": _texel(shapes.vertex_colours if "HAS_VERTEX_COLOURS" in has else none),
         "facet": facets(scene),
         "sphere": _spheres(scene, numbers),
@@ -309,7 +309,7 @@ def _emission(scene: Scene, lighting: Lighting) -> Float64:
 
 
 def triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
-    """(ceil(T / 4), 1, 4): densities of light points of all triangles; none where a shape's are alike."""
+    """(ceil(T / 4), 1, 4): densities of light samples of all triangles; none where a shape's are alike."""
     density = lighting.triangle_density
     alike = all(
         shape.primitive != "triangle" or not shape.count or np.all(density[part] == density[part.start])

@@ -47,7 +47,7 @@ class PixelSums:
     """Two sets of sums: a pass reads the one and writes the other, with what it adds.
 
     max_radiance : radiance that has 36 bits; a little of 2**24 times that may still be added
-    split        : direct light is summed by itself as well: a pass writes what a sample has of it, in quanta, and
+    split        : direct light is summed apart as well: a pass writes what a sample has of it, in quanta, and
                    `path_set_added` takes it to the sums
 
     Attributes

@@ -100,7 +100,7 @@ class Turns:
             self._waiting.clear()
 
     def drop(self) -> None:
-        """No longer keep it; it goes on once all that was entered is left."""
+        """No longer keep it; others have it once all that was entered is left."""
         with self._changing:
             self._kept = False
             if not self._entered:

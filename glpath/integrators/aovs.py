@@ -6,7 +6,7 @@ of quanta, exact in any order; which shapes are seen is counted on the CPU, as m
 Cost:     a draw over the pixels for each path set: albedo and normal, or depth and position, or ids, add some 3 %
           of processor time to a set of `cornell-box-36`, all AOVs with direct light 14 %. Nothing where none is
           asked for.
-Poor at:  mirrors and glass, which show what others are: they have their own colour, normal, place and name here.
+Poor at:  mirrors and glass, which show what others are: they have their own colour, normal, position and name here.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal of the first hit.
 """
 
@@ -35,14 +35,14 @@ Uniforms = dict[str, object]
 # By what is summed together: the AOVs, and the names of the sums in shaders/film/aov.glsl.
 _GROUPS = {
     "AOV_SURFACE": (("albedo", "normal"), ("sum_first", "sum_second")),
-    "AOV_PLACE": (("depth", "position"), ("sum_low", "sum_high")),
+    "AOV_POSITION": (("depth", "position"), ("sum_low", "sum_high")),
     "AOV_NEAREST": (("depth_min",), ("sum_nearest",)),
 }
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
 # they are (`shaders/film/aov.glsl`).
-_QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
-# Places have so many bits: those of a float, and how far beyond the scene surfaces may be seen (of endless planes).
-_PLACE_BITS = 36
+_QUANTA, _MAX_PATH_SETS = 1 << 20, (1 << 11) - 1
+# Positions have so many bits: those of a float, and how far beyond the scene endless planes are seen.
+_POSITION_BITS = 36
 #: In extents of the scene about the origin of the world.
 FARTHEST = 1024
 # Path sets whose shapes are read back together.
@@ -67,13 +67,13 @@ class Seen:
 
     buffer  : (w, h) uint, the primitive + 1, 0 for none; of two components: and the bits of its t
     defines : of whoever sees, see `gl.camera.camera_defines`
-    met     : records of streamed triangles, by the name in GLSL, where the scene has such
+    hit_records : records of streamed triangles, by the name in GLSL, where the scene has such
     """
 
     scene: DeviceScene
     buffer: moderngl.Texture
     defines: Mapping[str, object]
-    met: Mapping[str, moderngl.Texture] = field(default_factory=dict)
+    hit_records: Mapping[str, moderngl.Texture] = field(default_factory=dict)
 
 
 class EyeAovs:
@@ -88,17 +88,17 @@ class EyeAovs:
         groups = {name: of for name, of in _GROUPS.items() if not self._names.isdisjoint(of[0])}
         sums = [name for _, of in groups.values() for name in of]
         # From the scene alone, so that films by several cameras, and crops, have one quantum.
-        reach = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
-        self._place_quanta = 2.0 ** min(_PLACE_BITS - int(np.ceil(np.log2(reach))), 120)
+        extent = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
+        self._position_quanta = 2.0 ** min(_POSITION_BITS - int(np.ceil(np.log2(extent))), 120)
         self._uniforms = {
             **scene.uniforms,
             **sky_uniforms(scene.scene.sky),
-            "place_quanta": self._place_quanta,
-            "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
+            "position_quanta": self._position_quanta,
+            "position_extent": 2.0**_POSITION_BITS / self._position_quanta,
         }
         components = {name: 1 if name == "sum_nearest" else 4 for name in sums}
         self._sums = PingPong(*({name: self._texture(n) for name, n in components.items()} for _ in range(2)))
-        textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.met}
+        textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.hit_records}
         self._pass: InTurn[Pass] | None = None
         if groups:
             # The first output of each group, and the second: GLSL 4.30 adds none up.
@@ -137,7 +137,7 @@ class EyeAovs:
     def add(self, eye: Uniforms) -> None:
         """One more path set, whose eye buffer is filled."""
         if self._pass is not None:
-            if self._path_sets == _MOST_PATH_SETS:
+            if self._path_sets == _MAX_PATH_SETS:
                 self._collect()
             self._pass.now.run(self._uniforms | eye)
             self._sums.swap()
@@ -181,9 +181,9 @@ class EyeAovs:
             depth = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
             # The upper word has the sign.
             upper = np.concatenate([high[..., :3].view(np.int32), depth], axis=2)
-            place = ((upper << 32) + low) / self._place_quanta
-            self._add("position", np.concatenate([place[..., :3], hits], axis=2))
-            self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
+            values = ((upper << 32) + low) / self._position_quanta
+            self._add("position", np.concatenate([values[..., :3], hits], axis=2))
+            self._add("depth", np.concatenate([values[..., 3:], hits], axis=2))
         if "sum_nearest" in sums:
             self._add("depth_min", sums["sum_nearest"].astype(np.float64))
         self._empty()

@@ -70,7 +70,7 @@ class Engine(Owner, ABC):
         """Add one sample to every pixel; which, the index says alone."""
 
     def look_at(self, window: Window) -> None:
-        """Go on with another window of the same size."""
+        """Look at another window of the same size."""
         assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
         self.window = window
 
@@ -142,5 +142,5 @@ def _kind_in_words(kind: tuple[object, ...]) -> str:
     if kind[0] == "points":
         return "points"
     projection, lens, moves, shutter = kind
-    told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
-    return told if shutter is None else f"{told}, with a shutter of {shutter}"
+    text = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
+    return text if shutter is None else f"{text}, with a shutter of {shutter}"

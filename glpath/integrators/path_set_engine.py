@@ -68,8 +68,8 @@ class PathSetEngine(Engine):
         self._eye_defines = camera_defines(scene.scene.camera, self.own_lens)
         self._cast = self._lost = 0  # rays of paths, and how many of them lost the collision in their cell
         self._bvh: RayBvh | None = None  # where rays are cast
-        self._met: dict[str, moderngl.Texture] = {}  # records of streamed triangles, where the scene has such
-        self._eye_of: object = None  # sensor and window of `_eye`, what is told of the camera for all path sets
+        self._hit_textures: dict[str, moderngl.Texture] = {}  # records of streamed triangles
+        self._eye_of: object = None  # sensor and window of `_eye`, the camera's uniforms for all path sets
         self._eye: Uniforms = {}
         self._camera = scene.scene.camera
         self._eye_constant: Uniforms = scene.uniforms
@@ -86,7 +86,7 @@ class PathSetEngine(Engine):
             self._eye_defines = self._points.defines
         else:
             self._see_by_scan()
-        self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._met))
+        self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._hit_textures))
         self._prepare_stages()
         if scene.stream is not None:
             scene.stream.reserve()
@@ -156,12 +156,12 @@ class PathSetEngine(Engine):
             self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
-        """What the eye's rays, or points, need: their place in each pixel, and of which path set they are."""
-        seed, place = self.settings.seed, (float(pixel[0]), float(pixel[1]))
+        """What the eye's rays, or points, need: their position in each pixel, and the path set's number."""
+        seed, sample = self.settings.seed, (float(pixel[0]), float(pixel[1]))
         own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
         if self._points is not None:
             assert isinstance(self.sensor, PointSensor), "of the same kind"
-            return self._points.at(self.sensor, self.window, place[0]) | own
+            return self._points.at(self.sensor, self.window, sample[0]) | own
         assert isinstance(self.sensor, CameraSensor), "of the same kind"
         of = (self.sensor, self.window)
         if self._eye_of != of:
@@ -169,12 +169,12 @@ class PathSetEngine(Engine):
             self._eye = self._seen_by(self._camera.at())
         camera = self._camera
         if not (camera.moves or camera.aperture_radius > 0):
-            return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, place)}
+            return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, sample)}
         lens = self._sampler.eye(index)[:2]
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         if self.own_lens:
-            return self._seen_by(camera, place) | own | lens_uniforms(camera, lens, counter_hash(seed, 14))
-        return self._seen_by(camera, place, lens) | own
+            return self._seen_by(camera, sample) | own | lens_uniforms(camera, lens, counter_hash(seed, 14))
+        return self._seen_by(camera, sample, lens) | own
 
     def _seen_by(
         self,
@@ -213,8 +213,8 @@ class PathSetEngine(Engine):
             textures=scene.textures,
         )
         if scene.stream is not None:
-            # Of what eye rays and then paths have met.
-            self._met_records = scene.stream.records(size)
+            # Of what eye rays and then paths have hit.
+            self._hit_records = scene.stream.records(size)
             self._eye_stream = StreamedScan(
                 "eye",
                 scene.stream,
@@ -222,10 +222,10 @@ class PathSetEngine(Engine):
                 ProgramParts.of(scene),
                 self._eye_pass.target,
                 depth=True,
-                records=self._met_records,
+                records=self._hit_records,
                 seen=self._eye_buffer,
             )
-            self._met = {"met_records": self._met_records}
+            self._hit_textures = {"hit_records": self._hit_records}
 
     def _look_by_rays(self) -> None:
         """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""

@@ -43,7 +43,7 @@ DEEPEST = 1000
 _ALL_BOUNCES: Mapping[str, Any] = {"max_depth": DEEPEST, "roulette": 4}
 _NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
-# A gather's paths that mirrors and glass send on end by chance from this vertex on.
+# Russian roulette ends a gather's paths by mirrors and glass from this vertex on.
 _MIRRORED = 6
 # What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
@@ -65,11 +65,11 @@ class IntegratorSettings(ABC):
     """What decides the image besides the scene, the sensor and the path sets; each integrator has its own.
 
     integrator  : the name that users know it by
-    default_spp : path sets where it is not said how many
+    default_spp : path sets by default
     noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
-    any_scene   : whether an engine goes on with another scene; else with another sensor alone
+    any_scene   : whether an engine takes another scene; else another sensor alone
     all_bounces : options with which chance alone ends paths, so that all of the light is there
-    remedies    : what to do in place of an option that another integrator has
+    remedies    : what to do instead of an option that another integrator has
     """
 
     integrator: ClassVar[str]
@@ -105,7 +105,7 @@ class IntegratorSettings(ABC):
 
     @property
     def splits_light(self) -> bool:
-        """Whether direct light is summed by itself."""
+        """Whether direct light is summed apart."""
         return "direct" in self.aovs or "indirect" in self.aovs
 
     def check_points(self) -> None:
@@ -137,8 +137,8 @@ Roulette = Annotated[
     Meta(
         ge=1,
         le=DEEPEST,
-        description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the most, "
-        'nothing else ends those of "path"',
+        description="from this vertex on, Russian roulette ends paths, without bias. With a max-depth of 1000, the "
+        'most, nothing else ends those of "path"',
         extra={"metavar": "DEPTH", "unset": "never"},
     ),
 ]
@@ -263,7 +263,7 @@ class PathSettings(PathSetSettings):
         return self.roulette is not None and self.max_depth == DEEPEST
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on paths end by chance."""
+        """The vertex from which on Russian roulette ends paths."""
         return self.roulette
 
     def lookup_uniforms(self) -> dict[str, object]:
@@ -396,8 +396,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
             ge=0,
             le=1000,
             description="a path that would look up nearer to where it came from than a random share of so many "
-            "widths of an element goes on to a further vertex, with rays of its own to a second one where that is "
-            "near as well; 0: none does, as in the paper",
+            "widths of an element continues to a further vertex, with rays of its own to a second one where that "
+            "is near as well; 0: none does, as in the paper",
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
@@ -429,7 +429,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on paths end by chance: those by mirrors and glass alone, as others are short."""
+        """The vertex from which on roulette ends paths: those by mirrors and glass alone, as others are short."""
         return _MIRRORED if mirrored else None
 
     def lookup_uniforms(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Points where paths start, in place of what an eye sees: the first vertex of each is a white receiver there.
+"""Points where paths start, instead of what an eye sees: the first vertex of each is a white receiver there.
 
 Points are uploaded for a window, and which triangle each lies on is found by a short ray, once where they stay:
 rays from there do not meet it, and guides are those of its element.
@@ -68,7 +68,7 @@ class StartPoints:
         )
 
     def at(self, sensor: PointSensor, window: tuple[int, int, int, int], u: float) -> Uniforms:
-        """Go on with the points of a window, of the table that a number from 0 to 1 chooses; what shaders need."""
+        """Take the points of a window, of the table that a number from 0 to 1 chooses; returns the uniforms."""
         table = min(int(u * sensor.tables), sensor.tables - 1)
         of = (sensor, window, table)
         if self._of != of:

@@ -1,6 +1,6 @@
 """Recursive ray tracing: the classical algorithm, and the T-buffer's [TB].
 
-One path set is one ray through every pixel, all at the same place of their pixels, and all that follows from it.
+One path set is one ray through every pixel, all at the same position in their pixels, and all that follows from it.
 The frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to
 a surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a
 BVH, as its section VI hopes. The routines of intersection and shading are the same for all.
@@ -8,7 +8,7 @@ BVH, as its section VI hopes. The routines of intersection and shading are the s
 What the paper lacks: shapes that emit, and the sky where there is no ambient light, light a path set by some points
 of theirs, shared by all pixels, as those of the path-buffer are [PB 3.3]; their shadows are rays.
 
-Poor at: light that comes by way of other surfaces (it is one number, `ambient`); refraction; soft shadows from few
+Poor at: indirect light (it is one number, `ambient`); refraction; soft shadows from few
 path sets, as they are sums of hard ones.
 """
 
@@ -38,7 +38,7 @@ from glpath.integrators.engine import Engine, Uniforms, Window
 from glpath.integrators.settings import WhittedSettings
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import LIGHT_KINDS
-from glpath.sampling.points import PathSetSampler, counter_hash, pixel_place
+from glpath.sampling.points import PathSetSampler, counter_hash, pixel_sample
 from glpath.scene.model import Scene
 from glpath.sensors.sensor import CameraSensor
 
@@ -76,7 +76,7 @@ class WhittedTracer(Engine):
         return self
 
     def change_scene(self, scene: Scene) -> None:
-        """Go on with another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
+        """Take another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
         self._count_shadow_buffer()
         same = self.scene.geometry_digest
         self._moving = scene if scene.moving_shapes else None
@@ -97,7 +97,7 @@ class WhittedTracer(Engine):
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
-        objects, pixel = self.scene, pixel_place(self.settings.seed, index)
+        objects, pixel = self.scene, pixel_sample(self.settings.seed, index)
         # An endless plane may be nearer than what has a size.
         ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
         eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
@@ -180,7 +180,7 @@ class WhittedTracer(Engine):
     # What the frame is made of.
 
     def _light_samples(self, index: int) -> Uniforms:
-        """The light points of a path set, which shaders/lights/light_samples.glsl reads."""
+        """The light samples of a path set, which shaders/lights/light_samples.glsl reads."""
         lighting, n = self._area_lighting, self.settings.light_samples
         if lighting.dark:
             return {}
@@ -299,7 +299,7 @@ def _check_shadows(scene: Scene) -> None:
     if blended:
         raise SceneError(
             f'{scene.source or scene.name}: the materials {", ".join(blended)} have alpha = "blend", which is '
-            "there by chance; a shadow-buffer is filled once for all path sets.",
+            "stochastic; a shadow-buffer is filled once for all path sets.",
             'Take shadows "rays", or alpha = "mask".',
         )
 

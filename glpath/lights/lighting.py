@@ -1,4 +1,4 @@
-"""All the light of a scene, asked in one way: a light sample, its density, and what punctual lights send.
+"""The light of a scene, asked through one interface: a light sample, its density, and what punctual lights send.
 
 Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
 the sky. A light is chosen by the power that it sends towards the scene, or, half of the time, as any other; a point
@@ -55,7 +55,7 @@ class Lighting:
 
     cdf              : (L + 1,) cumulated probability of the lights: emitting sides, punctual lights, the sky; (1,)
                        for a scene without light
-    triangle_density : (T,) per area, of a light point on the triangle (on either side, where both emit); 0: dark
+    triangle_density : (T,) per area, of a light sample on the triangle (on either side, where both emit); 0: dark
     centre, radius   : a sphere about the scene, towards which lights are weighed
     """
 
@@ -148,7 +148,7 @@ class Lighting:
     def samples(self, u: ArrayLike) -> LightSamples:
         """Light samples from u (N, 3) in [0, 1): u[:, 0] chooses the light, the others a point or direction of it.
 
-        Within a shape, a primitive is chosen by area with the same random number that then places the point, so
+        Within a shape, a primitive is chosen by area with the same random number that then positions the point, so
         that a quad keeps a two-dimensional stratification.
         """
         assert not self.dark, "no light to sample"
@@ -242,7 +242,7 @@ def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float6
 
 
 def max_radiance(scene: Scene) -> float:
-    """Radiance of bright places: lamps, the sky, and white surfaces half of which are nearer to a light.
+    """Radiance of bright surfaces: lamps, the sky, and white surfaces half of which are nearer to a light.
 
     For the quantum of sums, which have room above it.
     """
@@ -253,8 +253,8 @@ def max_radiance(scene: Scene) -> float:
         square = 1.0
         if light.kind != "directional" and light.falloff == "quadratic":
             square = _typical_distance(scene, light.position) ** 2
-        most = 1.0 if light.profile is None else light.profile.max
-        values.append(most * float(light.intensity.max()) / (np.pi * square))
+        peak = 1.0 if light.profile is None else light.profile.max
+        values.append(peak * float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
 
 

@@ -1,8 +1,8 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), under or beside
-// lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled by itself.
+// lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
 // Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_GLASS: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  a BRDF is told in units of a white Lambertian surface's, 1 / pi.
+// Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
 //         strength of a dielectric's reflection (specular); Phong 1975 [TB IV].
 #include "sampling/directions.glsl"
@@ -23,7 +23,7 @@ struct Bsdf
     float grazing;    // and at grazing incidence
     float layered;    // share of the surface that is one
     vec2 alpha;       // GGX's, along the tangent and across
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     vec3 tangent;       // along the surface; 0 for none
 #endif
     float coat;       // share under clearcoat
@@ -43,7 +43,7 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.transmission = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     b.tangent = vec3(0.0);
 #endif
 #endif
@@ -149,7 +149,7 @@ mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
     axes_across(n, x, y);
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     vec3 along = b.tangent - dot(b.tangent, n) * n;
     if (dot(along, along) > 1e-8) {
         x = normalize(along);
@@ -185,17 +185,17 @@ bool is_unbent(Bsdf b)
     return abs(b.eta - 1.0) < 1e-3;
 }
 
-bool is_frosted(Bsdf b)
+bool is_rough_transmission(Bsdf b)
 {
-    float most = max(b.transmission.r, max(b.transmission.g, b.transmission.b));
-    return !is_unbent(b) && most > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+    float largest = max(b.transmission.r, max(b.transmission.g, b.transmission.b));
+    return !is_unbent(b) && largest > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
 
 // The same of light from the other side, wi.z < 0. Through a thin dielectric as it would be reflected; into a solid by
 // Walter et al., eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
 Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
-    if (!is_frosted(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    if (!is_rough_transmission(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     bool thin = b.eta <= 0.0;
     vec3 m = normalize(thin ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
     if (m.z < 0.0) m = -m;

@@ -1,4 +1,4 @@
-// lobes.glsl: in which lobe of its surface a path goes on, and where in it. Each lobe has its share of the light by itself,
+// lobes.glsl: in which lobe of its surface a path continues, and where in it. Each lobe has its own share of the light,
 // and its own density beside the light samples'.
 // Needs:  path_vertex.glsl, light_sample.glsl
 // Frame:  world.
@@ -33,7 +33,7 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     return Lobes(q.diffuse * scale, q.microfacets * scale, q.coat * scale, q.mirror * scale);
 }
 
-// Veach's share of a light sample beside the direction of a lobe; lights without extent (density 0) are found by nothing
+// Veach's share of a light sample beside the direction of a lobe; punctual lights (density 0) are found by nothing
 // else.
 float mis_weight(float light, float direction)
 {
@@ -48,7 +48,7 @@ mat3 mirroring_axes(PathVertex v)
 }
 #endif
 
-// What a vertex makes of a light sample, which is told without shares: of the diffuse lobe and of the others.
+// What a vertex reflects of a light sample given without shares: by the diffuse lobe and by the others.
 void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);

@@ -1,5 +1,5 @@
-// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a place, shadows not asked for,
-// and how it shares light with the direction in which a path goes on [PB A.3].
+// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a point without occlusion,
+// and how it shares light with the direction in which a path continues [PB A.3].
 // Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
 // Here, as a file is included once, and sky.glsl may want it where these are not.
@@ -37,21 +37,21 @@ float power_heuristic(float a, float b)
     return a2 / max(a2 + b2, 1e-37);
 }
 
-// Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that goes on has
+// Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that continues has
 // so many directions to choose from; 0 where it ends, so that no other sample has this light.
 float mis_weight_light(float density, float cosine, int views)
 {
     return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
 }
 
-// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light points
+// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light samples
 // have a density per area. Alone, it would be counted twice.
-float emission_share(float density, float light_point, float t, float cosine)
+float emission_share(float density, float pdf_area, float t, float cosine)
 {
-    return power_heuristic(density, light_point * t * t / max(abs(cosine), 1e-9));
+    return power_heuristic(density, pdf_area * t * t / max(abs(cosine), 1e-9));
 }
 
-// Share of the way to the light that rounding may take.
+// Share of the distance to the light that rounding may take.
 const float ROUNDING = 1e-5;
 
 struct LightSample
@@ -74,7 +74,7 @@ struct DirectLight
     vec3 light;      // radiance that a white Lambertian surface makes of it, over the sample's density
     float distance;  // to the light
     bool distant;    // from infinitely far
-    float density;   // per solid angle, of the light sample; 0 of a light without extent
+    float density;   // per solid angle, of the light sample; 0 of a punctual light
 };
 
 // `normal` is on the lit side; views: see mis_weight_light.

@@ -3,10 +3,10 @@
 // Source: Clarberg et al. 2005, Wavelet importance sampling (hierarchical sample warping).
 #include <PATH_GUIDE>
 
-// The number of the guide of the front of a place's element.
-int guide_at(LatticePlace place)
+// The number of the guide of an element's front.
+int guide_at(LatticePosition position)
 {
-    int element = place.first_element + element_in(place);
+    int element = position.first_element + element_in(position);
 #ifdef GUIDES_SHARED
     ivec4 bytes = ivec4(guide_of_texel(element, GUIDE_OF_ELEMENT) * 255.0 + 0.5);
     return bytes.x + 256 * bytes.y + 65536 * bytes.z;

@@ -6,7 +6,7 @@
 #define HAS_MIRRORS 1
 #define HAS_MICROFACETS 1
 #define HAS_GLASS 1
-#define HAS_BRUSHES 1
+#define HAS_ANISOTROPY 1
 #include "bsdf/bsdf.glsl"
 
 layout(local_size_x = 64) in;
