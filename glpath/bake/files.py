@@ -111,10 +111,14 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
         stem = f"{path.stem}-{page}.lightmap"
-        said = {"quantity": "irradiance", "unit": symbol(scene.unit, "irradiance"), "primaries": "linear Rec. 709"}
-        write_exr(path.with_name(f"{stem}.exr"), light, said | {"texCoord": "1", "page": str(page)})
+        header = {
+            "quantity": "irradiance",
+            "unit": symbol(scene.unit, "irradiance"),
+            "primaries": "linear Rec. 709",
+        }
+        write_exr(path.with_name(f"{stem}.exr"), light, header | {"texCoord": "1", "page": str(page)})
         write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
-        about = said | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
+        about = header | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
         about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
         write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
         written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]

@@ -30,7 +30,7 @@ from glpath.scene.model import Float64
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
 
-#: Cosine between the normals on both sides above which a surface goes on smoothly.
+#: Cosine between the normals on both sides above which a surface is smooth.
 _SMOOTH = 0.995
 #: Points of a seam for each texel along it.
 _DENSITY = 3.0
@@ -89,7 +89,7 @@ class Seams:
         baked : (P, h, w), where light was computed, not only continued
 
         Steps weigh little at first; those that are still above the limit weigh more in each round. No light is
-        below zero: texels that would be are held there, as long as they would go on to be.
+        below zero: texels that would be are held there, as long as they would be.
         """
         from scipy.sparse import coo_array, diags_array
 
@@ -116,7 +116,7 @@ class Seams:
         for _ in range(_ROUNDS):
             over = 1.0 / np.maximum(both @ x.mean(axis=1), DARK * mean)
             system = (diags_array(keep) + jump.T @ diags_array(weight * over**2) @ jump).tocsr()
-            x, held = _least(system, keep[:, None] * before, x, held, near)
+            x, held = _minimise(system, keep[:, None] * before, x, held, near)
             step = over * np.abs(jump @ x).max(axis=1)  # of colours, and of brightness
             light = luminance(x)
             step = np.maximum(step, np.abs(jump @ light) / np.maximum(both @ light, dark))
@@ -154,7 +154,7 @@ def lit_texels(pages: Float32, baked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(lit if lit.any() else baked)
 
 
-def _least(
+def _minimise(
     system: Any, right: Float64, given: Float64, held: NDArray[np.bool_], near: NDArray[np.bool_]
 ) -> tuple[Float64, NDArray[np.bool_]]:
     """Solutions (N, C) >= 0 of a symmetric system for right sides (N, C), and (N, C) which of them are zero.

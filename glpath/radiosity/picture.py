@@ -55,10 +55,10 @@ class EyeHits:
         width, height = camera.resolution
         fine = replace(camera, resolution=(width * k, height * k))
         parts = (height, k, width, k, 3)
-        starts, ways = (r.reshape(parts).swapaxes(1, 2).reshape(-1, 3) for r in (fine.origins(), fine.rays()))
-        hit, found = np.empty(len(ways), np.int64), np.zeros((len(ways), 3))
-        _first_hits(rays_of(triangles), starts, ways, hit, found)
-        back = (np.sum(triangles.normals[hit] * ways, axis=1) > 0) & (hit >= 0)
+        starts, directions = (r.reshape(parts).swapaxes(1, 2).reshape(-1, 3) for r in (fine.origins(), fine.rays()))
+        hit, found = np.empty(len(directions), np.int64), np.zeros((len(directions), 3))
+        _first_hits(rays_of(triangles), starts, directions, hit, found)
+        back = (np.sum(triangles.normals[hit] * directions, axis=1) > 0) & (hit >= 0)
         shape = (height, width, k * k)
         return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
 
@@ -119,6 +119,6 @@ def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
 
 
 @kernel
-def _first_hits(rays: Any, origins: Any, ways: Any, hit: Any, found: Any) -> None:
-    for i in range(len(ways)):
-        hit[i] = nearest(rays, origins[i], ways[i], -1, found[i])
+def _first_hits(rays: Any, origins: Any, directions: Any, hit: Any, found: Any) -> None:
+    for i in range(len(directions)):
+        hit[i] = nearest(rays, origins[i], directions[i], -1, found[i])

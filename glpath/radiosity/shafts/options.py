@@ -67,9 +67,9 @@ class ShaftOptions:
                         either
     order             : of the candidate list: as found; the "largest first", or the "last occluder first", which
                         pay where most rays are blocked and tested one by one
-    least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
+    min_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
                         out; None for all planes unsorted, which pays for very few boxes
-    longest           : number of candidates beyond which "always open" gives way to "ratio open"; 0: no limit. Pays
+    longest           : number of candidates beyond which "always open" becomes "ratio open"; 0: no limit. Pays
                         in scenes of many thousands of polygons
     no_shaft_below    : number of rays below which no shaft is built: pays with few receiver points
     keep_closed_below : number of rays below which the strategy is "keep closed", likewise
@@ -91,7 +91,7 @@ class ShaftOptions:
     group: int = 512
     nested: bool = True
     order: OrderName = "found"
-    least_cut: float | None = 0.02
+    min_cut: float | None = 0.02
     longest: int = 1500
     no_shaft_below: int = 0
     keep_closed_below: int = 0
@@ -162,7 +162,7 @@ PAPER = ShaftOptions(
     clump=0,
     group=0,
     nested=False,
-    least_cut=None,
+    min_cut=None,
     longest=0,
 )
 

@@ -6,7 +6,7 @@ begin with it, and with the largest kernel that it calls. All keep what they com
 what it needs, or waits for it (`kernel_cache`). Nothing depends on these processes: where they cannot run, this one
 compiles all.
 
-They solve two facing squares with plain Python in the place of all other kernels. So a kernel meets arguments of
+They solve two facing squares with plain Python instead of all other kernels. So a kernel meets arguments of
 the very types that it has elsewhere, and no list of types has to be kept.
 """
 

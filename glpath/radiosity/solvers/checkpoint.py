@@ -1,4 +1,4 @@
-"""The state of a solver on disk while it works, so that it can go on where it was killed, to the same bits.
+"""The state of a solver on disk while it works, so that it can resume where it was killed, bit-identical.
 
     checkpoint = SolverCheckpoint("s.checkpoint.npz", seconds=60)
     solution = solve_radiosity(scene, checkpoint=checkpoint)
@@ -43,7 +43,7 @@ class Solver(Protocol):
         """All that the solution depends on."""
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from it."""
+        """Resume from it."""
 
 
 @dataclass
@@ -69,10 +69,10 @@ class SolverCheckpoint(Locked):
 
     def __post_init__(self) -> None:
         self.path = Path(self.path)
-        self._lock = Lock(self.path, "a solver that goes on with it")
+        self._lock = Lock(self.path, "a solver that resumes from it")
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
-        """Go on with the file where there is one; whether there was.
+        """Resume from the file; whether there was one.
 
         Raises UsageError, with all that differs, for one of another scene, setting or version; ImageError for a
         file that is no checkpoint.
@@ -97,7 +97,7 @@ class SolverCheckpoint(Locked):
             if differ:
                 words = [f"{name} is {held.get(name)} in it, {asked.get(name)} is asked for" for name in differ]
                 raise UsageError(
-                    f"{self.path}: cannot be gone on with: {'; '.join(words)}.",
+                    f"{self.path}: cannot be resumed from: {'; '.join(words)}.",
                     "Ask for what it was made with; or remove it, and the solver begins anew.",
                 )
             solver.restore({name: stored.read(name, "iufb") for name in solver.state()})
@@ -109,7 +109,7 @@ class SolverCheckpoint(Locked):
             self.write(solver)
 
     def write(self, solver: Solver) -> None:
-        """Write it now, if it is whole. What goes wrong is told in the log, each reason once."""
+        """Write it now, if it is whole. Failures are logged, each reason once."""
         if not solver.whole:
             return  # a signal came in the middle of a step; the file from before is good
         try:
@@ -120,7 +120,7 @@ class SolverCheckpoint(Locked):
             self.failure = error.message
             if (reason := reason_of(error.__cause__ or error)) not in self._reasons:
                 self._reasons.add(reason)
-                log.warning("checkpoint: %s; solving goes on", error.message.rstrip("."))
+                log.warning("checkpoint: %s; solving continues", error.message.rstrip("."))
         else:
             self.failure = None
             self.written += 1

@@ -1,4 +1,4 @@
-"""The kernels that a solution takes, so that it can be said how many there are to compile before the first."""
+"""The kernels that a solution needs, so that their number is known before the first is compiled."""
 
 from __future__ import annotations
 

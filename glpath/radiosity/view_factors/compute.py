@@ -54,7 +54,7 @@ _ASKED = 8 << 20
 #: about one and a half true ones; how many of backs, of which rays say less; and the width of a strip along its
 #: edges, in lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more.
 _CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
-#: Of a partial file: another number is another layout, or another way to compute.
+#: Of a partial file: another number is another layout, or another method.
 _FORMAT = 4
 
 
@@ -107,7 +107,7 @@ def view_factors(
 ) -> ViewFactors:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
-    Where shafts prove that nothing stands between two faces, there is no ray: of faces apart from each other Gauss
+    Where shafts prove that two faces are unoccluded, there is no ray: of faces apart from each other Gauss
     points on both, as many as the error asks for, of others the double contour integral. Where something does,
     visibility is exact from every point of the smaller face, and points, Sobol's, scrambled, are doubled
     until their own spread is below what is wanted. Both sides of a face hide; only the front sends and receives:
@@ -128,7 +128,7 @@ def view_factors(
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
     threads     : that share the work; None for one per core
     resume      : a file that keeps the rows that are done, every 20 seconds and when it is interrupted, and from
-                  which another call with the same faces and error goes on. It is removed in the end. One process
+                  which another call with the same faces and error resumes. It is removed in the end. One process
                   has it at a time
     on_progress : called with a `ViewFactorProgress`
 
@@ -161,7 +161,7 @@ def view_factors(
     run = _Run(error, threads or core_count(), None if resume is None else Path(resume), on_progress)
     with ExitStack() as held:
         if run.resume is not None:
-            held.enter_context(Lock(run.resume, "a matrix of view factors that goes on with it"))
+            held.enter_context(Lock(run.resume, "a matrix of view factors that resumes from it"))
         held.enter_context(announced(waiting(kernels_of()), run.compiling if on_progress is not None else None))
         given = faces_of(faces, groups, flip)
         found = run.solve(given)
@@ -175,7 +175,7 @@ def view_factors(
 
 
 def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
-    """Nothing hides one of two faces in one place from what sees both, whose row adds up to more than 1."""
+    """Coinciding faces do not hide each other: the row of what sees both adds up to more than 1."""
     over = found.row_sums - 1
     allowed = np.maximum(max(_OVERLAP, 3 * found.statistics["error"]), 5 * found.error)
     if (too_much := np.flatnonzero(over > allowed)).size:
@@ -355,7 +355,7 @@ class _Run:
             "rows_beyond_error": int((error > self.error * areas).sum()),
             "rows_that_see_backs": int((backs > 0).sum()),
             "backs": float(backs @ areas / areas.sum()),
-            "backs_most": float(backs.max()),
+            "backs_max": float(backs.max()),
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
         return ViewFactors(matrix, areas, error / areas, faces.names, statistics, backs, _OF_BACKS * backs_error)
@@ -440,7 +440,7 @@ def _joined(parts: list[_Part]) -> _Part:
 
 
 def _read_part(path: Path, key: str) -> _Part:
-    with open_npz(path, "view factors to go on with", "Remove it to begin anew.") as arrays:
+    with open_npz(path, "view factors to resume", "Remove it to begin anew.") as arrays:
         if str(arrays.read("key", "U", ())) != key:
             raise ImageError(
                 f"{path}: holds rows of other faces, of another error or of another version of glpath.",
