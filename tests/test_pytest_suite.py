@@ -17,7 +17,7 @@ from image_suite import GREY, LOADED, Run
 
 from glpath.compare import read_picture
 from glpath.film.image import write_png
-from glpath.pytest_plugin.places import baseline_name
+from glpath.pytest_plugin.paths import baseline_name
 
 pytest_plugins = ["pytester", "image_suite"]
 

@@ -1,6 +1,6 @@
 """The film: sums of radiance and how many path sets are in them.
 
-Sums, never means, so that going on with a render and merging two are additions. What a path tracer hands in are
+Sums, never means, so that resuming a render and merging two are additions. What a path tracer hands in are
 multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
 0..32 merged with 32..64, bit for bit, in whatever order they came.
 
@@ -40,8 +40,8 @@ from glpath.film.metadata import (
     add_aov,
     differences,
     joined,
-    least_depths,
     merged_values,
+    min_depths,
 )
 from glpath.film.noise import MIN_BATCHES, error_bound
 from glpath.film.npz_file import FilmParts, read_parts, write_parts
@@ -56,7 +56,7 @@ Float64 = NDArray[np.float64]
 WRITABLE = (".png", ".exr", ".npz")
 
 
-#: The depth where no sample of a pixel has met anything, as Blender has it: far, and a number that filters keep.
+#: The depth where no sample of a pixel has hit anything, as Blender has it: far, and a number that filters keep.
 FAR = 1e10
 
 # Of the longer side of the image that a notebook shows.
@@ -73,7 +73,7 @@ class Film:
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
     aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
-    shape_counts  : how many samples of each pixel have met which shape, where `metadata.counts_shapes`
+    shape_counts  : how many samples of each pixel have hit which shape, where `metadata.counts_shapes`
     """
 
     radiance_sums: Float64
@@ -82,7 +82,7 @@ class Film:
     metadata: FilmMetadata
     aov_sums: dict[str, Float64] = field(default_factory=dict)
     shape_counts: ShapeCounts | None = None
-    #: Called when a notebook is about to show the film: a picture of it that stands there already gives way.
+    #: Called when a notebook is about to show the film, to remove a picture of it that stands there.
     before_shown: Callable[[], None] | None = field(default=None, init=False)
     # What `denoised` has found, and for which path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
@@ -102,7 +102,7 @@ class Film:
         """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
 
         aov_sums : the same of each of the film's `aov_sums`; where it counts shapes, as "shapes"
-                   (H, W, stop - start) the numbers + 1 of those that the samples have met, 0 for none
+                   (H, W, stop - start) the numbers + 1 of those that the samples have hit, 0 for none
 
         Raises UsageError for path sets that are already in the film.
         """
@@ -164,7 +164,7 @@ class Film:
 
         Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
 
-        "direct"      : emission and sky that are seen, and light that has met one surface on its way from there
+        "direct"      : emission and sky that are seen, and light reflected by one surface
         "indirect"    : all else, ambient light too. Both together are `mean`
 
         "samples"     : (H, W) int64, path sets, less the samples that were dropped as not finite and count as black
@@ -191,7 +191,7 @@ class Film:
             return np.asarray(light / self.path_sets)
         sums = self.aov_sums[name]
         if name == "depth_min":
-            return np.minimum(least_depths(sums[..., 0]), FAR)
+            return np.minimum(min_depths(sums[..., 0]), FAR)
         if name in ("depth", "position"):
             value, hits = sums[..., :-1], sums[..., -1:]
             mean = np.where(hits > 0, value / np.maximum(hits, 1), FAR if name == "depth" else 0.0)
@@ -446,10 +446,10 @@ class Film:
         """Write the film; the suffix says how. The file appears whole or not at all.
 
         .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
-        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image. AOVs that the film
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its window in the whole image. AOVs that the film
                holds are layers, each of its own name: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
                `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
-        .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
+        .npz : everything, exactly; `Film.load` reads it back, to be merged or resumed
 
         denoise : .png and .exr hold `denoised`, and say so in their headers (glpath.denoised); an .exr has the
                   picture as it was as the layer noisy.R, G, B. An .npz is the same in any case

@@ -77,7 +77,7 @@ def _reinhard(radiance: Float64) -> Float64:
 
 
 def _aces(radiance: Float64) -> Float64:
-    """Narkowicz's fit (2015) of the ACES reference curve, each channel by itself, so that highlights turn white."""
+    """Narkowicz's fit (2015) of the ACES reference curve, each channel apart, so that highlights turn white."""
     x = radiance
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 

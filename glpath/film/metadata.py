@@ -31,11 +31,11 @@ Aov = Literal[
 AOVS: tuple[Aov, ...] = get_args(Aov)
 #: Those that a denoiser goes by.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
-#: Those made from counts of the shapes that samples have met.
+#: Those made from counts of the shapes that samples have hit.
 ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 
 #: Which sums a film has for its AOVs, and how many numbers of each a pixel has: for "depth" and "position" also how
-#: many samples have met a surface. Indirect light is what direct light lacks of the picture.
+#: many samples have hit a surface. Indirect light is what direct light lacks of the picture.
 _SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
     "albedo": (3, ("albedo",)),
     "normal": (3, ("normal",)),
@@ -45,7 +45,7 @@ _SUMS: dict[str, tuple[int, tuple[Aov, ...]]] = {
     "direct": (3, ("direct", "indirect")),
     "dropped": (1, ("samples",)),
 }
-#: Of these the greatest is kept: "depth_min" is held as the bits of infinity less its own, 0 where nothing was met.
+#: Of these the greatest is kept: "depth_min" is held as the bits of infinity less its own, 0 where nothing was hit.
 _GREATEST = ("depth_min",)
 _INFINITY = np.uint32(0x7F800000)
 #: The counts of shapes, by the same name as of a sum.
@@ -89,8 +89,8 @@ def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> 
     (np.maximum if name in _GREATEST else np.add)(held, more, out=held)
 
 
-def least_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depths by what a film holds of "depth_min"; infinite where nothing was met."""
+def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depths by what a film holds of "depth_min"; infinite where nothing was hit."""
     return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
 
 
@@ -122,8 +122,8 @@ class FilmMetadata:
     shape_materials : the material of each shape, likewise
     position_origin : what the sums of "position" are relative to, in the coordinates of the scene, of one far from
                       the origin; None: to that
-    stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of one under way, and
-                      of films that were merged
+    stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of unfinished and of
+                      merged films
     error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
     solution_error  : of a gather, the standard error of the picture's mean radiance that comes from its radiosity
                       solution, in the film's unit: the same in all of the picture, whatever the path sets. None
@@ -172,7 +172,7 @@ class FilmMetadata:
 
     @property
     def counts_shapes(self) -> bool:
-        """Whether the AOVs need counts of the shapes that samples have met."""
+        """Whether the AOVs need counts of the shapes that samples have hit."""
         return not set(ID_AOVS).isdisjoint(self.aovs)
 
     def as_strings(self) -> dict[str, str]:

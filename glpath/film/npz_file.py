@@ -1,4 +1,4 @@
-"""A film as .npz: all of its sums, exactly, so that it can be merged and gone on with.
+"""A film as .npz: all of its sums, exactly, so that it can be merged and resumed.
 
 Not every array that is named so is a film: what is read is held against itself, as files may be damaged or hostile.
 """
@@ -81,8 +81,8 @@ def read_parts(path: str | Path) -> FilmParts:
         shapes = film.shape_counts
         if shapes is not None:
             keys = stored.read("shape_keys", "iu", (None,)).astype(np.int64)
-            met = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
-            shapes = ShapeCounts(shapes.size, keys, met)
+            hits = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
+            shapes = ShapeCounts(shapes.size, keys, hits)
             shapes.check(len(metadata.shape_names), int(counts.sum()))
         if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
             raise ValueError("it holds sums of AOVs that are NaN or infinite")

@@ -1,4 +1,4 @@
-"""What the numbers of a scene's light are: watts or lumens. The one place that knows how many lumens a watt has.
+"""What the numbers of a scene's light are: watts or lumens. Only this module knows how many lumens a watt has.
 
     radiometric : W sr^-1 m^-2 of radiance, W sr^-1 of intensity, W m^-2 of irradiance; TOML and Python by default
     photometric : cd m^-2 (nits), cd, lx; glTF by its specification, IES profiles by theirs

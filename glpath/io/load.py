@@ -1,6 +1,6 @@
 """A scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
 
-msgspec says what is wrong and where; here its errors get the words of the scene format: the place as
+msgspec says what is wrong and where; here its errors get the words of the scene format: the location as
 `file: shapes[3].material`, what was found, what is allowed, and the description of the field as the remedy.
 """
 

@@ -53,9 +53,9 @@ class _Reader:
         ):  # which trimesh hands out from the last to the first
             number, mesh = self._number(loaded), mesh_of_loaded(loaded, self.path)
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
-                told = which(self.path, self.location)
+                prefix = which(self.path, self.location)
                 raise self.location.error(
-                    f"{told}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                    f"{prefix}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Choose a larger unit of length.",
                 )
             if plain is not None and number >= 0:

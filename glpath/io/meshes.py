@@ -228,7 +228,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
 
 
 def which(path: Path, location: SourceLocation) -> str:
-    """How a sentence about a file begins where `location` names it: with its name, but not of a model by itself."""
+    """How a sentence about a file begins where `location` names it: with its name, but not of a model alone."""
     return "" if location == SourceLocation(str(path)) else f"names {path}, which "
 
 
@@ -254,7 +254,7 @@ def _given_normals(mesh: Any) -> Any:
     """Those of the vertices of a mesh of trimesh, which it was given; None without.
 
     The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
-    exporters ask in this way).
+    exporters ask so).
     """
     return mesh.vertex_normals if "vertex_normals" in mesh._cache else None
 

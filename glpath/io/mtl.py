@@ -4,7 +4,7 @@ Colours are linear, as Blender writes them. What the statements become:
 
     Kd map_Kd             reflectance and its texture
     Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
-    Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, in place of Ks and Ns; map_Pr and map_Pm multiply
+    Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, instead of Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended
     illum 4, 6, 7, 9      glass of index Ni and colour Tf, where d or Tf lets light through (6 and 7: always); that
                           of 6 and 7 refracts. Sharp, as in the ray tracers that these were made for
@@ -184,7 +184,7 @@ class _Reader:
             white = np.full(size, 255, np.uint8)
             # As glTF has them: roughness in green, metal in blue.
             channels = [white, *(white if each is None else resized(_grey(each), size) for each in (rough, metal))]
-            self._same_place(rough, metal, "map_Pr and map_Pm")
+            self._same_slot(rough, metal, "map_Pr and map_Pm")
             key = ("surface", *(None if each is None else (each.name, each.channel) for each in (rough, metal)))
             fields["surface_texture"] = self.library.slot(key, np.stack(channels, axis=2), given, False)
         return fields
@@ -230,7 +230,7 @@ class _Reader:
             colours = np.full((*coverage.shape, 3), 255, np.uint8)
         else:
             colours = _bytes(base.image)[..., :3]
-            self._same_place(base, alpha, "map_Kd and map_d")
+            self._same_slot(base, alpha, "map_Kd and map_d")
         image = np.dstack([colours, resized(coverage, colours.shape[:2])])
         key = (None if base is None else base.name, "alpha", alpha.name, alpha.channel)
         return self.library.slot(key, image, base or alpha, True)
@@ -251,7 +251,7 @@ class _Reader:
     def _slot(self, given: _Map | None, *, srgb: bool) -> TextureSlot | None:
         return None if given is None else self.library.slot((given.name,), given.image[..., :3], given, srgb)
 
-    def _same_place(self, first: _Map | None, second: _Map | None, names: str) -> None:
+    def _same_slot(self, first: _Map | None, second: _Map | None, names: str) -> None:
         if first is not None and second is not None and not np.array_equal(first.matrix, second.matrix):
             self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
 

@@ -129,7 +129,7 @@ class _Placed:
 
 
 def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, location: SourceLocation) -> Stream:
-    """The stream of chunks that a map (3, 4) places. Raises SceneError.
+    """The stream of chunks under a map (3, 4). Raises SceneError.
 
     reverse : turn the fronts to the other side
     location   : the shape's, for errors

@@ -1,4 +1,4 @@
-"""Colours, directions and file names of a scene file: what its types cannot check, with the place in the file."""
+"""Colours, directions and file names of a scene file: what its types cannot check, with the location."""
 
 from __future__ import annotations
 

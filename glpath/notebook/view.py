@@ -43,7 +43,7 @@ from glpath.system.interactive import in_notebook
 
 UInt8 = NDArray[np.uint8]
 
-#: Seconds of path sets in the first image, which pages without a kernel go on to show.
+#: Seconds of path sets in the first image, which pages without a kernel keep.
 _FIRST_SECONDS = 0.5
 #: Seconds between two words on how far it is.
 _WORD_SECONDS = 0.25
@@ -79,8 +79,8 @@ def view(
     double click, or Reset, goes back to the scene's camera. Keys do the same after a click or Tab: arrows turn,
     with shift they shift; + and - go nearer and back; R resets. Stop holds the image. Save writes it as PNG into
     the present folder, with a moment's path sets where it has none yet. `view(...).scene` is the scene as it is
-    seen now, to be rendered, `view(...).film` what has been rendered of it. What moves by itself stands as when the
-    shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
+    seen now, to be rendered, `view(...).film` what has been rendered of it. What moves in the scene stands as
+    when the shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         self._home = live.scene
         self._grip: tuple[float, float] | None = None  # where the pointer was, while it is down
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._told_at = -np.inf
+        self._reported_at = -np.inf
 
         width, height = live.camera.resolution
         what = f"{live.scene.name}, {width} x {height} pixels, by {live.job.integrator.integrator}"
@@ -288,7 +288,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             self._loop.call_soon_threadsafe(self._canvas.request_draw)
 
     def draw(self) -> None:
-        """Go on for a moment, and send an image where there is a new one; called by the widget."""
+        """Render for a moment, and send an image where there is a new one; called by the widget."""
         live = self._live
         if live is None:
             return
@@ -298,7 +298,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             radiance = live.step()
             if radiance is not None:
                 self._canvas.send_frame(self._toned(radiance))
-            self._tell(live)
+            self._report(live)
             if not live.idle:
                 self._canvas.request_draw()
 
@@ -310,15 +310,15 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             self.exposure = image.auto_exposure(radiance)
         return self.exposure
 
-    def _tell(self, live: LiveImage) -> None:
+    def _report(self, live: LiveImage) -> None:
         now = time.perf_counter()
-        if live.idle or now - self._told_at > _WORD_SECONDS:
-            self._told_at = now
+        if live.idle or now - self._reported_at > _WORD_SECONDS:
+            self._reported_at = now
             self._word.value = f"{live.path_sets} of {live.job.spp} path sets"
 
     @contextmanager
     def _shown(self, ends: bool = True) -> Iterator[None]:
-        """An error is shown in the view's place, where it is to end it, or below; the buttons stay."""
+        """An error is shown instead of the view, where it is to end it, or below; the buttons stay."""
         try:
             yield
         except Exception as error:
@@ -354,7 +354,7 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self._owner.handle_event(event)
 
     def _forget_lost_frames(self) -> None:
-        """A page that was loaded anew shows none of the frames that were on their way to the one before.
+        """A page that was loaded anew shows none of the frames sent to the one before.
 
         Without word of them the library sends no others; and a draw that waited for that word in the event loop of
         the old page counts as asked for, so that no other is.

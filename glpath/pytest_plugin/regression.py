@@ -26,13 +26,13 @@ from glpath.compare import (
     default_mode,
     difference_image,
     flip_picture,
-    most_different,
+    max_difference_pair,
     read_limits,
     read_picture,
 )
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.image import read_exr_channels, write_png
-from glpath.pytest_plugin.places import baseline_folder, baseline_name, id_in_file, results_folder
+from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
 
@@ -80,8 +80,8 @@ class RenderRegression:
                   709, or sRGB where it is uint8 or uint16; an image of Pillow; a figure of matplotlib; the path
                   or the bytes of an image file; or a function without parameters that returns one of these
         name    : of the picture, where a test has several
-        mode    : "exact", "fuzzy", "stat" or "flip"; by itself what the marker `render_regression` of the test, its
-                  class or its module says, else what `glpath_mode` says, else "stat" for path-traced films and
+        mode    : "exact", "fuzzy", "stat" or "flip"; by default what the marker `render_regression` of the test,
+                  class or module says, else what `glpath_mode` says, else "stat" for path-traced films and
                   "fuzzy" for all else
         limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`. Those that are not given come
                   from the marker, else from `glpath_limits`
@@ -238,13 +238,13 @@ class RenderRegression:
 
 
 def shown_path(path: str | Path) -> str:
-    """A path as short as it can be said from here."""
+    """A path, relative to here where that is below."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith(os.pardir) else relative
 
 
 def _is_expected_to_fail(item: pytest.Item) -> bool:
-    """Whether a marker xfail holds for the test, as pytest itself sees it; its public interface does not tell."""
+    """Whether a marker xfail holds for the test, as pytest itself sees it; no public interface has it."""
     from _pytest.skipping import evaluate_xfail_marks
 
     return not item.config.getoption("runxfail", False) and evaluate_xfail_marks(item) is not None
@@ -277,9 +277,9 @@ def _load(baseline: Path, picture: Picture, record: dict[str, Any]) -> Picture |
     ours, theirs = ((p.provenance.get(_TEST), p.provenance.get(_NAME, "")) for p in (picture, reference))
     stems = [baseline_name(test or "", name).lower() for test, name in (ours, theirs)]
     if theirs[0] is not None and theirs != ours and stems[0] == stems[1]:
-        said = [f"{test}, picture {name!r}" if name else test for test, name in (theirs, ours)]
+        tests = [f"{test}, picture {name!r}" if name else test for test, name in (theirs, ours)]
         raise UsageError(
-            f"{shown_path(baseline)}: is the baseline of {said[0]}; {said[1]} has the same file name.",
+            f"{shown_path(baseline)}: is the baseline of {tests[0]}; {tests[1]} has the same file name.",
             "Rename one of them.",
         )
     return reference
@@ -325,7 +325,7 @@ def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str
 def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dict[str, Any]) -> dict[str, str]:
     """Write what there is to see into the folder of this picture's results; kind to path.
 
-    Where the system refuses, the summary of the record says so: the difference is what the test fails by.
+    Where the system refuses, the summary of the record has the reason: the difference is what the test fails by.
     """
     files: dict[str, str] = {}
     try:
@@ -337,7 +337,7 @@ def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dic
                 side.save_png(folder / f"{kind}.png")
                 files[kind] = str(folder / f"{kind}.png")
         if reference is not None and reference.mean.shape == picture.mean.shape:
-            a, b = (side.mean for side in most_different(picture, reference))
+            a, b = (side.mean for side in max_difference_pair(picture, reference))
             shown = {"difference": difference_image(a, b)[0]}
             with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
                 shown["flip"] = flip_picture(a, b)

@@ -109,7 +109,7 @@ def _moved_shape(
 
 
 def _shifted(maps: Float64, origin: Float64) -> Float64:
-    """(N, 3, 4), what they place being relative to the origin (3,)."""
+    """(N, 3, 4) maps whose results are relative to the origin (3,)."""
     found = np.array(maps, np.float64)
     found[:, :, 3] -= origin
     return found

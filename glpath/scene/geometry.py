@@ -107,7 +107,7 @@ IDENTITY.flags.writeable = False
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A named geometry of one material, an object in the words of TB; it may stand in several places.
+    """A named geometry of one material, an object in the words of TB; it may have several instances.
 
     geometry           : a mesh, the exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`, or a
                          stream, which is in world space already

@@ -22,7 +22,7 @@ from glpath.scene.geometry import perpendicular
 
 Float64 = NDArray[np.float64]
 
-# A picture's sums have bits for so much more than what is said to be bright (`glpath.gl.sums` has 2**24).
+# A picture's sums have bits for so much more than `typical_radiance` (`glpath.gl.sums` has 2**24).
 _SUMS_HOLD = 2.0**20
 # What 32 bits can square; as in scene files.
 _LARGEST = 1e15
@@ -63,7 +63,7 @@ class Sky:
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright places, as `glpath.lights.lighting.max_radiance` wants it."""
+        """Of bright surfaces, as `glpath.lights.lighting.max_radiance` wants it."""
         return self.max_radiance
 
     def directions(self, u: Float64) -> Float64:
@@ -184,7 +184,7 @@ class Environment:
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright places, as `glpath.lights.lighting.max_radiance` wants it.
+        """Of bright surfaces, as `glpath.lights.lighting.max_radiance` wants it.
 
         That of a white surface which all of the light falls on straight, where it is below that of the map: a small
         sun is far above all that it lights.
@@ -273,7 +273,7 @@ class _Halves(NamedTuple):
     A tent falls from its row's middle to those of the rows beside it; beyond the first and the last it is flat.
 
     foot : (2 h,) the angle at which the half begins: where it is 0, or, of a flat one, the pole
-    sign : (2 h,) +1 or -1, in which sense it goes on from there
+    sign : (2 h,) +1 or -1, in which sense it continues from there
     flat : (2 h,) bool
     mass : (2 h,) its integral
     """

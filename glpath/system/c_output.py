@@ -1,6 +1,6 @@
-"""What C libraries write to standard output and standard error by themselves is held back.
+"""What C libraries write to standard output and standard error is held back.
 
-OpenEXR does so before it raises: its lines would stand before the error that tells the user what to do, or within a
+OpenEXR does so before it raises: its lines would stand before the error with its remedy, or within a
 picture that goes to standard output.
 """
 

@@ -1,6 +1,6 @@
 """Files that appear whole or not at all, and outputs of which none is lost for another's sake.
 
-A file is written beside its place under another name and then moved there, also when the process is stopped
+A file is written beside its target under another name and then moved there, also when the process is stopped
 meanwhile. It and the entry of its folder are on the disk (fsync) when the call returns. Missing folders of an
 output are made: who types `-o out/a.png` means it. A pipe or a device is written into, never replaced; `-` is
 standard output.
@@ -44,7 +44,7 @@ def is_stream(path: str | Path) -> bool:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """The place to write a file to, so that it appears at `path` whole or not at all.
+    """Where to write a file, so that it appears at `path` whole or not at all.
 
     On leaving the block the file is moved to `path`, over what was there, or copied into it where that is a pipe or
     a device; if the block fails it is removed. Missing folders are made. A link is followed. Raises ImageError when
@@ -137,7 +137,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name is on the disk, too; file systems that have no such call keep it in their own way."""
+    """The new name is on the disk, too; not all file systems have such a call."""
     with suppress(PermissionError):  # a folder that may be written but not read
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -201,7 +201,7 @@ def check_writable(path: str | Path) -> None:
     folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
         folder = folder.parent
-    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems. By
+    # Only trying is sure: permissions say little about root, network shares and read-only file systems. By
     # the very name, which may be too long.
     trial = folder / _temporary_name(target)
     try:

@@ -1,4 +1,4 @@
-"""A sign of life: whoever ends a piece of work says so here, and a watchdog hears when nobody does any more."""
+"""A sign of life: finished pieces of work are reported here, and a watchdog hears when none is any more."""
 
 from __future__ import annotations
 

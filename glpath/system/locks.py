@@ -1,10 +1,10 @@
-"""Two processes that would write one file: the second is told who the first is.
+"""Two processes that would write one file: the second gets an error that names the first.
 
     with Lock(Path("a.checkpoint.npz"), "a render"):
         ...
 
 A lock is a file beside, `.a.checkpoint.npz.lock`, of which bytes are locked (`F_OFD_SETLK`): the kernel lets go of
-them when the process ends, whatever ends it, so that one that was killed keeps nobody out. What stands in the file
+them when the process ends, whatever ends it, so that a killed one leaves no stale lock. What stands in the file
 says who holds it, for the message alone. It is removed at the end; what a killed process has left is taken over.
 
 Network file systems: on NFS (4, or 3 with its lock daemon) it holds between machines, too; when a machine dies, its
@@ -113,7 +113,7 @@ class Lock:
             if error.errno not in _HELD:
                 raise
             raise self._refusal([each for each in held if self._meets(each)]) from None
-        # Whoever is said to hold a part of this did not leave in peace.
+        # What is recorded as a holder of this part was killed.
         mine = {
             "pid": os.getpid(),
             "host": socket.gethostname(),
@@ -161,7 +161,7 @@ class Lock:
         return GlpathError(
             f"{self._path}: {self._what} has it already: {who}.",
             f"Wait until that ends, or end it{end}; or name another output. Once it has ended, however that was, "
-            f"{self._file} keeps nobody out.",
+            f"{self._file} locks nothing.",
         )
 
 

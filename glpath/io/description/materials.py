@@ -106,7 +106,7 @@ class Principled(Surface, tag="principled", kw_only=True):
     thin: Annotated[
         bool,
         Meta(
-            description="true: glass is a pane, which does not refract. false: the surface of a solid that does, "
+            description="true: a thin dielectric, which does not refract. false: the surface of a solid that does, "
             "which should be closed, with its fronts outward."
         ),
     ] = False

@@ -171,7 +171,7 @@ class Surfaces:
         slot = material.emission_texture
         if slot is not None:
             made.emissiveTexture = self._slot(slot, srgb=True)
-            emission = emission * self._brightest(slot.texture)
+            emission = emission * self._max_emission(slot.texture)
         emission = conversion(self.scene.unit, "photometric") * emission
         strength = max(float(emission.max()), 1.0)
         made.emissiveFactor = (emission / strength).tolist()
@@ -240,13 +240,13 @@ class Surfaces:
         if texture.image.dtype == np.uint8 and texture.srgb == srgb:
             return np.asarray(texture.image, np.uint8)
         values = texture.linear().astype(np.float64)
-        values[..., :3] /= self._brightest(number)
+        values[..., :3] /= self._max_emission(number)
         values = np.clip(values, 0.0, 1.0)
         if srgb:
             values[..., :3] = encode_srgb(values[..., :3])
         return np.asarray(np.round(255.0 * values), np.uint8)
 
-    def _brightest(self, number: int) -> float:
+    def _max_emission(self, number: int) -> float:
         """What a texture is divided by, so that it is at most one."""
         image = self.scene.textures[number].image
         return 1.0 if image.dtype == np.uint8 else max(float(image[..., :3].max()), 1.0)

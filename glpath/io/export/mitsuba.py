@@ -70,7 +70,7 @@ def described(
 ) -> MitsubaScene:
     """The scene in Mitsuba's plugins, in triangles.
 
-    instances : a mesh that stands in several places is kept once; False makes triangles of all, which take more
+    instances : a mesh with several instances is kept once; False makes triangles of all, which take more
                 memory and less time to trace
 
     Raises SceneError for what `path_traceable` refuses.
@@ -178,7 +178,7 @@ def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
 
 
 def _opacity_everywhere(scene: Scene, shape: Shape) -> float | None:
-    """The opacity that a shape has all over; None where it differs from place to place."""
+    """The opacity that a shape has all over; None where it varies."""
     material = scene.materials[shape.material]
     if material.alpha == "opaque":
         return 1.0

@@ -206,13 +206,14 @@ class _Surface:
         alpha = (material.roughness or 0.0) ** 2
         made: Plugin = {"int_ior": material.ior, "ext_ior": 1.0, "specular_transmittance": self._colour()}
         if material.thin:
-            # A pane of Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
+            # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
             reflected, grazing = material.dielectric
             root = np.sqrt(reflected.mean() / (2.0 - reflected.mean()))
             made["int_ior"] = float((1.0 + root) / (1.0 - root))
             if grazing > 0 or alpha >= SMOOTH:
                 self._note(
-                    "its pane reflects as ours at normal incidence, with an index for that, and not as rough"
+                    "its thin dielectric reflects as ours at normal incidence, with an index for that, "
+                    "and not as rough"
                 )
             return {"type": "thindielectric", **made}
         if alpha < SMOOTH:
@@ -263,7 +264,7 @@ def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: 
     if texture.filter == "nearest":
         made["filter_type"] = "nearest"
     if texture.wrap[0] != texture.wrap[1]:
-        note(f'the texture "{texture.name}" goes on along v as along u: {texture.wrap[0]}')
+        note(f'the texture "{texture.name}" is wrapped along v as along u: {texture.wrap[0]}')
     if texture.wrap[0] != "repeat":
         made["wrap_mode"] = texture.wrap[0]
     matrix = map_downwards(slot.uv_transform, texture.scale)

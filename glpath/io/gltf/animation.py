@@ -18,7 +18,7 @@ from glpath.scene.model import Float64
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 # While a shutter is open: a turn of a hundred degrees between two of them would still be less than half a turn.
-_EVEN_TIMES, _MOST_KEYS = 17, 64
+_EVEN_TIMES, _MAX_KEYS = 17, 64
 _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 
@@ -61,15 +61,15 @@ def poses_at(document: Document, accessors: Accessors, time: float | None) -> di
 def shutter_times(document: Document, accessors: Accessors, opened: float, closed: float) -> Float64:
     """(K,) times at which nodes are looked for, so that what lies between goes nearly straight: even ones and keys.
 
-    Keys beyond `_MOST_KEYS` are left out.
+    Keys beyond `_MAX_KEYS` are left out.
     """
     keys: list[Float64] = []
     for animation in document.all("animations"):
         for sampler in animation.tables("samplers"):
             every, at = accessors.document.all("accessors"), sampler.location.field("input")
             times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
-            keys.append(times[(times > opened) & (times < closed)][:_MOST_KEYS])
-    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MOST_KEYS]
+            keys.append(times[(times > opened) & (times < closed)][:_MAX_KEYS])
+    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MAX_KEYS]
     return np.union1d(np.linspace(opened, closed, _EVEN_TIMES), inside)
 
 
@@ -115,7 +115,7 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
 
 
 def slerp(a: Float64, b: Float64, t: float) -> Float64:
-    """(4,) between two unit quaternions, the shorter way round [Shoemake 1985]."""
+    """(4,) between two unit quaternions, on the shorter arc [Shoemake 1985]."""
     cosine = float(a @ b)
     b, cosine = (b, cosine) if cosine >= 0 else (-b, -cosine)
     if cosine > 1 - 1e-12:

@@ -1,8 +1,8 @@
 """The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
 
 The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
-an error names its place. pygltflib would make dataclasses of it, but takes values of any type for them, drops what
-it does not know, and opens whatever a URI names; it stays with what is written.
+an error names its location. pygltflib would make dataclasses of it, but takes values of any type, drops what it
+does not know, and opens whatever a URI names; it stays with what is written.
 
 Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
 """
@@ -106,12 +106,12 @@ class Document:
     def take(self, size: int, location: SourceLocation) -> None:
         """Count bytes that are about to be decoded. Raises SceneError when all together are too many."""
         self._decoded += size
-        most = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
-        most = min(most, limits.MAX_DECODED_BYTES)
-        if self._decoded > most:
+        allowed = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
+        allowed = min(allowed, limits.MAX_DECODED_BYTES)
+        if self._decoded > allowed:
             raise location.error(
                 f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "
-                f"{self.stored:,} bytes may unfold to {most:,}.",
+                f"{self.stored:,} bytes may unfold to {allowed:,}.",
                 "Simplify the model, or split it into several files.",
             )
 
@@ -232,9 +232,11 @@ def read_document(path: Path) -> Document:
     document = Document(root, location, path.parent, binary, len(content))
     _check_version(root)
     _check_extensions(document)
-    for name, most in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
-        if len(document.all(name)) > most:
-            raise location.field(name).error(f"has {len(document.all(name)):,} entries; at most {most:,} are read.")
+    for name, max_count in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
+        if len(document.all(name)) > max_count:
+            raise location.field(name).error(
+                f"has {len(document.all(name)):,} entries; at most {max_count:,} are read."
+            )
     return document
 
 
@@ -309,9 +311,9 @@ def _decoded(text: bytes, location: SourceLocation) -> dict[str, Any]:
 
 def _check_version(root: Table) -> None:
     asset = root.table("asset")
-    version, least = str(asset.values.get("version", "")), asset.text("minVersion") or "2.0"
-    if not version.startswith("2.") or not least.startswith("2.0"):
-        needed = version if not version.startswith("2.") else least
+    version, min_version = str(asset.values.get("version", "")), asset.text("minVersion") or "2.0"
+    if not version.startswith("2.") or not min_version.startswith("2.0"):
+        needed = version if not version.startswith("2.") else min_version
         raise asset.location.field("version").error(
             f"is {needed!r}, but glTF 2.0 is read.", "Convert the file, e.g. by opening it in Blender."
         )

@@ -1,7 +1,7 @@
 """glTF 2.0 models: `read_gltf`.
 
-What is not used of a file is said in `Model.notes`; what must not be in one (paths that leave its folder, lengths
-that lie, nodes in a circle) is a SceneError that names the place.
+What is not used of a file is listed in `Model.notes`; what must not be in one (paths that leave its folder, lengths
+that lie, nodes in a circle) is a SceneError that names the location.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Model:
     cameras   : all of the scene
     camera    : the one that was asked for, else the first; None where there is none
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
-    notes     : what the file holds that is not used, each said once
+    notes     : what the file holds that is not used, each once
     unit      : of its light; None where the format has none
     """
 
@@ -210,7 +210,7 @@ class _Group:
     motion: Motion | None = None
     nodes: list[int] = field(default_factory=list)
 
-    def place_nodes(self, world: Float64) -> None:
+    def add_instances(self, world: Float64) -> None:
         """Have the instances of `nodes` among `maps`."""
         if self.nodes:
             self.maps.append(world[self.nodes, :3])
@@ -274,7 +274,7 @@ class _Shapes:
                 self._check_extent(part.mesh, self.nodes.world[part.nodes, :3], part.primitive)
         shapes = []
         for group in self.groups.values():
-            group.place_nodes(self.nodes.world)
+            group.add_instances(self.nodes.world)
             surface = self.surfaces.surfaces[group.surface]
             shapes.append(
                 Shape(
@@ -373,7 +373,7 @@ class _Shapes:
             else:
                 made = self.primitives.skinned(primitive, weights, uv_sets, skin)
             if made is not None:
-                self._place(part, made, surface, maps, primitive, index)
+                self._add_shape(part, made, surface, maps, primitive, index)
 
     def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
         """(M,) of the morph targets: animated, the node's, or the mesh's."""
@@ -396,7 +396,7 @@ class _Shapes:
         index = node.index("skin", skins, "skins")
         return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
 
-    def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
+    def _add_shape(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
         """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
         determinant, size = _stretch(maps[:, :, :3])
         flat = ~(np.abs(determinant) > _FLAT * size)
@@ -412,11 +412,11 @@ class _Shapes:
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
                 path = None  # its joints say where it is
-            # What moves is a shape of its own, as its instances all go one way.
+            # What moves is a shape of its own, as its instances move together.
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])
-            self.groups[key].place_nodes(self.nodes.world)
+            self.groups[key].add_instances(self.nodes.world)
             self.groups[key].maps.append(maps[chosen])
             if path is not None:
                 assert self.paths is not None, "asked above"

@@ -89,13 +89,13 @@ def _on_a_circle(parent: Mapping[int, int], count: int) -> int:
     """The number of a node that is its own ancestor."""
     settled: set[int] = set()
     for start in range(count):
-        index, on_the_way = start, set[int]()
+        index, on_path = start, set[int]()
         while index in parent and index not in settled:
-            if index in on_the_way:
+            if index in on_path:
                 return index
-            on_the_way.add(index)
+            on_path.add(index)
             index = parent[index]
-        settled |= on_the_way
+        settled |= on_path
     raise AssertionError("a node was not reached, but none is on a circle")
 
 

@@ -1,6 +1,6 @@
 """Photometric profiles of a document: EXT_lights_ies.
 
-Untransformed, gamma = 0 is along -z and C = 0 along +x; C goes the way that turns x to y.
+Untransformed, gamma = 0 is along -z and C = 0 along +x; C grows from x towards y.
 
 Source: EXT_lights_ies.
 """

@@ -66,7 +66,7 @@ class Surfaces:
     _names: set[str] = field(default_factory=set)
 
     def number(self, index: int | None) -> int:
-        """The place in `surfaces` of a material of the document; None is glTF's default."""
+        """The index in `surfaces` of a material of the document; None is glTF's default."""
         if index not in self._numbers:
             table = Table({}, self.document.location.field("materials"))
             if index is not None:
@@ -289,7 +289,7 @@ class Surfaces:
         )
 
     def _texture(self, found: _LookUp, srgb: bool) -> int:
-        """The place in `textures` of a texture of the document, of one colour space."""
+        """The index in `textures` of a texture of the document, of one colour space."""
         key = (found.source, found.wrap, found.filter, srgb)
         if key not in self._texture_numbers:
             image = self._image(found.source)
@@ -354,7 +354,7 @@ def _uv_transform(table: Table) -> Float64:
     """(2, 3): KHR_texture_transform with v upwards.
 
     The extension's text turns coordinates counter-clockwise as one sees the image, with v downwards, and so do
-    viewers; its GLSL turns them the other way round [KhronosGroup/glTF issue 1563].
+    viewers; its GLSL turns them clockwise [KhronosGroup/glTF issue 1563].
     """
     angle = table.number("rotation", 0.0)
     c, s = np.cos(angle), np.sin(angle)
