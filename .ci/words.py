@@ -46,6 +46,7 @@ WORDS = {
     "blocker": "occluder",
     "blockers": "occluders",
     "frosted": "rough transmission",
+    "whoever": "the caller, the subclass, the next pass",
 }
 #: Of identifiers alone; in prose they are plain English.
 IDENTIFIERS = {"least": "min", "most": "max", "shades": "occluders", "reach": "extent, radius, margin"}

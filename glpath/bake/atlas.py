@@ -362,7 +362,7 @@ def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
 
 
 def _corners(scene: Scene, part: Part, unit: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """What xatlas takes: points (V, 3) of a part, and the three of each of its triangles."""
+    """For xatlas: points (V, 3) of a part, and the three of each of its triangles."""
     triangles, side, density = part
     steps, step = corners_in_steps(scene.triangles[triangles])
     points, faces = np.unique(steps.reshape(-1, 3), axis=0, return_inverse=True)

@@ -242,7 +242,7 @@ class Lightmap:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the first page, base colour times light, at most 1024 texels long, and a line."""
+        """Jupyter's view: the first page, base colour times light, at most 1024 texels long, and a line."""
         from glpath.bake.files import radiance_of
 
         radiance, _ = radiance_of(self)

@@ -258,7 +258,7 @@ def _shining_points(
         lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
         towards, length = _unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins)
         back = np.einsum("ij,ij->i", surfaces.normals[lamp], towards) > 0
-        # Who is behind a lamp that shines from its front alone is joined with nothing.
+        # A point behind a lamp that shines from its front alone is joined with nothing.
         made.append((towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp))
     return made
 

@@ -1,4 +1,4 @@
-"""Sides of triangles that are inside a closed, opaque solid without a light in it, where nobody sees them.
+"""Sides of triangles that are inside a closed, opaque solid without a light in it, where they are never seen.
 
 A closed surface is a set of triangles each edge of which two of them share, in opposite order, and which does not
 cross itself. One of its sides is then its inside everywhere, whatever its winding, and the sign of its volume

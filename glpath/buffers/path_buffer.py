@@ -60,7 +60,7 @@ class ScanView:
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan: what `scan_scene`, and whoever reads its result, goes by.
+    """A scan: the input of `scan_scene` and of the passes that read its result.
 
     frames   : of each view the axes u and v of its cells, two of (3,)
     uniforms : of shaders that include path_view.glsl, ray_record.glsl or path_result.glsl
@@ -71,7 +71,7 @@ class Scan:
 
 
 class Hits(NamedTuple):
-    """What rays hit.
+    """The hits of rays.
 
     triangle : (N,) int32, number of the triangle, -1 where nothing is hit
     t        : (N,) float64, distance along the ray, inf where nothing is hit
@@ -82,7 +82,7 @@ class Hits(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """What lies in the buffer after a scan; up to four rays a cell, row 0 at the top.
+    """The buffer's contents after a scan; up to four rays a cell, row 0 at the top.
 
     z0       : (rows, columns, 4) float32, where each ray starts: scene units along the direction from the scene's
                centre; NaN where there is no ray

@@ -52,7 +52,7 @@ _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
 class Entries(NamedTuple):
-    """What the rays of a buffer's cells meet.
+    """The hits of the rays of a buffer's cells.
 
     primitive : (faces, rows, columns) int32, number of the primitive, -1 for none
     t         : (faces, rows, columns) float32, distance from the light, inf for none
@@ -63,7 +63,7 @@ class Entries(NamedTuple):
 
 
 class PointShadowBuffer(Owner, ABC):
-    """What punctual lights see in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
+    """Depths seen from punctual lights in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
 
     All lights share one texture, a tile for each, so that a shader can loop over them.
 

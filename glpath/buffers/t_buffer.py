@@ -1,4 +1,4 @@
-"""What the eye sees, as (object, t) for every pixel: by the classical algorithm, and by the T-buffer [TB II].
+"""Primary visibility, as (object, t) for every pixel: by the classical algorithm, and by the T-buffer [TB II].
 
 Both shoot the ray through every pixel with the same routines (`scene/object_intersect.glsl`), so they hold the
 same bits; they differ in which rays they shoot. The T-buffer takes object by object and shoots the rays that may
@@ -305,7 +305,7 @@ class _Squares:
 
 
 class _LargePrimitives:
-    """Those of one kind that are to be drawn, in the order of their numbers.
+    """Draws the primitives of one kind, in the order of their numbers.
 
     marks    : a bit of each primitive
     elements : the vertices of those that are marked, for t_buffer.vert, which may read no storage buffer

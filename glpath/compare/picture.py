@@ -71,7 +71,7 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What is compared.
+    """A picture to compare.
 
     mean       : (H, W, 3) float64, linear Rec. 709, row 0 at the top
     noise      : None where nothing is known of it: arrays, and films of one batch
@@ -249,7 +249,7 @@ class Picture:
 
 
 def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:
-    """What glpath has written into the header of a file."""
+    """The texts of glpath in the header of a file."""
     return {key: value for key, value in header.items() if key.startswith("glpath.") and isinstance(value, str)}
 
 

@@ -67,13 +67,13 @@ def picture_from_bytes(data: bytes) -> Picture:
 
 
 def is_pillow(value: object) -> bool:
-    """Whether it is an image of Pillow, which is not imported here: who has one has done so."""
+    """Whether it is an image of Pillow, which is not imported here: the caller has done so."""
     module = sys.modules.get("PIL.Image")
     return module is not None and isinstance(value, module.Image)
 
 
 def picture_of_pillow(image: Image) -> Picture:
-    """What the image shows: the frame that it is at, palettes as their colours. Raises ImageError."""
+    """The image's present frame, palettes as their colours. Raises ImageError."""
     return Picture.of_array(_array_of_pillow(image, "the image"))
 
 

@@ -377,7 +377,7 @@ class Film:
         return float(np.hypot(np.sqrt(square), self.solution_error() or 0.0))
 
     def solution_error(self) -> float | None:
-        """What of `relative_error` a gather has from its radiosity solution: more path sets do not lower it.
+        """The part of `relative_error` from a gather's radiosity solution: more path sets do not lower it.
 
         The standard error of the picture's mean over that mean (`FilmMetadata.solution_error`), taken to be the
         same in all pixels, each weighed as `relative_error` does. None where it is not known.
@@ -389,7 +389,7 @@ class Film:
         return error / whole * float(np.sqrt(np.mean(mean**2 / (mean**2 + 0.01)))) if whole > 0 else 0.0
 
     def error_bound(self, confidence: float = 0.95) -> float | None:
-        """What the error of the image stays below with so much confidence: the bound that a noise limit looks at.
+        """The bound of the image's error at a confidence, which a noise limit compares with.
 
         The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
         channels of e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders
@@ -510,7 +510,7 @@ class Film:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
+        """Jupyter's view: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
         if self.before_shown is not None:
             self.before_shown()
         return self.shown()
@@ -530,7 +530,7 @@ class Film:
         return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels"
 
     def provenance(self, *, denoised: bool = False) -> dict[str, str]:
-        """What made the film, or the picture that is `denoised`, and which path sets are in it, as texts for a
+        """The provenance of the film, or of the picture that is `denoised`, and its path sets, as texts for a
         file's header."""
         return {
             "Software": f"glpath {self.metadata.versions.get('glpath', '')}".strip(),

@@ -1,4 +1,4 @@
-"""What made a film, as its files carry it: read with suspicion, and merged."""
+"""A film's provenance, as its files carry it: validated when read, and merged."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class FilmMetadata:
-    """What made a film. Films merge when all that decides the image is equal.
+    """A film's provenance. Films merge when all that decides the image is equal.
 
     scene           : name of the scene, for people
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it

@@ -21,7 +21,7 @@ from glpath.system.npz import open_npz
 
 
 class FilmParts(NamedTuple):
-    """What `glpath.film.film.Film` is made of, and says of its fields, in their order."""
+    """The fields of `glpath.film.film.Film`, in their order."""
 
     radiance_sums: NDArray[np.float64]
     batch_counts: NDArray[np.int64]
@@ -95,5 +95,5 @@ def read_parts(path: str | Path) -> FilmParts:
 
 
 def _aov_key(name: str) -> str:
-    """What an .npz calls the sums of an AOV."""
+    """The name of an AOV's sums in an .npz."""
     return f"{name}_sums"

@@ -23,7 +23,7 @@ _MIN_ENCODED, _MAX_ENCODED = 8, 0x7FFF
 
 
 class Header(NamedTuple):
-    """What stands before the pixels.
+    """The header before the pixels.
 
     size     : (width, height), pixels
     flips    : columns go to the left; rows go up

@@ -16,7 +16,7 @@ _DISTANT = 16.0
 
 
 def camera_defines(camera: Camera, own_lens: bool = False) -> dict[str, object]:
-    """What the camera's kind says to programs that include camera.glsl; nothing of a pinhole.
+    """The defines of the camera's kind for programs that include camera.glsl; none of a pinhole.
 
     own_lens : each pixel has a point of the lens of its own (`lens_uniforms`); else all rays of a path set go
                through one, which makes the lens a pinhole beside its middle
@@ -36,13 +36,13 @@ def eye_uniforms(
     lens: ArrayLike | None = None,
     ahead: float = 0.0,
 ) -> dict[str, object]:
-    """What rays through a window of the image need.
+    """The uniforms for rays through a window of the image.
 
     window : (x, y, width, height) in pixels of the whole image, y from the top; None: all of it
     pixel  : position in each pixel, x to the right and y down, each in [0, 1)
     lens   : (2,) in [0, 1), the point of a lens that all rays go through; None: its middle
-    ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor for
-             who takes all rays to start at one point
+    ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor
+             where all rays start at one point
     """
     width, height = camera.resolution
     x, y, w, h = window or (0, 0, width, height)
@@ -86,7 +86,7 @@ def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple
 
 
 def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, object]:
-    """What rays need each of which has a point of the lens of its own.
+    """The uniforms for rays with a lens point each.
 
     lens : (2,) in [0, 1), the path set's; each pixel shifts it by numbers that follow from the seed, 32 bits
     """

@@ -41,7 +41,7 @@ def radiosity_glsl() -> str:
 
 
 class Values(Protocol):
-    """What is looked up.
+    """The table to look up.
 
     values       : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
                    triangle

@@ -196,7 +196,7 @@ class DeviceScene(Owner):
 
     @cached_property
     def triangles(self) -> TriangleIndices:
-        """What a rasteriser takes; made when first asked for, as the ray tracers never do."""
+        """The vertex arrays of a rasteriser; made at the first use, as the ray tracers need none."""
         return TriangleIndices(self.gl, self.scene.shapes.faces.astype(np.uint32))
 
     @cached_property

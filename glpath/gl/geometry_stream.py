@@ -210,7 +210,7 @@ class StreamedScan:
     name, target, state : of the `Pass` for a chunk, which clears nothing
     shaders  : its vertex and fragment shader, compiled with STREAMED_CHUNK
     parts    : what they include
-    records  : where the triangles that `seen` names are kept, from `stream.records`; None where nobody shades them
+    records  : where the triangles that `seen` names are kept, from `stream.records`; None where they are not shaded
     seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
     paths    : of such a scan, (columns, rows) of its paths; triangles that none of them can meet are not drawn
     """

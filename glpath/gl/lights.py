@@ -26,7 +26,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
 
 
 def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None) -> Uniforms:
-    """What rays see that hit nothing, black without a sky; with its lighting, how densely it is sampled as well."""
+    """Uniforms of the sky, black without one; with its lighting, its sampling density as well."""
     uniforms: Uniforms
     if isinstance(sky, Environment):
         middle, _, up = sky.frame
@@ -42,7 +42,7 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
 
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:
-    """What `shaders/lights/light_sample.glsl` asks for: which kinds of light there are."""
+    """The defines of `shaders/lights/light_sample.glsl`: the kinds of light."""
     return defined(
         HAS_POSITIONAL_LIGHTS=lighting.positional, HAS_DISTANT_LIGHTS=lighting.infinite, HAS_SKY=sky is not None
     )

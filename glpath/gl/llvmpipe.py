@@ -21,7 +21,7 @@ from glpath.errors import ShaderError
 from glpath.gl.conditions import Conditions
 
 TEXELS = ("auto", "image", "fetch")
-#: The vertex shader of passes over all texels: of its three vertices nobody counts the outputs.
+#: The vertex shader of passes over all texels: the outputs of its three vertices cost nothing.
 FULLSCREEN = "gl/fullscreen.vert"
 
 _IMAGE = "_as_image"

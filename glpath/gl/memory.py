@@ -1,4 +1,4 @@
-"""What a device has no memory for is named with its size, when it is asked for; OpenGL itself stays silent."""
+"""Errors for what exceeds the device's memory, with its size, where it is allocated; OpenGL gives none."""
 
 from __future__ import annotations
 

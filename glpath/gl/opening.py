@@ -45,7 +45,7 @@ class CollectingContext(NamingContext):
     """moderngl's context, with objects that free what they have on the device when Python collects them.
 
     Python does so in any thread. In the one where the context is current they are deleted at once; in another the
-    calls would reach no context, so they queue up in `objects`, and whoever has the context next deletes them.
+    calls would reach no context, so they queue up in `objects`, and the next thread with the context deletes them.
 
     holder : the thread where the context is current
     """

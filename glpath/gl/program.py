@@ -44,7 +44,7 @@ def shader_folder() -> Path:
     )
 
 
-#: Programs that a context keeps for whoever asks next. An engine has 3 to 12, which it keeps as long as it lives;
+#: Programs that a context keeps for later use. An engine has 3 to 12, which it keeps as long as it lives;
 #: llvmpipe takes some 5 MB for each.
 MAX_PROGRAMS = 32
 

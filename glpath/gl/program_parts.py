@@ -1,4 +1,4 @@
-"""What a program has of the things that its shaders include: a scene, a tree of boxes, a radiosity solution."""
+"""The parts of a program that its shaders include: a scene, a BVH, a radiosity solution."""
 
 from __future__ import annotations
 

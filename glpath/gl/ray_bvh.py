@@ -93,7 +93,7 @@ class RayBvh:
 
 
 class _MovingItems:
-    """What of the texture changes when triangles move, and where it lies."""
+    """The rows of the texture that change when triangles move."""
 
     def __init__(
         self,

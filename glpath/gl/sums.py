@@ -18,7 +18,7 @@ _NAMES = ("sum_low", "sum_high")
 
 
 class Taken(NamedTuple):
-    """What was summed.
+    """Sums that were read back.
 
     radiance : (h, w, 3) float64, row 0 at the top; multiples of one power of two
     low, high : (h, w) uint32, the events that were counted along

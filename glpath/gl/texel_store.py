@@ -25,7 +25,7 @@ Layout = Mapping[str, Mapping[str, str]]
 
 
 class Kind(NamedTuple):
-    """What a texel's four components are."""
+    """The type of a texel's four components."""
 
     dtype: type[np.generic]
     gl: str  # moderngl's name

@@ -29,7 +29,7 @@ MAX_TEXTURE_BYTES = 2 << 30
 
 
 class TextureImages:
-    """What shaders read of textures.
+    """The textures of a scene for shaders.
 
     of_materials : (materials, 2, 4) int64, section "slots"
     slots        : (slots, 1, 4) int64, section "slot"

@@ -52,7 +52,7 @@ _SETS_READ = 8
 def light_aovs(
     settings: IntegratorSettings, sums: PixelSums, dropped: NDArray[np.integer[Any]]
 ) -> dict[str, NDArray[np.float64]]:
-    """What `Film.add` takes of the AOVs that are of light, when radiance has been taken.
+    """The sums of the AOVs of light for `Film.add`, when radiance has been taken.
 
     dropped : (h, w) samples that were not finite
     """
@@ -63,10 +63,10 @@ def light_aovs(
 
 @dataclass(frozen=True)
 class Seen:
-    """What every pixel of a window sees first.
+    """The first hit of every pixel of a window.
 
     buffer  : (w, h) uint, the primitive + 1, 0 for none; of two components: and the bits of its t
-    defines : of whoever sees, see `gl.camera.camera_defines`
+    defines : of the sensor, see `gl.camera.camera_defines`
     hit_records : records of streamed triangles, by the name in GLSL, where the scene has such
     """
 
@@ -149,7 +149,7 @@ class EyeAovs:
             self._unread += 1
 
     def take(self) -> dict[str, NDArray[np.float64] | NDArray[np.uint32]]:
-        """What `Film.add` takes of them, over the path sets since the last call."""
+        """Their sums for `Film.add`, over the path sets since the last call."""
         self._collect()
         found: dict[str, NDArray[np.float64] | NDArray[np.uint32]] = {
             name: sums for name, sums in self._taken.items() if name in self._names

@@ -28,8 +28,8 @@ Window = tuple[int, int, int, int]
 class Engine(Owner, ABC):
     """The path sets of one window of the image.
 
-    Constructors take what they are given; `prepare` makes what is needed on the device, and everything else comes
-    after it. Whoever derives from it writes `prepare` and `trace_path_set`.
+    Constructors store their arguments; `prepare` allocates on the device, before all other calls. Subclasses define
+    `prepare` and `trace_path_set`.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ class Engine(Owner, ABC):
         return taken.radiance
 
     def take_aovs(self) -> dict[str, NDArray[Any]]:
-        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
+        """The sums of the AOVs for `Film.add`, over the path sets of the last `take`."""
         return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
 
     def statistics(self) -> dict[str, object]:
-        """What was counted in the path sets taken so far.
+        """The counts of the path sets taken so far.
 
         dropped_samples : not finite, and counted as 0
         stage_ms        : milliseconds by stage, where timed
@@ -124,7 +124,7 @@ class Engine(Owner, ABC):
         """Count what else an engine's shaders count along with the sums."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """What programs and passes are made for."""
+        """The kind of sensor that programs and passes are made for."""
         return (*sensor.kind, None)
 
 

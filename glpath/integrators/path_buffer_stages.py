@@ -1,4 +1,4 @@
-"""The stages that a path set is made of, whoever puts them in order [PB 3, appendix B].
+"""The stages of a path set, for any order [PB 3, appendix B].
 
 A path set is one path for every pixel. Its paths share their directions and one light sample, so that a bounce is
 one scan of the path-buffer and direct light one shadow-buffer. `PathBufferTracer` and `PathBufferGather` are frames
@@ -104,7 +104,7 @@ class SetLight:
 
 
 class PathBufferStages(PathSetEngine):
-    """The stages of one window of the image; whoever derives from it writes `trace_path_set`.
+    """The stages of one window of the image; subclasses define `trace_path_set`.
 
     See `PathSetEngine` for the parameters.
     """
@@ -235,7 +235,7 @@ class PathBufferStages(PathSetEngine):
     # What the frame is made of.
 
     def _scene_of_bounces(self) -> DeviceScene:
-        """What paths meet from their second vertex on: the scene, or a simpler one [PB 6.1].
+        """The scene for paths from their second vertex on, which may be a simpler one [PB 6.1].
 
         All that concerns those vertices is of it: scans, shadows and surfaces.
         """

@@ -1,4 +1,4 @@
-"""What the engines of path sets have in common: where paths start, by a camera's eye or at points."""
+"""The base of engines with path sets: where paths start, at a camera's eye or at points."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ class PathSetEngine(Engine):
             self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
-        """What the eye's rays, or points, need: their position in each pixel, and the path set's number."""
+        """The uniforms of the eye's rays, or points: their position in each pixel, and the path set's number."""
         seed, sample = self.settings.seed, (float(pixel[0]), float(pixel[1]))
         own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
         if self._points is not None:
@@ -189,7 +189,7 @@ class PathSetEngine(Engine):
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """What programs and passes are made for."""
+        """The kind of sensor that programs and passes are made for."""
         moving = self.scene.moving is not None
         return (*sensor.kind, sensor.shutter if moving else None)
 

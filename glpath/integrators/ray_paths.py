@@ -1,15 +1,14 @@
 """The integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
 
-A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the position in their
-pixels: each has its own directions, by the cosine of its surface or, where there is a radiosity solution, by the
-light that comes from there (`path_guide`), and its own choice among a sample of each light, by what it would send.
-A gather's path parts at its first vertex: its branches, of which nearly all of the error is, share the eye's ray
-and the light there, 0.4 of what a set with one takes.
-So no ray is lost in a crowded cell, the error is noise without streaks, and a ray costs the logarithm of the number
-of triangles, where a scan costs their number. docs/accuracy-and-speed.md has what that is worth.
+A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
+Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the light from there
+(`path_guide`). It selects one of a sample of each light, by its contribution. A gather's path branches at its first
+vertex, which has nearly all of the error: branches share the eye's ray and the light there, 0.4 of a set's cost.
+No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
+triangles, a scan their number. docs/accuracy-and-speed.md has measurements.
 
-A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`); on a
-graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
+A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`). On a
+graphics card a compute shader does, bit-identical, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
 Poor at:  caustics, which directions seldom find; scenes lit through small openings; geometry that does not

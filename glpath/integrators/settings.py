@@ -62,7 +62,7 @@ class Solution(Protocol):
 
 @dataclass(frozen=True)
 class IntegratorSettings(ABC):
-    """What decides the image besides the scene, the sensor and the path sets; each integrator has its own.
+    """The options that decide the image; each integrator has its own.
 
     integrator  : the name that users know it by
     default_spp : path sets by default
@@ -165,7 +165,7 @@ LightResolution = Annotated[
 
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
-    """What the integrators of path sets have in common: "path", "path-buffer" and "gather"."""
+    """The options of all integrators with path sets: "path", "path-buffer" and "gather"."""
 
     default_spp = 256
     noisy = True

@@ -1,12 +1,12 @@
 """Recursive ray tracing: the classical algorithm, and the T-buffer's [TB].
 
 One path set is one ray through every pixel, all at the same position in their pixels, and all that follows from it.
-The frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to
-a surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a
-BVH, as its section VI hopes. The routines of intersection and shading are the same for all.
+The frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorithm or the T-buffer, light shadow
+rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, as its section VI hopes.
+The routines of intersection and shading are the same for all.
 
-What the paper lacks: shapes that emit, and the sky where there is no ambient light, light a path set by some points
-of theirs, shared by all pixels, as those of the path-buffer are [PB 3.3]; their shadows are rays.
+Added to the paper: emitting shapes, and the sky without ambient light, send light samples to a path set, shared by
+all pixels as in the path-buffer [PB 3.3]. Their shadows are rays.
 
 Poor at: indirect light (it is one number, `ambient`); refraction; soft shadows from few
 path sets, as they are sums of hard ones.
@@ -122,7 +122,7 @@ class WhittedTracer(Engine):
             self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:
-        """What the lights see; nothing to do where it was filled before and neither light nor object has moved."""
+        """Fill the shadow-buffers, unless they are and neither light nor object has moved."""
         if self.shadow_buffer is None:
             return
         with self.stopwatch.stage("shadow-buffer"):
@@ -155,7 +155,7 @@ class WhittedTracer(Engine):
         return found
 
     def _with_held(self) -> dict[str, NDArray[Any]]:
-        """What is on the device of them, and what was held when objects moved."""
+        """The objects on the device, with what was held when objects moved."""
         found = super().take_aovs()
         for name, held in self._held_aovs.items():
             if name == SHAPES:  # a picture for each path set
@@ -305,5 +305,5 @@ def _check_shadows(scene: Scene) -> None:
 
 
 def _air(scene: Scene) -> Uniforms:
-    """What is there without any object: ambient light and the sky."""
+    """The radiance without any object: ambient light and the sky."""
     return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky)}

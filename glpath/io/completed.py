@@ -1,4 +1,4 @@
-"""What a scene gets that does not say it: a camera that sees everything, and light from all around."""
+"""Defaults of a scene without camera or light: a camera that sees everything, and light from all around."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 def _made(
     make: Callable[..., _Made], location: SourceLocation, parameters: Mapping[str, object], *given: Path
 ) -> _Made:
-    """What `make` makes of parameters that may be text, which its hints describe, after the arguments `given`."""
+    """Call `make` with the arguments `given`, then parameters, which may be text, converted by its hints."""
     known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
     values = {}

@@ -302,7 +302,7 @@ def _in_words(
 
 
 def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
-    """What to do about a field that there is not: what it is called here, or which type has it."""
+    """The remedy for an unknown field: its name here, or the type that has it."""
     if name.lower() in _LIGHT and "reflectance" in allowed:
         return "Light is of shapes: emission = { radiance = [r, g, b] } in a [[shapes]] table."
     if meant := meant_by(name, allowed):

@@ -106,7 +106,7 @@ class _Reader:
         return replace(surface, material=material)
 
     def _plain(self, mesh: Mesh, loaded: Any) -> tuple[Mesh, Surface]:
-        """What has no material is grey, or of its colours, or of the texture of a PLY."""
+        """A mesh without a material is grey, or has its colours, or the texture of a PLY."""
         mesh = coloured(mesh, loaded)
         # Colours beside a texture are the same again, as scanners' programs write them.
         if self.file.texture is not None:

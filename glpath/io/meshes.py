@@ -173,7 +173,7 @@ def _joined(parts: list[Float64 | None]) -> Float64 | None:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """What trimesh makes of a file.
+    """A file as trimesh loads it.
 
     meshes   : objects of trimesh, each with faces
     obj      : the file in plain form, where it is an OBJ
@@ -190,7 +190,7 @@ class MeshFile:
 
 
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
-    """What a file holds. `location` and errors as of `read_mesh`.
+    """The contents of a file. `location` and errors as of `read_mesh`.
 
     colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
     """
@@ -251,7 +251,7 @@ def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
 
 
 def _given_normals(mesh: Any) -> Any:
-    """Those of the vertices of a mesh of trimesh, which it was given; None without.
+    """The vertex normals that a mesh of trimesh was given; None without.
 
     The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
     exporters ask so).

@@ -195,7 +195,7 @@ class _Reader:
             return _number(values[0], 1.0)
         transparency = self._number("tr", 0.0)
         if transparency == 1:
-            # Some programs write opacity as Tr. Nobody means a surface that is not there.
+            # Some programs write opacity as Tr. An invisible surface is never meant.
             self.library.notes["Tr of 1 without d, by which a surface would not be there: it is opaque."] = None
             return 1.0
         return 1.0 - transparency

@@ -80,7 +80,7 @@ def plain(content: bytes, source: str) -> Plain:
 
 
 class NamesOnly:
-    """What trimesh asks for material libraries: the numbers of `Plain.materials`, so that it keeps them apart.
+    """A resolver for trimesh's material libraries: the numbers of `Plain.materials`, so that it keeps them apart.
 
     With it trimesh opens no file, whatever the OBJ names.
     """

@@ -51,7 +51,7 @@ def inside(folder: Path, name: str) -> Path:
 
 @dataclass
 class Pictures:
-    """Those of one model, each read once."""
+    """The pictures of one model, each read once."""
 
     folder: Path
     _known: dict[Path, Image | UnusableError] = field(default_factory=dict)

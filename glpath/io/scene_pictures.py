@@ -24,7 +24,7 @@ def stored_picture(
     location: SourceLocation,
     read: Callable[[Path], _Picture],
 ) -> _Picture:
-    """What `read` has of a picture that a scene file names. Raises SceneError.
+    """A picture that a scene file names, by `read`. Raises SceneError.
 
     what        : "a texture", "an environment map"
     formats     : the suffixes that it may have

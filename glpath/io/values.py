@@ -61,7 +61,7 @@ def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation
 
 
 def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
-    """What lies where a file of these suffixes was not found, the most alike first; `kind` begins the sentence."""
+    """The files of these suffixes beside one not found, the most alike first; `kind` begins the sentence."""
     if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]

@@ -1,4 +1,4 @@
-"""Samples of light, whatever they are of, and what a punctual light sends: the words in which `lighting` answers.
+"""Samples of light, whatever they are of, and what a punctual light sends: the types of `lighting`'s results.
 
 Source:   PB 3.3 and A.3.
 """
@@ -150,7 +150,7 @@ def profile_number(scene: Scene, light: Light) -> int:
 
 
 def incident(light: Light, positions: Float64) -> Incident:
-    """What a punctual light sends to positions (N, 3). `shaders/lights/punctual.glsl` is the same for the GPU."""
+    """The light of a punctual light at positions (N, 3). `shaders/lights/punctual.glsl` is the same for the GPU."""
     n = len(positions)
     if light.kind == "directional":
         wi = np.broadcast_to(-light.direction, (n, 3))

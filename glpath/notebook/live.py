@@ -120,7 +120,7 @@ class LiveImage:
 
     @property
     def film(self) -> Film:
-        """What has been rendered from the present camera."""
+        """The film from the present camera."""
         level = self._level(1)
         sensor = CameraSensor.of(self.camera)
         job = replace(self.job, sensor=sensor)

@@ -4,7 +4,7 @@ JupyterLab from 4.4 on hands what a widget's browser half says to a thread of th
 ipykernel 7), so that widgets live while a cell runs; older ones to the main thread, where cells run. So all that
 changes a view holds its lock, and all that is drawn is drawn in the event loop in which its browser is heard. The
 OpenGL context is asked for before the lock, never after, so no two threads wait for each other for ever. It is had
-for a moment at a time, in turns with whoever renders.
+for a moment at a time, in turns with renders.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def view(
     Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
     double click, or Reset, goes back to the scene's camera. Keys do the same after a click or Tab: arrows turn,
     with shift they shift; + and - go nearer and back; R resets. Stop holds the image. Save writes it as PNG into
-    the present folder, with a moment's path sets where it has none yet. `view(...).scene` is the scene as it is
+    the present folder, after a first path set. `view(...).scene` is the scene as it is
     seen now, to be rendered, `view(...).film` what has been rendered of it. What moves in the scene stands as
     when the shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
 
@@ -218,7 +218,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             raise UsageError("view: is closed", "Make another one.")
         return self._live
 
-    # What the browser says, in the widget's thread. Whatever goes wrong is shown: nobody else would hear of it.
+    # What the browser says, in the widget's thread. Errors are shown: they would be lost otherwise.
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
         """Turn, shift, come nearer, go back: by an event of jupyter_rfb; called by the widget."""
@@ -281,7 +281,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
     # Drawing.
 
     def _redraw(self) -> None:
-        """Ask for a frame, in the event loop that hears the browser, whoever asks."""
+        """Ask for a frame, in the event loop that hears the browser."""
         if self._loop is None:
             return  # it is heard first when it shows the widget
         with suppress(RuntimeError):  # closed: the page was loaded anew, and is heard when it is there

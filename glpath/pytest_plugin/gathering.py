@@ -1,4 +1,4 @@
-"""What a whole pytest run has compared, on the controller as well as on the workers of pytest-xdist."""
+"""The comparisons of a whole pytest run, on the controller as well as on the workers of pytest-xdist."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ _TEST, _NAME = "glpath.test", "glpath.picture"
 
 
 class RenderRegression:
-    """What the fixture `render_regression` is: call it with a picture, and it fails the test or does not.
+    """The fixture `render_regression`: call it with a picture, and it fails the test or does not.
 
     figures : matplotlib's, as they came, to be closed after the test
     """
@@ -105,7 +105,7 @@ class RenderRegression:
         pytest.fail(reason)
 
     def _marked(self) -> dict[str, Any]:
-        """What the markers of the test, its class and its module say, the nearest last and foremost."""
+        """The settings of the markers of the test, its class and its module; the nearest wins."""
         found: dict[str, Any] = {"mode": None, "limits": {}, "baseline_path": None}
         for marker in reversed(list(self._item.iter_markers(_MARKER))):
             unknown = [repr(value) for value in marker.args] + [key for key in marker.kwargs if key not in found]
@@ -223,7 +223,7 @@ class RenderRegression:
         pytest.fail("\n".join(lines))
 
     def _commands(self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float]) -> dict[str, str]:
-        """What to type to compare the two again, and to accept the new one."""
+        """The commands to compare the two again, and to accept the new one."""
         commands, missing = {}, record["outcome"] == "missing"
         if not missing:
             given = "".join(f" --limit {name}={value:g}" for name, value in limits.items())
@@ -359,8 +359,8 @@ def _forget(folder: Path) -> None:
 
 
 def is_baseline(file: Path) -> bool | None:
-    """Whether glpath has written it: a baseline, or the picture to look at beside one. None of what is no picture
-    that can be read: nobody can tell."""
+    """Whether glpath has written it: a baseline, or the picture to look at beside one. None for unreadable
+    pictures."""
     try:
         if file.suffix == ".exr":
             return Picture.is_baseline(read_exr_channels(file)[1])

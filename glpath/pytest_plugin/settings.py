@@ -77,7 +77,7 @@ def add_options(parser: pytest.Parser) -> None:
 
 
 def chosen(config: pytest.Config, name: str) -> str | None:
-    """What the command line says, else the ini-file, else None."""
+    """The value of the command line, else of the ini-file, else None."""
     given = config.getoption(f"--glpath-{name}") or config.getini(_ini(name)).strip()
     return str(given) if given else None
 

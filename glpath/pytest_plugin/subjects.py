@@ -1,4 +1,4 @@
-"""What `render_regression` takes, as a picture."""
+"""The subjects of `render_regression`, as pictures."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def picture_of(solution: RadiositySolution, scene: Scene, lookup: Lookup = "inte
 
 @dataclass(frozen=True)
 class EyeHits:
-    """What rays through a picture meet: k x k of them in every pixel, at the middles of its k x k parts.
+    """The hits of rays through a picture: k x k of them in every pixel, at the middles of its k x k parts.
 
     triangle    : (H, W, k * k) int64, -1 for nothing
     barycentric : (H, W, k * k, 2) float64, b1 and b2
@@ -114,7 +114,7 @@ class EyeHits:
 
 
 def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
-    """Those whose neighbours are of them too: a render's rays go nearer to a pixel's edge than those here."""
+    """The pixels whose neighbours are among them: a render's rays go nearer to a pixel's edge than those here."""
     return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))
 
 

@@ -1,4 +1,4 @@
-"""What textures and the colours of vertices make of materials at points of surfaces, on the CPU.
+"""Materials with their textures and vertex colours, evaluated at points of surfaces on the CPU.
 
 `scene/surface.glsl` is the same for the device. Here it serves what needs means and single points: light samples,
 and the elements of radiosity.
@@ -291,7 +291,7 @@ def has_colours(shape: Shape) -> bool:
 
 
 def opacity_of(material: Material, alpha: Float64) -> Float64:
-    """What a material makes of the alpha of its texture and vertices, of any shape."""
+    """A material's opacity from the alpha of its texture and vertices, of any shape."""
     if material.alpha == "opaque":
         return np.ones_like(alpha)
     opacity = material.opacity * alpha

@@ -1,4 +1,4 @@
-"""What is wrong with a scene although its file can be read: `check_camera` raises, `check_scene` warns.
+"""Mistakes in a scene whose file can be read: `check_camera` raises, `check_scene` warns.
 
 Loading does not warn: a scene is often loaded to be changed. Rendering and `glpath validate` ask here.
 """
@@ -54,7 +54,7 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
 
 
 def _check_lens(camera: Camera, location: SourceLocation) -> None:
-    """What a projection and a lens need, one by one."""
+    """Raise SceneError for a wrong projection or lens."""
     if camera.projection not in get_args(Projection):
         raise location.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
     for name, min_value in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):

@@ -1,4 +1,4 @@
-"""What surfaces do with light, as plain data: materials and the textures that they use."""
+"""Materials and their textures, as plain data."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class TextureSlot:
 
 @dataclass(frozen=True)
 class Material:
-    """What a surface does with light: a base, diffuse or of metal, under layers that mirror.
+    """A material: a base, diffuse or of metal, under specular layers.
 
     The base has a roughness or none. With one it is glTF's metallic-roughness surface [glTF 2.0, appendix B]: GGX's
     microfacets [Walter et al. 2007] over Lambert's diffuse base, of metal, or over glass. Without one it is
@@ -159,7 +159,7 @@ class Material:
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
-        """What its dielectric reflects at normal incidence, (3,) float64, and at grazing incidence.
+        """The reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
 
         Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
         """
@@ -193,7 +193,7 @@ class Material:
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
 
     def described(self) -> str:
-        """What it is beside diffuse, in a few words; "" where it is nothing else."""
+        """Its other properties than diffuse, in a few words; "" without any."""
         words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
         words += ["mirror"] * bool(np.any(self.mirror > 0))
         if self.roughness is not None:

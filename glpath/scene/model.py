@@ -250,7 +250,7 @@ class Scene:
         return f"<Scene {self.name}: {', '.join(parts)}, {self.camera.resolution[0]} x {self.camera.resolution[1]}>"
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: a preview and tables, or what there is room for."""
+        """Jupyter's view: a preview and tables, as far as there is room."""
         from glpath.scene.preview import mimebundle
 
         return mimebundle(self)

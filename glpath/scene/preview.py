@@ -54,7 +54,7 @@ def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
 
 
 def first_hits(scene: Scene) -> tuple[NDArray[np.int64], Float64]:
-    """What the rays through the middles of the camera's pixels meet first.
+    """The first hits of the rays through the middles of the camera's pixels.
 
     Returns (H, W) int64 primitive, -1 for none (triangles, spheres and planes are counted on), and (H, W) float64
     distance, inf for none; row 0 at the top.
@@ -314,7 +314,7 @@ def _shown(unit: Unit, quantity: Quantity) -> str:
 
 
 def mimebundle(scene: Scene) -> dict[str, object]:
-    """What Jupyter shows of a scene: text, a picture, and both with tables as HTML."""
+    """Jupyter's view of a scene: text, a picture, and both with tables as HTML."""
     png = encode_png(preview(scene, 320))
     return {"text/plain": repr(scene), "image/png": png, "text/html": _html(scene, png)}
 

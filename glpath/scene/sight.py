@@ -1,4 +1,4 @@
-"""What a camera sees of a scene whatever hides it, and what stands about a point: geometry that `check` asks for.
+"""Geometry for `check`: what lies in a camera's view, hidden or not, and what encloses a point.
 
 All exact up to rounding, in numpy over all primitives: a few passes over the triangles.
 """

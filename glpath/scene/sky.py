@@ -1,4 +1,4 @@
-"""What lies behind all surfaces: a sky from horizon to zenith, or an environment map.
+"""The sky, from horizon to zenith, or an environment map.
 
 Both answer the same: `radiance` seen in directions, its integral, and `directions` as dense as it is.
 
@@ -34,7 +34,7 @@ _STEPS = 4
 
 @dataclass(frozen=True)
 class Sky:
-    """What rays see that hit nothing: a blend from horizon (and below) to zenith by the sine of the elevation.
+    """A sky: a blend from horizon (and below) to zenith by the sine of the elevation.
 
     zenith, horizon : (3,) float64 radiance, linear Rec. 709
     up              : (3,) float64 unit
@@ -212,7 +212,7 @@ class Environment:
 
     @property
     def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
-        """What `directions` chooses by, for shaders that do the same.
+        """The tables of `directions`, for shaders that do the same.
 
         Returns (2 h + 1,) the cumulated probability of halves of rows, (2 h,) which halves these are (the upper one
         of row i is 2 i), (2 h,) the integral of each half's tent over the angle, sine included, in rows, and
@@ -241,7 +241,7 @@ class Environment:
 
 
 class _Tables(NamedTuple):
-    """What directions are drawn by.
+    """Tables to draw directions by.
 
     order   : (2 h,) numbers of the upper and lower halves of rows: those with a sun first
     rows    : (2 h + 1,) their cumulated probability, in this order

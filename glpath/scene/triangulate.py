@@ -12,7 +12,7 @@ from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
 
-# Some ten gigabytes on the device; nobody means that many.
+# Some ten gigabytes on the device; so many are a mistake.
 MAX_TRIANGLES = 2**27
 
 _LISTED = 3

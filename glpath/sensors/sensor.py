@@ -59,7 +59,7 @@ class CameraSensor:
 
     @classmethod
     def of(cls, camera: Camera) -> CameraSensor:
-        """That of a camera."""
+        """The sensor of a camera."""
         width, height = camera.resolution
         focus = camera.focus_distance
         return cls(
@@ -86,7 +86,7 @@ class CameraSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What an engine is made for: projection, whether it has a lens, whether it moves."""
+        """The properties that an engine is made for: projection, lens, motion."""
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
     def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
@@ -103,7 +103,7 @@ class CameraSensor:
         return {"type": "camera"} | {name: value for name, value in asdict(self).items() if name in changed}
 
     def recorded(self) -> dict[str, Any]:
-        """What a film's settings say of it: nothing, as the scene that it sees has the camera."""
+        """Its record in a film's settings: empty, as the scene has the camera."""
         return {}
 
 
@@ -234,7 +234,7 @@ class PointSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What an engine is made for: how many tables there are, normals to shade with, light samples of whom."""
+        """The properties that an engine is made for: number of tables, shading normals, independence."""
         return ("points", self.tables > 1, self.smooth, self.independent)
 
     def moved(self, origin: NDArray[np.float64]) -> PointSensor:
@@ -268,7 +268,7 @@ class PointSensor:
         return {"type": "points"} | {f.name: getattr(self, f.name) for f in fields(self) if f.name != "points"}
 
     def recorded(self) -> dict[str, Any]:
-        """What a film's settings say of it: films merge where points are the same."""
+        """Its record in a film's settings: films merge where points are the same."""
         return {"points": self.sha256}
 
     def given(self, points: PointTables | None) -> PointSensor:

@@ -1,4 +1,4 @@
-"""What C libraries write to standard output and standard error is held back.
+"""Holds back the output of C libraries to standard output and standard error.
 
 OpenEXR does so before it raises: its lines would stand before the error with its remedy, or within a
 picture that goes to standard output.

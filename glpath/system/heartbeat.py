@@ -8,7 +8,7 @@ from collections.abc import Callable
 class Heartbeat:
     """Of a process: beats for a draw that was handed over, a path set, a step of a solver.
 
-    listener : called at each; None where nobody listens
+    listener : called at each; None without one
     """
 
     def __init__(self) -> None:

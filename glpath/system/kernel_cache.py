@@ -89,7 +89,7 @@ class KernelCache(FunctionCache):
         return any(Path(self._cache_path).glob(f"{self._impl.filename_base}.*.{self._version}.nbc"))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was compiled for a signature, None where there is none."""
+        """The compiled kernel of a signature; None without."""
         target_context.refresh()
         found = self._stored(sig, target_context)
         if found is None and self.alone is not None:

@@ -97,7 +97,7 @@ def _for_types(dispatcher: Any) -> Any:
 
 
 class _Compilations:
-    """Of this process. Whoever holds the lock of numba's compiler owns it.
+    """Compilations of this process, guarded by the lock of numba's compiler.
 
     running  : a kernel is being made, and all that is compiled is part of it
     expected : names of the kernels that are not compiled yet; empty where that is not known
@@ -129,7 +129,7 @@ class _Compilations:
         if self.report is not None:
             self.report(text)
         else:
-            # A warning, since that is what logging shows where nobody has set it up.
+            # A warning, since that is what logging shows by default.
             log.warning("%s", text)
 
 
@@ -137,7 +137,7 @@ _compilations = _Compilations()
 
 
 def waiting(kernels: Iterable[Any]) -> list[Any]:
-    """Those of the kernels that have yet to be compiled: neither this process nor the cache has them."""
+    """The kernels that are not compiled yet, neither in this process nor in the cache."""
     made = [k for k in kernels if not isinstance(k, FunctionType)]
     return [k for k in made if not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any()))]
 

@@ -1,4 +1,4 @@
-"""What the system gives this process."""
+"""Memory and cores that the system gives this process."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 // aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
-// Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; whoever includes it has seen(); AOV_QUANTA: of colours and normals,
+// Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; seen() of the including shader; AOV_QUANTA: of colours and normals,
 //         per unit; AOV_SURFACE, AOV_POSITION, AOV_NEAREST: what is summed, and where its first output is; _1 its second
 // Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
 // Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.

@@ -44,7 +44,7 @@ Falloff = Annotated[
 
 
 class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all punctual lights have in common: points and parallel light."""
+    """The fields of all punctual lights: points, spots and parallel light."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
     unit: OwnUnit = UNSET
@@ -122,7 +122,7 @@ AnyLight = PointLight | SpotLight | DirectionalLight
 
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
-    """What rays see that hit nothing: a blend from the horizon, and below, to the zenith; or an environment map."""
+    """The sky: a blend from the horizon, and below, to the zenith; or an environment map."""
 
     zenith: (
         Annotated[

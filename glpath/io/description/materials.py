@@ -13,7 +13,7 @@ MAX_TEXTURE_PIXELS = 2**26
 
 
 class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all materials have in common."""
+    """The fields of all materials."""
 
     reflectance: (
         Annotated[

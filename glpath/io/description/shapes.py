@@ -101,7 +101,7 @@ _Motion = Annotated[
 
 
 class Shape(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all shapes have in common."""
+    """The fields of all shapes."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
     material: Annotated[

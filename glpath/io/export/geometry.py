@@ -136,7 +136,7 @@ def _square(scene: Scene, plane: Shape) -> Shape:
 def behind(scene: Scene) -> float:
     """How far, in scene units, the back of a surface is from its front where either is triangles of its own.
 
-    Viewers cull what they see from behind; whoever does not, as path tracers do, would hit either at random. A
-    depth-buffer resolves so much, and nobody sees it.
+    Viewers cull what they see from behind; path tracers do not, and would hit either at random. A
+    depth-buffer resolves so much, and it is not visible.
     """
     return 2e-5 * float(np.linalg.norm(np.ptp(np.stack(scene.bounds), axis=0)))

@@ -138,7 +138,7 @@ class Surfaces:
         return base, roughness, 0.0
 
     def _layers(self, extensions: dict[str, Any], material: Material) -> None:
-        """What the extensions say of microfacets, where it is not what they say without."""
+        """The extensions of microfacets, where they differ from their defaults."""
         use = self.file.use
         if material.ior != 1.5:
             extensions[use("KHR_materials_ior")] = {"ior": material.ior}
@@ -247,7 +247,7 @@ class Surfaces:
         return np.asarray(np.round(255.0 * values), np.uint8)
 
     def _max_emission(self, number: int) -> float:
-        """What a texture is divided by, so that it is at most one."""
+        """The divisor that makes a texture at most one."""
         image = self.scene.textures[number].image
         return 1.0 if image.dtype == np.uint8 else max(float(image[..., :3].max()), 1.0)
 

@@ -79,7 +79,7 @@ class Surfaces:
         return {"type": "ref", "id": self._known[key]}
 
     def medium(self, number: int) -> Plugin | None:
-        """What is inside of a solid that takes from light; only volpath knows of it."""
+        """The absorbing medium inside a solid; only volpath renders it."""
         material = self.scene.materials[number]
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None

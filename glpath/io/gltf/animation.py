@@ -24,7 +24,7 @@ _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 
 
 def poses_at(document: Document, accessors: Accessors, time: float | None) -> dict[int, dict[str, Float64]]:
-    """What the animations say of nodes, by the number of the node; nothing without a time, in seconds."""
+    """The animated values of nodes, by the number of the node; none without a time, in seconds."""
     animations = document.all("animations")
     poses: dict[int, dict[str, Float64]] = {}
     if time is None:

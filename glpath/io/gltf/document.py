@@ -1,8 +1,8 @@
 """The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
 
 The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
-an error names its location. pygltflib would make dataclasses of it, but takes values of any type, drops what it
-does not know, and opens whatever a URI names; it stays with what is written.
+an error names its location. pygltflib takes values of any type, drops what it does
+not know, and opens any URI; it stays with what is written.
 
 Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
 """
@@ -68,7 +68,7 @@ _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 @dataclass
 class Notes:
-    """What the file holds that is not used, each text once, in the order in which it was found."""
+    """Notes on unused contents of the file, each text once, in the order found."""
 
     texts: dict[str, None] = field(default_factory=dict)
 
@@ -179,7 +179,7 @@ class Document:
         return memoryview(data)[offset : offset + length]
 
     def resolve(self, uri: str, location: SourceLocation) -> bytes:
-        """What a URI holds or names: data, or a file in the folder of the model. Raises SceneError."""
+        """The bytes of a URI: data, or a file in the folder of the model. Raises SceneError."""
         if uri[:5].lower() == "data:":
             return _data(uri, location)
         scheme = _SCHEME.match(uri)
@@ -340,7 +340,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _data(uri: str, location: SourceLocation) -> bytes:
-    """What a data: URI holds."""
+    """The bytes of a data: URI."""
     head, comma, body = uri[5:].partition(",")
     if not comma:
         raise location.error("is a data: URI without data.", "The file is cut off, or was written wrongly.")

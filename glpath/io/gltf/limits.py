@@ -1,4 +1,4 @@
-"""What a glTF file may ask for. Beyond that it is refused before memory is taken for it."""
+"""Limits of a glTF file. Beyond them it is refused before memory is allocated."""
 
 #: Of the file, and of each buffer and image beside it; a .glb can say no more.
 MAX_FILE_BYTES = 2**32

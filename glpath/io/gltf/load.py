@@ -48,7 +48,7 @@ _MIRRORED = " (mirrored)"
 
 @dataclass(frozen=True)
 class Model:
-    """What a model file holds, as glpath's own data.
+    """A model file, as glpath's own data.
 
     source    : the file
     name      : of its scene, or of the file

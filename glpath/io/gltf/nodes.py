@@ -20,7 +20,7 @@ from glpath.scene.source_location import SourceLocation
 #: What an animation says of a node: translation, rotation (x, y, z, w), scale and weights.
 Pose = Mapping[str, Float64]
 
-_NOBODY: list[int] = []
+_NO_CHILDREN: list[int] = []
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Nodes:
         tables = document.all("nodes")
         world = _local_maps(tables, poses)
         children = [
-            tables[index].indices("children", tables, "nodes") if "children" in values else _NOBODY
+            tables[index].indices("children", tables, "nodes") if "children" in values else _NO_CHILDREN
             for index, values in enumerate(tables.values)
         ]
         parent = _parents(tables, children)

@@ -29,7 +29,7 @@ _MAX_JOINT_SETS = 4
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """What moves the vertices of a mesh.
+    """A skin: it moves the vertices of a mesh.
 
     world_from_mesh : (J, 4, 4), for each joint
     """
@@ -116,7 +116,7 @@ class Primitives:
         return found
 
     def _unpacked(self, primitive: Table) -> dict[str, NDArray[Any]] | None:
-        """What Draco packed, with "faces"; None where the file has the same as accessors."""
+        """Draco's attributes, with "faces"; None where the file has the same as accessors."""
         extension = primitive.extension(compression.DRACO)
         if extension is None:
             return None
@@ -171,7 +171,7 @@ class Primitives:
         return order[np.stack(corners, axis=1)]
 
     def _morphed(self, found: dict[str, NDArray[Any]], targets: Tables, morph: Float64) -> None:
-        """Add the morph targets with their weights, in location."""
+        """Add the morph targets with their weights, in place."""
         every = self.accessors.document.all("accessors")
         changed = set()
         for target, weight in zip(targets, morph, strict=False):

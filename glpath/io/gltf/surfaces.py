@@ -55,7 +55,7 @@ class _LookUp:
 
 @dataclass
 class Surfaces:
-    """Those of a document that shapes use, and their textures."""
+    """The materials of a document that shapes use, and their textures."""
 
     document: Document
     surfaces: list[Surface] = field(default_factory=list)
@@ -200,7 +200,7 @@ class Surfaces:
         return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}
 
     def _layers(self, table: Table) -> dict[str, Any]:
-        """What the extensions say, as fields of the material."""
+        """The extensions, as fields of the material."""
         fields: dict[str, Any] = {}
         ior = table.extension("KHR_materials_ior")
         if ior is not None:

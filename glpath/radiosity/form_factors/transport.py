@@ -198,7 +198,7 @@ class Transport:
         now: Float64,
         old: dict[int, Float32],
     ) -> None:
-        """What new elements `numbers` get from all that shot. Fills `now` and makes the kept columns longer."""
+        """The light of new elements `numbers` from all that shot. Fills `now` and makes the kept columns longer."""
         f = self.form_factors
         batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=(0, 2)))]).tolist()
         cores = core_count()

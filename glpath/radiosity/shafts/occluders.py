@@ -136,7 +136,7 @@ class Occluders:
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
 
     def polygons(self, solids: bool) -> Polygons:
-        """What the kernels test. solids: a solid's polygon blocks only who comes from its front."""
+        """The records of the kernels. solids: a solid's polygon blocks only rays from its front."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal = self._normals()

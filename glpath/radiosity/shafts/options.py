@@ -136,7 +136,7 @@ _TRUTHS = {"yes": True, "true": True, "no": False, "false": False}
 
 
 def _value_of(name: str, word: str) -> Any:
-    """What is typed for an option, of its kind."""
+    """An option's value from its text."""
     kind = _KINDS[name]
     if kind in ("StrategyName", "OrderName"):
         return word  # looked at by the options
@@ -169,7 +169,7 @@ PAPER = ShaftOptions(
 
 @dataclass
 class Statistics:
-    """What a step did. Rays are segments that are cast because both ends face each other.
+    """Counts of a step. Rays are segments that are cast because both ends face each other.
 
     shafts       : formed
     empty_shafts : without any candidate, so that all their rays are free

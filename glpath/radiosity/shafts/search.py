@@ -1,4 +1,4 @@
-"""What can stand between an emitter and a group of receiver points: the emitter list, and the lists of shafts.
+"""Candidates between an emitter and a group of receiver points: the emitter list, and the lists of shafts.
 
 Kernels. A list is a range of `Work`, and starts from the list of the group around, if there is one: shafts within
 shafts [SC, Future Work].

@@ -46,7 +46,7 @@ class Containment(IntEnum):
 
 
 class Strategy(IntEnum):
-    """What to do with a box of several items that is not outside [SC, Creating the Candidate List].
+    """How to treat a box of several items that is not outside [SC, Creating the Candidate List].
 
     KEEP_CLOSED  : a candidate. The quickest list, and the longest rays
     ALWAYS_OPEN  : open it, so that the list holds objects only

@@ -44,7 +44,7 @@ class Prepared(NamedTuple):
 
 @dataclass
 class Visibility:
-    """Who sees whom among some occluders.
+    """Visibility among some occluders.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ _FORMAT = 1
 
 
 class Solver(Protocol):
-    """What has a state to keep."""
+    """A solver with a state to keep."""
 
     whole: bool
 
@@ -50,7 +50,7 @@ class Solver(Protocol):
 class SolverCheckpoint(Locked):
     """Where the state goes, and how often.
 
-    As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it;
+    As a `with` block it keeps other processes from the file, or raises GlpathError, which names the holder;
     `solve_radiosity` does so.
 
     path    : .npz

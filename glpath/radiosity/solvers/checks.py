@@ -1,4 +1,4 @@
-"""What `solve_radiosity` refuses, before the work begins: options, scenes, and meshes larger than the memory."""
+"""Checks of `solve_radiosity` before the work begins: options, scenes, and meshes larger than the memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera sees of a scene's light, by particles from its eye: where the solver's own have to start and go.
+"""Importance of a scene's light for a camera, by particles from its eye: the solver's own start and go by it.
 
 Importance, the adjoint of radiance (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination
 computation).

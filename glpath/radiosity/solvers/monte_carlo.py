@@ -175,7 +175,7 @@ class Shooting:
         return starts, total
 
     def _start_cells(self) -> Elements:
-        """Those of `start_cells`, and smaller ones where elements are small: where the camera looks."""
+        """The cells of `start_cells`, and smaller ones where the camera looks, as elements are."""
         cells = start_cells(self.mesh.scene, self.mesh.surface)
         if len(self.mesh.elements) > CELLS // 2:
             return cells
@@ -219,7 +219,7 @@ class Shooting:
         return np.asarray(reflectance * visits * (lit + _UNHIT * usual)), from_sky
 
     def _starts(self, number: int) -> Starts:
-        """Those of a batch: how many start on an element is even, as far as its chance allows."""
+        """The starts of a batch: even over elements, as far as their probabilities allow."""
         lit, count = self._lit, self._lit_count
         random = np.random.default_rng([self.seed, number])
         at = (np.arange(count) + random.random()) / max(count, 1)

@@ -29,9 +29,10 @@ _MAX_THROUGH = 64
 
 
 class Surfaces(NamedTuple):
-    """What a particle meets: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices, from `begin` on.
+    """The surfaces that particles hit: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices.
 
     reflectance : of glass without that of its surface, which mirrors
+    begin       : where lattices begin
     """
 
     normals: Float64

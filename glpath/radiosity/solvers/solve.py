@@ -370,7 +370,7 @@ def _monte_carlo(
 
 
 def _settings(options: dict[str, object], size: float) -> dict[str, object]:
-    """What decides the result, for the method that was chosen."""
+    """The settings that decide the result of a method."""
     of = {
         "progressive": ("splits", "adaptive", "threshold", "unshot", "max_steps", "overshoot", "ambient",
                         "form_factors", "emitter_samples", "receiver_points"),

@@ -189,7 +189,7 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
 
 
 def _warn_of_backs(found: ViewFactors, source: str) -> None:
-    """What arrives at backs is in no factor, and no sky either."""
+    """Light that arrives at backs is in no factor, and not in the sky's."""
     if (seen := np.flatnonzero(found.backs > np.maximum(found.statistics["error"], found.backs_error))).size:
         i = int(seen[np.argmax(found.backs[seen])])
         name = f" ({found.names[i]})" if found.names else ""
@@ -204,7 +204,7 @@ def _warn_of_backs(found: ViewFactors, source: str) -> None:
 
 
 def kernels_of() -> tuple[Any, ...]:
-    """Those that view factors take."""
+    """The kernels of view factors."""
     return (bvh._build, exchange_rows, back_rays)
 
 

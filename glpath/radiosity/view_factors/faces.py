@@ -67,7 +67,7 @@ class Faces:
 
 
 def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) -> Faces:
-    """What `glpath.view_factors` takes, as faces. Raises SceneError and UsageError."""
+    """The argument of `glpath.view_factors`, as faces. Raises SceneError and UsageError."""
     shape_of: Int64 | None = None
     shape_names: list[str] = []
     if isinstance(given, np.ndarray | list):
@@ -269,7 +269,7 @@ def _without_repeats(outline: Outline) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """What the kernels work on: facets in the order of a BVH, and occluders.
+    """The input of the kernels: facets in the order of a BVH, and occluders.
 
     row : (n,) int64, the row of the matrix of each facet
     eps : length below which a distance is rounding

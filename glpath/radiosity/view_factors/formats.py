@@ -35,7 +35,7 @@ _IDF_MARKS = ",;!\n\r"
 
 
 def file_kind(path: str | Path) -> str:
-    """What a file of that name holds: "npz", "csv", "idf", or the name of uDALES's without the number. Raises
+    """The format of a file of that name: "npz", "csv", "idf", or the name of uDALES's without the number. Raises
     UsageError for other names."""
     name = Path(path).name.lower()
     for kind in _UDALES:

@@ -1,4 +1,4 @@
-"""What a polygon sees of another past occluders: exact from every point, by quadrature over the points.
+"""Visibility of a polygon from another past occluders: exact from every point, quadrature over the points.
 
 Occluders that remain between two polygons are clipped to what lies before both. From a point, each casts a pyramid
 whose planes divide what is seen of the other polygon into convex parts; those that no pyramid holds are seen, and

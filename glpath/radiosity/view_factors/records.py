@@ -1,4 +1,4 @@
-"""What the kernels of view factors work on: convex polygons, a tree over them, and the room of one thread."""
+"""The records of the kernels of view factors: convex polygons, a BVH, and the work space of a thread."""
 
 from __future__ import annotations
 

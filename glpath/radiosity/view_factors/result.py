@@ -192,7 +192,7 @@ class ViewFactors:
 
     @classmethod
     def load(cls, path: str | Path) -> ViewFactors:
-        """What `save` wrote as .npz. Raises ImageError for anything else."""
+        """Read an .npz of `save`. Raises ImageError for anything else."""
         with open_npz(path, "view factors", "Files of `glpath viewfactors` with .npz are.") as arrays:
             if int(arrays.read("glpath_view_factors", "iu", ())) != FORMAT:
                 raise ImageError(f"{path}: is of another version of glpath.", "Compute the view factors again.")
