@@ -155,19 +155,19 @@ def _parts(
         row = np.arange(len(faces))[:, None]
         corners = vertices[row, order].ravel()
 
-        def taken(values: Float64, wanted: bool, corners: NDArray[np.int32] = corners) -> Float64 | None:
+        def selected(values: Float64, wanted: bool, corners: NDArray[np.int32] = corners) -> Float64 | None:
             return values[corners] if wanted else None
 
-        normals = taken(scene.shapes.vertex_normals, attributes and mesh.normals is not None)
+        normals = selected(scene.shapes.vertex_normals, attributes and mesh.normals is not None)
         if normals is not None:
             normals = np.where(np.repeat(back, 3)[:, None], -normals, normals)
         whole = Mesh(
             scene.shapes.vertices[corners] + away[faces][row, order].reshape(-1, 3),
             np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
-            uv=taken(shapes.vertex_uv1 if uv_set else shapes.vertex_uv, attributes and texture is not None),
+            uv=selected(shapes.vertex_uv1 if uv_set else shapes.vertex_uv, attributes and texture is not None),
             normals=normals,
             uv1=uv[row, order].reshape(-1, 2),
-            colours=taken(scene.shapes.vertex_colours, attributes and mesh.colours is not None),
+            colours=selected(scene.shapes.vertex_colours, attributes and mesh.colours is not None),
         )
         made.append((int(page), whole.welded()))
     return made

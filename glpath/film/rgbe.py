@@ -113,19 +113,19 @@ def _read_flat_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
     rest = np.frombuffer(data, np.uint8, offset=position)
     rest = rest[: len(rest) // 4 * 4].reshape(-1, 4)
     repeats = np.flatnonzero((rest[:width, :3] == 1).all(axis=1))
-    taken = 0
+    consumed = 0
     for at in repeats:
-        if taken + (width - filled) <= at:
+        if consumed + (width - filled) <= at:
             break
-        row[filled : filled + at - taken] = rest[taken:at]
-        filled += int(at) - taken
-        shift = shift if taken == at and taken else 0
+        row[filled : filled + at - consumed] = rest[consumed:at]
+        filled += int(at) - consumed
+        shift = shift if consumed == at and consumed else 0
         count = int(rest[at, 3]) << shift
         if not filled or filled + count > width:
             raise ValueError("a run goes beyond its line" if filled else "a run repeats nothing")
         row[filled : filled + count] = row[filled - 1]
-        filled, taken, shift = filled + count, int(at) + 1, shift + 8
-    if len(rest) - taken < width - filled:
+        filled, consumed, shift = filled + count, int(at) + 1, shift + 8
+    if len(rest) - consumed < width - filled:
         raise ValueError("it is cut off")
-    row[filled:] = rest[taken : taken + width - filled]
-    return position + 4 * (taken + width - filled)
+    row[filled:] = rest[consumed : consumed + width - filled]
+    return position + 4 * (consumed + width - filled)

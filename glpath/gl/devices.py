@@ -189,8 +189,8 @@ def list_devices() -> list[DeviceProbe]:
     probes += [finish_probe(candidate, process) for candidate, process in running]
 
     able = [p for p in probes if p.info and backend in ("auto", p.backend) and device in (None, p.index)]
-    taken = min(able, key=lambda p: (p.backend == "osmesa", not (p.info and p.info.hardware)), default=None)
-    return [replace(p, auto=True) if p is taken else p for p in probes]
+    selected = min(able, key=lambda p: (p.backend == "osmesa", not (p.info and p.info.hardware)), default=None)
+    return [replace(p, auto=True) if p is selected else p for p in probes]
 
 
 def start_probe(candidate: Candidate) -> subprocess.Popen[str]:

@@ -17,7 +17,7 @@ from glpath.gl.program import load_program
 _NAMES = ("sum_low", "sum_high")
 
 
-class Taken(NamedTuple):
+class Readback(NamedTuple):
     """Sums that were read back.
 
     radiance : (h, w, 3) float64, row 0 at the top; multiples of one power of two
@@ -87,10 +87,10 @@ class PixelSums:
             self._direct.sets.swap()
 
     def take_direct(self) -> NDArray[np.float64] | None:
-        """The sums of direct light, which are then empty, as `Taken.radiance` is; None where it isn't split."""
+        """The sums of direct light, which are then empty, as `Readback.radiance` is; None where it isn't split."""
         return None if self._direct is None else self._direct.take().radiance
 
-    def take(self) -> Taken:
+    def take(self) -> Readback:
         """The sums, which are then empty."""
         width, height = self.size
         textures = self.sets.read.textures
@@ -100,7 +100,7 @@ class PixelSums:
         for texture in textures.values():
             texture.write(bytes(16 * width * height))
         quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]
-        return Taken(quanta / self.quanta, low[..., 3], high[..., 3])
+        return Readback(quanta / self.quanta, low[..., 3], high[..., 3])
 
 
 def _new_sums(gl: moderngl.Context, size: tuple[int, int], of_sample: Mapping[str, moderngl.Texture]) -> Sums:

@@ -122,8 +122,8 @@ class EyeAovs:
             self._make_shape_passes(seen, textures)
         self._path_sets = 0
         self._unread = 0  # path sets whose shapes are on the device
-        self._taken: dict[str, NDArray[np.float64]] = {}
-        self._taken_shapes: list[NDArray[np.uint32]] = []
+        self._aov_sums: dict[str, NDArray[np.float64]] = {}
+        self._shape_sets: list[NDArray[np.uint32]] = []
         self._begin()
         self._empty()
 
@@ -152,19 +152,19 @@ class EyeAovs:
         """Their sums for `Film.add`, over the path sets since the last call."""
         self._collect()
         found: dict[str, NDArray[np.float64] | NDArray[np.uint32]] = {
-            name: sums for name, sums in self._taken.items() if name in self._names
+            name: sums for name, sums in self._aov_sums.items() if name in self._names
         }
         if self._shapes:
             self._read_shapes()
-            found[SHAPES] = np.stack(self._taken_shapes, axis=2) if self._taken_shapes else self._no_shapes()
+            found[SHAPES] = np.stack(self._shape_sets, axis=2) if self._shape_sets else self._no_shapes()
         self._begin()
         return found
 
     def _begin(self) -> None:
         height, width = self._size[::-1]
         numbers = {"albedo": 3, "normal": 3, "depth": 2, "depth_min": 1, "position": 4}
-        self._taken = {name: np.zeros((height, width, n)) for name, n in numbers.items() if name in self._names}
-        self._taken_shapes = []
+        self._aov_sums = {name: np.zeros((height, width, n)) for name, n in numbers.items() if name in self._names}
+        self._shape_sets = []
 
     def _collect(self) -> None:
         """Add what the device has to what was taken, and begin anew there."""
@@ -189,8 +189,8 @@ class EyeAovs:
         self._empty()
 
     def _add(self, name: str, sums: NDArray[np.float64]) -> None:
-        if name in self._taken:
-            add_aov(name, self._taken[name], sums)
+        if name in self._aov_sums:
+            add_aov(name, self._aov_sums[name], sums)
 
     def _empty(self) -> None:
         for texture in self._sums.read.values():
@@ -212,7 +212,7 @@ class EyeAovs:
         ]
 
     def _read_shapes(self) -> None:
-        self._taken_shapes += [self._read(texture)[..., 0] for texture in self._shapes[: self._unread]]
+        self._shape_sets += [self._read(texture)[..., 0] for texture in self._shapes[: self._unread]]
         self._unread = 0
 
     def _no_shapes(self) -> NDArray[np.uint32]:

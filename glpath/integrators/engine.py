@@ -15,7 +15,7 @@ from glpath.gl.context import context_of
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Stopwatch
-from glpath.gl.sums import PixelSums, Taken
+from glpath.gl.sums import PixelSums, Readback
 from glpath.integrators.aovs import EyeAovs, light_aovs
 from glpath.integrators.settings import IntegratorSettings
 from glpath.sampling.points import PathSetSampler
@@ -59,7 +59,7 @@ class Engine(Owner, ABC):
         self.stopwatch = Stopwatch(gl, context_of(gl).info.hardware, timings)
         self._size = window[2:]
         self._dropped = 0
-        self._taken_aovs: dict[str, NDArray[Any]] = {}
+        self._aov_sums: dict[str, NDArray[Any]] = {}
 
     @abstractmethod
     def prepare(self) -> Self:
@@ -85,16 +85,16 @@ class Engine(Owner, ABC):
 
         Multiples of one power of two, so that float64 adds them without rounding.
         """
-        taken = self._sums.take()
-        dropped = taken.high >> DROPPED_SHIFT
+        readback = self._sums.take()
+        dropped = readback.high >> DROPPED_SHIFT
         self._dropped += int(dropped.sum())
-        self._taken_aovs = light_aovs(self.settings, self._sums, dropped)
-        self._count(taken)
-        return taken.radiance
+        self._aov_sums = light_aovs(self.settings, self._sums, dropped)
+        self._count(readback)
+        return readback.radiance
 
     def take_aovs(self) -> dict[str, NDArray[Any]]:
         """The sums of the AOVs for `Film.add`, over the path sets of the last `take`."""
-        return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
+        return self._aov_sums if self._aovs is None else self._aov_sums | self._aovs.take()
 
     def statistics(self) -> dict[str, object]:
         """The counts of the path sets taken so far.
@@ -120,7 +120,7 @@ class Engine(Owner, ABC):
             with self.stopwatch.stage("AOVs"):
                 self._aovs.add(eye)
 
-    def _count(self, taken: Taken) -> None:
+    def _count(self, readback: Readback) -> None:
         """Count what else an engine's shaders count along with the sums."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:

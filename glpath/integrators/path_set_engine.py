@@ -26,7 +26,7 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.gl.ray_bvh import RayBvh
-from glpath.gl.sums import PixelSums, Taken
+from glpath.gl.sums import PixelSums, Readback
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
 from glpath.integrators.settings import PathSetSettings
@@ -117,9 +117,9 @@ class PathSetEngine(Engine):
         super().forget_statistics()
         self._cast = self._lost = 0
 
-    def _count(self, taken: Taken) -> None:
-        self._cast += int(taken.low.sum(dtype=np.int64))
-        self._lost += int((taken.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
+    def _count(self, readback: Readback) -> None:
+        self._cast += int(readback.low.sum(dtype=np.int64))
+        self._lost += int((readback.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
 
     # What the frame is made of.
 

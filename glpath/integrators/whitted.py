@@ -31,7 +31,7 @@ from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass, draw_areas, run_in_areas
 from glpath.gl.ping_pong import InTurn
 from glpath.gl.program import load_program
-from glpath.gl.sums import PixelSums, Taken
+from glpath.gl.sums import PixelSums, Readback
 from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
@@ -144,11 +144,11 @@ class WhittedTracer(Engine):
         self._sums.path_set_added()
 
     def take(self) -> NDArray[np.float64]:
-        taken = super().take()
+        readback = super().take()
         if self._moving is not None:
-            taken = self._held + taken
+            readback = self._held + readback
             self._held[:] = 0.0
-        return taken
+        return readback
 
     def take_aovs(self) -> dict[str, NDArray[Any]]:
         found, self._held_aovs = self._with_held(), {}
@@ -270,7 +270,7 @@ class WhittedTracer(Engine):
             shadow_rays += settings.light_samples
         return settings.max_depth * (1 + shadow_rays) * loop
 
-    def _count(self, taken: Taken) -> None:
+    def _count(self, readback: Readback) -> None:
         if not self.count_tests:
             return
         assert self._ray_tests is not None, "made where tests are counted"

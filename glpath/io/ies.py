@@ -9,8 +9,8 @@
     0                          C: 0 alone, or to 90, 180 or 360: the rest follows by symmetry
     1000 700 0                 candela, gamma by gamma, for each C
 
-Taken are candela times multiplier, ballast factor and ballast lamp factor. The size of the luminaire is not: it is
-a point. Numbers may be parted by commas, and break lines anywhere.
+The values are candela times multiplier, ballast factor and ballast lamp factor. The size of the luminaire is not
+used: it is a point. Numbers may be parted by commas, and break lines anywhere.
 
 Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for what files in use look like.
 """

@@ -97,8 +97,8 @@ class Mesh:
         )
 
     def _with_vertices(self, which: NDArray[np.integer[Any]]) -> Mesh:
-        taken = {name: None if values is None else values[which] for name, values in self.of_vertices.items()}
-        return Mesh(self.vertices[which], self.faces, **taken)
+        selected = {name: None if values is None else values[which] for name, values in self.of_vertices.items()}
+        return Mesh(self.vertices[which], self.faces, **selected)
 
 
 IDENTITY = np.eye(3, 4)

@@ -109,15 +109,15 @@ def _shaded_around(scene: Scene, camera: Camera) -> Float64:
     right, up, forward = camera.frame()
     rays = camera.rays()
     side = max(1, round(camera.resolution[1] / 2))
-    colour, taken = np.zeros_like(rays), np.zeros(rays.shape[:2], np.bool_)
+    colour, filled = np.zeros_like(rays), np.zeros(rays.shape[:2], np.bool_)
     level = [(forward, up), (right, up), (-forward, up), (-right, up)]
     for towards, above in (*level, (up, -forward), (-up, forward)):
         face = Camera(camera.position, camera.position + towards, above, 90.0, (side, side))
         at, depth = face.project(camera.position + rays)
-        seen = ~taken & (depth > 0) & (np.abs(at - side / 2) <= side / 2 * (1 + 1e-9)).all(axis=-1)
+        seen = ~filled & (depth > 0) & (np.abs(at - side / 2) <= side / 2 * (1 + 1e-9)).all(axis=-1)
         column, row = np.clip(np.floor(at[seen]).astype(np.int64), 0, side - 1).T
         colour[seen] = _shaded(scene, face)[row, column]
-        taken |= seen
+        filled |= seen
     return colour
 
 

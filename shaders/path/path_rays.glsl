@@ -145,7 +145,7 @@ LightSample light_of(PathId at, int part, out float share)
 // There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
-    int taken = 0;
+    int selected = 0;
     float scale = 1.0, share;
 #if PARTS > 1
     float weights[PARTS], sum = 0.0;
@@ -160,13 +160,13 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     for (int k = 0; k < PARTS; ++k)
     {
         bool beyond = weights[k] > 0.0 && upto <= number;
-        taken = beyond ? k : taken;
+        selected = beyond ? k : selected;
         weight = beyond ? weights[k] : weight;
         upto += weights[k];
     }
     scale = weight > 0.0 ? sum / weight : 0.0;
 #endif
-    light_sample = light_of(at, taken, share);
+    light_sample = light_of(at, selected, share);
     DirectLight direct = light_from(light_sample, position, normal, views);
     direct.light *= scale * share;
     return direct;

@@ -306,7 +306,7 @@ class Geometry:
         walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
-        facets = plain.taken(bvh.order)
+        facets = plain.select(bvh.order)
         row = of_row[bvh.order].astype(np.int64)
         areas = np.bincount(row, facets.areas, faces.row_count).astype(np.float64)
         around = np.linalg.norm(np.roll(facets.corners, -1, axis=1) - facets.corners, axis=2).sum(axis=1)

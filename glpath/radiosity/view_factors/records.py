@@ -39,7 +39,7 @@ class Polygons(NamedTuple):
     boxes: Float64
     areas: Float64
 
-    def taken(self, which: NDArray[Any]) -> Polygons:
+    def select(self, which: NDArray[Any]) -> Polygons:
         """Some of them, in that order."""
         return Polygons(*(np.ascontiguousarray(part[which]) for part in self))
 
