@@ -103,7 +103,7 @@ def _build(boxes, order, leaf_size, nodes, skip, first, count, pending, work):  
 
 
 class _Workspace(NamedTuple):
-    """Of `_split`.
+    """Arguments of `_split`.
 
     bins, filled : (BINS, 6) boxes and (BINS,) how many items are in each
     right_cost   : (BINS,) of what lies to the right of each

@@ -63,6 +63,6 @@ def _sweep(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centr
 
 
 def _half_area(boxes: Float64) -> Float64:
-    """Of boxes (..., 6), a lower corner and minus the upper one."""
+    """(...) half the area of boxes (..., 6), a lower corner and minus the upper one."""
     x, y, z = np.moveaxis(-boxes[..., 3:] - boxes[..., :3], -1, 0)
     return np.asarray(x * y + y * z + z * x)

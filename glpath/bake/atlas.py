@@ -29,13 +29,13 @@ from glpath.scene.geometry import Float64, Mesh
 Int64 = NDArray[np.int64]
 #: Triangles, the side of them, and its density.
 Part = tuple[Int64, int, float]
-#: Of a part: corners (V, 2) in the plane, the three of each of its triangles (F, 3), and which of them these are.
+#: A part's corners (V, 2) in the plane, the three of each of its triangles (F, 3), and which of them these are.
 Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 
 MAX_SIZE = 8192
 #: Texels between charts: as far as bilinear look-ups of the first mipmap levels go.
 PADDING = 4
-# What a single look-up needs, where charts are so many that wider gutters leave them less than this of a page.
+# The padding of a single look-up, where charts are so many that wider gutters leave them less than this of a page.
 _MIN_PADDING, _COVERED = 2, 1 / 3
 #: A page that is as large as it has to be is of a power of two between these.
 _MIN_PAGE, _LARGEST_PAGE = 64, 4096
@@ -222,7 +222,7 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
 
 
 def _parts(scene: Scene, density: Float64) -> list[Part]:
-    """Of each mesh what has one side and one density."""
+    """The parts of each mesh with one side and one density."""
     parts: list[Part] = []
     first = 0
     densities = np.unique(density[density > 0])
@@ -304,12 +304,12 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
     if fits[1] == 0:
         return over[0] * min(_STEP, size / over[1])
     share = (size - fits[1]) / (over[1] - fits[1])
-    # What fits is not taken at the very edge, as packing is chance; and each end comes nearer.
+    # Not the largest that fits is taken, as packing is stochastic; and each end comes nearer.
     return fits[0] + (over[0] - fits[0]) * min(max(share - _SHY, 0.1), 0.9)
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Of each part its charts, in units of `_unit`; None of few sides, whose every packing makes its own.
+    """Each part's charts, in units of `_unit`; None for few sides, whose every packing makes its own.
 
     texels : per scene unit, about as many as they are packed with: xatlas stretches charts to whole texels
 

@@ -57,7 +57,7 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
         mode = "blend" if material.clear > 0 else material.alpha
         primitives = []
         for page, mesh in _parts(scene, atlas, number):
-            # Of coordinates that are kept there is one side alone: the other has its light.
+            # Kept coordinates have one side alone: the other has its light.
             key = page, mode, material.cutoff, atlas.of_file and material.two_sided
             if key not in materials:
                 materials[key] = len(file.materials)
@@ -102,7 +102,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     made = replace(
         scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=()
     )
-    # What shines keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
+    # Emission keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
     made = replace(made, unit="photometric")
     _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
@@ -128,7 +128,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
 def _parts(
     scene: Scene, atlas: Atlas, number: int, side: int | None = None, uv_set: int | None = None
 ) -> list[tuple[int, Mesh]]:
-    """Of a shape, in world space, a mesh for each page, whose second texture coordinates are the atlas's.
+    """A shape's meshes in world space, one for each page, whose second texture coordinates are the atlas's.
 
     Where a triangle has both sides, the back is a little behind, see `behind`.
 

@@ -54,7 +54,7 @@ Materials = Literal["unlit", "keep"]
 DEFAULT_SIZE = 1024
 #: Texels of the longer side of a page that a notebook shows.
 _PREVIEW = 1024
-#: What is behind a wall is taken for inside up to so many texels from it.
+#: Points behind a wall count as inside up to so many texels from it.
 _NEAR = 2.0
 #: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
 #: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
@@ -112,7 +112,7 @@ class Surfaces:
 
     @classmethod
     def on(cls, scene: Scene, atlas: Atlas, sides: Sides) -> Surfaces:
-        """Of an atlas that there is, of a scene in triangles. Raises SceneError."""
+        """From an existing atlas, of a scene in triangles. Raises SceneError."""
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
@@ -417,7 +417,7 @@ class Bake:
         return cls(surfaces, job, seen, denoise)
 
     def lightmap(self, film: Film) -> Lightmap:
-        """Of a film of the texels."""
+        """From a film of the texels."""
         return Lightmap.of(self.surfaces, film, self.denoise)
 
 

@@ -36,7 +36,7 @@ _SMOOTH = 0.995
 _DENSITY = 3.0
 #: The largest step that is left, as a share of the value there, or of this share of the mean where that is darker.
 LIMIT, DARK = 0.018, 0.01
-#: What a step weighs in the first round beside a change of a texel, and what a change of a gutter's does.
+#: What a step weighs in the first round compared with a change of a texel, and what a change of a gutter's does.
 _FIRST, _GUTTER = 10.0, 0.02
 #: Changes count by their share of the light about them and of this share of the mean: with less, the light side of
 #: a terminator were drawn down to the dark one.
@@ -64,7 +64,7 @@ class Seams:
 
     @classmethod
     def of(cls, scene: Scene, atlas: Atlas) -> Seams:
-        """Of all charts."""
+        """The seams of all charts."""
         ends = _edges(scene, atlas)
         if not len(ends[0]):
             return cls(np.zeros((2, 0), np.int64), np.zeros((2, 0, 2)))

@@ -72,7 +72,7 @@ class Sides:
 
     @classmethod
     def of(cls, scene: Scene, seed: int = 0) -> Sides:
-        """Of a scene in triangles. seed : of the rays by which light is looked for; what is shown is no chance."""
+        """The sides of a scene in triangles. seed : of the rays that find light; `shown` does not use it."""
         rays = rays_of(scene)
         surfaces = _Surfaces.of(scene)
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
@@ -175,7 +175,7 @@ def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int)
 
 @dataclass(frozen=True, eq=False)
 class _Surfaces:
-    """Of each side of each triangle (T, 2) bool: whether it shines, and whether it sends light on at all.
+    """(T, 2) bool of each triangle's sides: whether it shines, and whether it sends light on at all.
 
     passes : (T,) whether light goes through
     normals : (T, 3) float64, the scene's
@@ -287,7 +287,7 @@ def _pieces(scene: Scene) -> Int64:
 def cast(
     scene: Scene, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
-    """Of rays (N, 3) the (N,) triangle but for `own` (-1: none), the side that is hit, and the distance."""
+    """(N,) triangle hit by rays (N, 3), but for `own` (-1: none), its side, and the distance."""
     return _hit(_Surfaces.of(scene), rays, origins, directions, own)
 
 

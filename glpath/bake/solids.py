@@ -46,7 +46,7 @@ class Closed:
 
     @classmethod
     def of(cls, scene: Scene) -> Closed:
-        """Of a scene in triangles; which of them cross themselves is not asked."""
+        """The solids of a scene in triangles, not tested for crossing themselves."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 

@@ -46,7 +46,7 @@ class Texels:
 
     @property
     def index(self) -> tuple[Int64, Int64, Int64]:
-        """Of arrays (pages, h, w)."""
+        """From arrays (pages, h, w)."""
         return self.page, self.row, self.column
 
     def positions(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:

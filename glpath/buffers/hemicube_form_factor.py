@@ -2,7 +2,7 @@
 
 A hemicube stands on the point, along its normal; the scene is drawn on it with hidden surfaces removed, and each
 texel adds its own form factor to the triangle that it shows. The form factor of a texel is exact, so that a point
-whose view is closed has a row that sums to 1. An engine of its own beside the ray-cast form factors of
+whose view is closed has a row that sums to 1. An alternative to the ray-cast form factors of
 `glpath.radiosity`, and a check of these.
 
 Cost:     a draw of the scene on five faces, 3 R^2 texels to read back and to count, for every point.

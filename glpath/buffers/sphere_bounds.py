@@ -33,7 +33,7 @@ def _ranges_to_cells(
     primitive: Int64,
     cells: Int64,
 ) -> int:
-    """Of each range of angles, its number, and its first column and row and its last ones; none is empty.
+    """Each range of angles' number, and its first column and row and its last ones; none is empty.
 
     Longitudes may be up to a turn wide and anywhere; what reaches over the seam is split, its second part last.
     Fills primitive (2 N,) and cells (2 N, 4), and returns how many there are.

@@ -43,7 +43,7 @@ _WIDEST = 1 << 15  # groups across, below every device's limit
 # Pixels along a point: larger ones would shoot at more pixels only to leave them out; on a device that does not
 # draw points of a few pixels, rectangles cost less.
 _SQUARE, _SMALLEST_SQUARE = 32, 8
-# What the least word of a small primitive's pixel says of its number; the less, the surer.
+# The states of a small primitive's number in its pixel; the smaller, the surer.
 _SURENESS = """
 #define GROUP {group}
 const uint NUMBER = 0x3fffffffu;
@@ -345,7 +345,7 @@ class _SmallPrimitives:
             grid = (min(groups, _WIDEST), -(-groups // _WIDEST))
             own = {"first": numbers.start, "count": len(numbers)}
             for stages, name, more in (
-                (self._first, "least t", {}),
+                (self._first, "min t", {}),
                 (self._second, "lowest number", {"SECOND": 1}),
             ):
                 program = buffer._program(define | more, compute="t_buffer/t_buffer_small.comp")

@@ -20,7 +20,7 @@ from glpath.errors import UsageError
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
 
-# What is behind a picture with alpha.
+# Grounds behind a picture with alpha.
 _GROUNDS = {"over black": 0.0, "over white": 1.0}
 
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}

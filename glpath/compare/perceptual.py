@@ -33,7 +33,7 @@ MEAN = 0.01
 LOCAL = 0.1
 PPD = 67.0
 
-# Of a degree, the side of a spot.
+# Side of a spot, degrees.
 _SPOT = 0.1
 
 
@@ -42,7 +42,7 @@ def flip(
 ) -> Verdict:
     """Whether the mean of the FLIP map is at most `mean`, and no spot of it above `local`.
 
-    mean  : of the whole picture; 0 is equal, 1 black beside white
+    mean  : of the whole picture; 0 is equal, 1 black against white
     local : of each square of a tenth of a degree of sight (7 x 7 pixels by default), so that nothing vanishes from
             a large picture unseen; by default 0.1, or `mean` where that is more. So it finds 5 x 5 pixels
             that differ from its ground by 16 of 255 levels, 3 x 3 that differ by 32; it passes rounding,

@@ -31,7 +31,7 @@ Float64 = NDArray[np.float64]
 #: Pixels along the side of a block.
 BLOCK_SIDE = 16
 
-# Of float32, in which noise is stored, with much to spare.
+# Rounding of float32, in which noise is stored, with much to spare.
 _ROUNDING = 1e-4
 
 #: In the header of what `Film.save` has denoised.
@@ -40,7 +40,7 @@ DENOISED = "glpath.denoised"
 _FORMAT = "glpath.baseline"
 _VERSION = "1"
 
-# What decides a picture, as the header names it, and the word for it in a message. Not the seed, the path sets and
+# The header's names of what decides a picture, and the words in messages. Not the seed, the path sets and
 # the device: two renders may differ in these and must still agree.
 _DECIDES = {
     "glpath.kind": "kind",

@@ -27,7 +27,7 @@ THRESHOLD = 2.0
 EDGE = 0.25
 FAILPERCENT = 0.0
 
-# Of our own arithmetic, in levels: 2 levels are 2.0000000000000004 at times.
+# Rounding of our own arithmetic, in levels: 2 levels are 2.0000000000000004 at times.
 _ROUNDING = 1e-9
 
 

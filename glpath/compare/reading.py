@@ -24,7 +24,7 @@ from glpath.system.npz import check_unfolded, read_npy
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: What Pillow is asked to read; the rest of READABLE is radiance.
+#: Formats read by Pillow; the rest of READABLE is radiance.
 _BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
 
 SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))

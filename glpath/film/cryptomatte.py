@@ -29,7 +29,7 @@ Kind = Literal["object", "material"]
 
 #: Names of a pixel that are written: the specification's suggestion, two for each layer of four channels.
 RANKS = 6
-#: What the layers of each kind are called, as the specification's examples, Blender and Arnold do.
+#: The names of the layers, as in the specification's examples, Blender and Arnold.
 LAYERS: dict[Kind, str] = {"object": "CryptoObject", "material": "CryptoMaterial"}
 
 # A key is the pixel, and below it the shape.
@@ -56,7 +56,7 @@ class ShapeCounts:
 
     @classmethod
     def of(cls, shapes: NDArray[np.unsignedinteger]) -> ShapeCounts:
-        """Of samples.
+        """The counts of samples.
 
         shapes : (H, W, samples), number of the shape + 1 that each has hit, 0 for none; row 0 at the top
         """
@@ -97,7 +97,7 @@ class ShapeCounts:
         return found.astype(np.int64).reshape(self.size)
 
     def ranked(self, group: Int64, ranks: int) -> tuple[Int64, Int64]:
-        """Of each pixel the groups of shapes that most of its samples have hit, those with most first.
+        """Each pixel's groups of shapes with the most hits, in this order.
 
         group : (shapes,) int64, which group each shape is of; of equals the lower comes first
 

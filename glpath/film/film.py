@@ -59,7 +59,7 @@ WRITABLE = (".png", ".exr", ".npz")
 #: The depth where no sample of a pixel has hit anything, as Blender has it: far, and a number that filters keep.
 FAR = 1e10
 
-# Of the longer side of the image that a notebook shows.
+# Pixels of the longer side of the image in a notebook.
 _PREVIEW = 1024
 
 
@@ -84,7 +84,7 @@ class Film:
     shape_counts: ShapeCounts | None = None
     #: Called when a notebook is about to show the film, to remove a picture of it that stands there.
     before_shown: Callable[[], None] | None = field(default=None, init=False)
-    # What `denoised` has found, and for which path sets.
+    # The result of `denoised`, and its path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
 
     @classmethod

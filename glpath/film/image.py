@@ -222,7 +222,7 @@ def write_exr(
         OpenEXR.File(header, written).write(str(temporary))
 
 
-# What the letters of a layer are that is no colour: those that Nuke, Blender and Natron know.
+# The letters of layers without colour, as Nuke, Blender and Natron know them.
 _LETTERS = {"normal": "XYZ", "position": "XYZ", "depth": "Z", "depth_min": "Z"}
 _LETTERS |= dict.fromkeys(("object_id", "material_id", "samples"), "X")
 

@@ -15,7 +15,7 @@ from glpath.errors import UsageError
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
-#: What a film may hold beside radiance ("arbitrary output variables"); `Film.aov` says what each is.
+#: "Arbitrary output variables", which a film may hold beside radiance; see `Film.aov`.
 Aov = Literal[
     "albedo",
     "normal",
@@ -29,9 +29,9 @@ Aov = Literal[
     "samples",
 ]
 AOVS: tuple[Aov, ...] = get_args(Aov)
-#: Those that a denoiser goes by.
+#: The AOVs that guide a denoiser.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
-#: Those made from counts of the shapes that samples have hit.
+#: AOVs made from counts of the shapes that samples have hit.
 ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 
 #: Which sums a film has for its AOVs, and how many numbers of each a pixel has: for "depth" and "position" also how
@@ -51,11 +51,11 @@ _INFINITY = np.uint32(0x7F800000)
 #: The counts of shapes, by the same name as of a sum.
 SHAPES = "shapes"
 
-#: What may have ended a render, as `stop_rule` names it; by one of RULES it is complete.
+#: Ends of a render, as `stop_rule` names them; by one of RULES it is complete.
 SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
 RULES = (SPP, TIME_LIMIT, NOISE)
 
-# What the fields of the metadata are in a file.
+# Types of the metadata's fields in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule unit": str,
     "seed": int,
@@ -65,7 +65,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
-# What must be equal to merge, in the words of a message; of settings, each by its own name.
+# Fields that must be equal to merge, in the words of a message; settings each by name.
 _DECIDES = {
     "scene_hash": "scene",
     "integrator": "integrator",
@@ -78,9 +78,9 @@ _DECIDES = {
     "position_origin": "position_origin",
     "unit": "unit",
 }
-# What counts of shapes are of.
+# Kinds of counts of shapes.
 _NAMES = ("shape_names", "material_names", "shape_materials")
-# Of an image, in pixels; far beyond what can be rendered.
+# Sides of an image, pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
 
 

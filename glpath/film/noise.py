@@ -1,7 +1,7 @@
 """A bound of an image's distance from the converged one, from the spread of its batches, at a given confidence.
 
-The mean squared error of an image is sigma² on average; between B batches we see an estimate s² of it. What the
-error of this one image is beside that depends on how many independent errors the image is made of: where pixels err
+The mean squared error of an image is sigma² on average; between B batches we see an estimate s² of it. The
+ratio of this image's error to that depends on its number of independent errors: where pixels err
 independently there are hundreds, and both are nearly sigma²; where path sets share their directions all pixels err
 together, as a single number would. With k independent errors of equal size, the squared error over s² has the
 distribution F(k, (B - 1) k), whose quantile is the bound.

@@ -32,7 +32,7 @@ class FilmParts(NamedTuple):
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> FilmParts:
-        """Of the size of the metadata's window, without any path set."""
+        """Empty sums of the metadata's window."""
         _, _, width, height = metadata.window
         sums = np.zeros((BATCHES, height, width, 3))
         aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}

@@ -18,7 +18,7 @@ from glpath.system.npz import check_unfolded
 
 _LONGEST_HEADER = 1 << 16
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
-# Of lines that are run-length encoded; others are too short to gain, or too long for the two bytes.
+# Lengths of run-length encoded lines; others are too short to gain, or too long for the two bytes.
 _MIN_ENCODED, _MAX_ENCODED = 8, 0x7FFF
 
 

@@ -11,7 +11,7 @@ from glpath.sampling.points import concentric_disk
 from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
-# Of a scene's radius, how far off a camera is distant: there 32 bits tell 1e-6 of the radius apart.
+# Distance, in a scene's radii, of a distant camera: there 32 bits resolve 1e-6 of the radius.
 _DISTANT = 16.0
 
 
@@ -50,7 +50,7 @@ def eye_uniforms(
     position = np.asarray(camera.position, np.float64)
     centre = np.array(eye_centre(camera.resolution, pixel))
     if lens is not None and camera.aperture_radius > 0:
-        # What is sharp stays where it is: a pinhole whose image is shifted.
+        # Points in focus stay where they are: a pinhole whose image is shifted.
         beside = camera.aperture_radius * concentric_disk(np.asarray(lens, np.float64))
         position = position + beside[0] * right + beside[1] * up
         centre = centre + camera.focal / camera.focus * beside

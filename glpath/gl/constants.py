@@ -17,7 +17,7 @@ MIN_NORMAL = np.uint32(0x00800000)
 
 #: Bits of a path's number in a scan; above it stands the scan's epoch.
 NUMBER_BITS = 20
-#: What a scan found for a path, instead of a triangle: nothing beyond its start; it lost the collision in its cell;
+#: Results of a scan instead of a triangle: nothing beyond its start; it lost the collision in its cell;
 #: it was not launched.
 PATH_MISSED, PATH_LOST, PATH_DEAD = -1, -2, -3
 

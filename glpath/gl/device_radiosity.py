@@ -19,7 +19,7 @@ from glpath.errors import SceneError
 from glpath.gl.texel_store import FLOATS, WIDTH, make_store, store_glsl
 from glpath.scene.model import Float64
 
-#: What an entry's texels hold, in order, by section; each is an RGBA float32 texel.
+#: The contents of an entry's texels, in order, by section; each is an RGBA float32 texel.
 LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
@@ -102,7 +102,7 @@ class DeviceRadiosity:
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
         max_rows = max(0, min(_MAX_ROWS, limit // (4 if all_light else 2)))
         elements = divisions.astype(np.int64) ** 2
-        # Of a fine lattice these are twice as many as its vertices, and guides have their numbers.
+        # In a fine lattice these are twice as many as its vertices, and guides have their numbers.
         numbered = int(elements.sum()) if all_light else 0
         found = max(given, numbered)
         if found > max_rows:

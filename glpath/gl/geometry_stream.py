@@ -231,7 +231,7 @@ class StreamedScan:
         self._stream = stream
         self._cull = None
         (vertex, fragment), generated = shaders, parts.generated
-        # What lets light through is not streamed, so nothing of it is asked for.
+        # Transparent geometry is not streamed, so its data are not needed.
         plain = {name: value for name, value in parts.defines.items() if name != "HAS_ALPHA"} | {
             "STREAMED_CHUNK": 1
         }

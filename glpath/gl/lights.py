@@ -48,7 +48,7 @@ def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str
     )
 
 
-#: Of a light sample in `light_table`.
+#: Rows of a light sample in `light_table`.
 LIGHT_ROWS = 4
 
 

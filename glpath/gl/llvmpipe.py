@@ -45,7 +45,7 @@ def is_spoken(gl: moderngl.Context) -> bool:
 
 
 def uniform_name(name: str) -> str:
-    """Of a uniform as the driver calls it, the name that the shader's file has."""
+    """The name in the shader's file of a uniform as the driver calls it."""
     return name.removesuffix(_IMAGE).removesuffix(_GIVEN)
 
 

@@ -94,7 +94,7 @@ class MovingScene:
 
 
 def _vertex_ranges(shapes: Shapes) -> list[slice]:
-    """Of each shape of triangles its range of vertices, in all its instances."""
+    """The range of vertices of each shape of triangles, in all its instances."""
     counts = [
         len(s.world_from_object) * len(s.geometry.vertices) if isinstance(s.geometry, Mesh) else 0 for s in shapes
     ]

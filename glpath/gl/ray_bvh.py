@@ -25,7 +25,7 @@ from glpath.gl.moving import Refitting
 from glpath.gl.texel_store import UINTS, StoreRows, make_store, store_glsl
 from glpath.scene.model import Scene
 
-#: What a node's texel holds, and an item's. All are integers, coordinates as the bits of floats.
+#: The contents of a node's texel, and an item's. All are integers, coordinates as the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
     "ray_node": {
         "BOX": "x, y, z: lower corner in the low 16 bits, upper in the high ones; w: the node after its subtree, "
@@ -153,7 +153,7 @@ class _Grid:
 
     @classmethod
     def of(cls, tree: Bvh, bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> _Grid:
-        """Of a tree, and of all that its items are moved through."""
+        """The grid of a tree, and of all that its items are moved through."""
         if not len(tree):
             return cls(np.zeros(3), np.ones(3), np.zeros(3))
         lower, upper = tree.lower[0], tree.upper[0]
@@ -228,7 +228,7 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = Non
         if paths is not None:
             lacks[:-1][paths[:-1] != paths[1:]] = -1
     pairs = lacks >= 0
-    # Of a run of triangles that are each a parallelogram with the next one, every other begins one.
+    # In a run of triangles that are each a parallelogram with the next one, every other begins one.
     run = np.arange(count) - np.maximum.accumulate(np.where(pairs, -1, np.arange(count)))
     begins = pairs & (run % 2 == 1)
     ends = np.concatenate([[False], begins[:-1]])

@@ -27,7 +27,7 @@ from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
-#: What an entry's texels hold, in order, by section.
+#: The contents of an entry's texels, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "vertex": {"POSITION": "world space"},
     "shading": {"NORMAL": "of a vertex, where the scene has smooth normals: unit, world space; 0 for none"},
@@ -323,7 +323,7 @@ def triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
 
 
 def _materials(scene: Scene) -> Float64:
-    # What is unlit shows its emission alone.
+    # Unlit materials show their emission alone.
     rows = [
         [
             [*m.reflectance * lit, m.two_sided],

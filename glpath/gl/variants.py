@@ -23,7 +23,7 @@ _LIGHTS, _RAYS, _STAGES = "gl.lights", "integrators.ray_paths", "integrators.pat
 _SCANS, _WHITTED, _T_BUFFER = "buffers.path_buffer", "integrators.whitted", "buffers.t_buffer"
 
 VARIANTS: dict[str, Variant] = {
-    # What a scene has.
+    # Contents of a scene.
     "HAS_SPHERES": Variant("the scene has spheres", _SCENE),
     "HAS_ELLIPSOIDS": Variant("the scene has ellipsoids", _SCENE),
     "HAS_TRIANGLES": Variant("the scene has triangles", _SCENE),

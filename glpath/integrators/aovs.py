@@ -171,7 +171,7 @@ class EyeAovs:
         sums = {name: self._read(texture) for name, texture in self._sums.read.items()}
         if "sum_first" in sums:
             first, second = (sums[name].astype(np.float64) for name in ("sum_first", "sum_second"))
-            # What was not finite is not in the sum, so the 1 isn't either.
+            # Samples that were not finite are not in the sum, so the 1 isn't either.
             normal = np.concatenate([first[..., 3:], second[..., :2]], axis=2) / _QUANTA
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))

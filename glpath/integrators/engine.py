@@ -112,7 +112,7 @@ class Engine(Owner, ABC):
         self._dropped = 0
         self.stopwatch.milliseconds.clear()
 
-    # What frames are made of.
+    # The parts of frames.
 
     def _add_aovs(self, eye: Uniforms) -> None:
         """The surfaces that the eye sees, where the film has AOVs of them."""

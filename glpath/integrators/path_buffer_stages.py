@@ -54,7 +54,7 @@ from glpath.sampling.points import (
 )
 from glpath.scene.simplify import density_of, simplified
 
-# Of a simpler surface's deviation: how near to its start a path from the eye's surface meets nothing. It may leave
+# In a simpler surface's deviation: how near to its start a path from the eye's surface hits nothing. It may leave
 # at a flat angle.
 _SKIPPED = 4.0
 
@@ -156,7 +156,7 @@ class PathBufferStages(PathSetEngine):
         if light is NO_LIGHT or light.distant:
             frame = self.shadow_buffer.frame(self.scene.centre, light.direction, roll)
             return SetLight(light, uniforms | frame.uniforms)
-        # What a point light sees is turned anew for each set, so that the texels' edges average out.
+        # A point light's cube is turned anew for each set, so that the texels' edges average out.
         axis = uniform_sphere(u[1:]) if light.kind == "point" else light.direction
         frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided=light.kind == "area")
         with self.stopwatch.stage("shadow-buffer"):
@@ -232,7 +232,7 @@ class PathBufferStages(PathSetEngine):
                 assert passes.inner is not None, "made with every light from infinity"
                 passes.inner.now.run(self._distant_scan | vertex)
 
-    # What the frame is made of.
+    # The stages of the frame.
 
     def _scene_of_bounces(self) -> DeviceScene:
         """The scene for paths from their second vertex on, which may be a simpler one [PB 6.1].

@@ -121,7 +121,7 @@ class PathSetEngine(Engine):
         self._cast += int(readback.low.sum(dtype=np.int64))
         self._lost += int((readback.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
 
-    # What the frame is made of.
+    # The parts of the frame.
 
     def move_to(self, index: int) -> None:
         """Put what moves where it is at the time of a path set; the eye goes by its own uniforms."""
@@ -213,7 +213,7 @@ class PathSetEngine(Engine):
             textures=scene.textures,
         )
         if scene.stream is not None:
-            # Of what eye rays and then paths have hit.
+            # Records of the hits of eye rays, then of paths.
             self._hit_records = scene.stream.records(size)
             self._eye_stream = StreamedScan(
                 "eye",

@@ -48,7 +48,7 @@ from glpath.sensors.sensor import PointSensor, Sensor
 
 #: Light samples of a path set at most, for its paths to choose from.
 LIGHTS = 16
-# What all lights are divided into at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
+# Parts of all lights at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
 # for the shadow of one.
 _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
@@ -131,7 +131,7 @@ class RayPathEngine(PathSetEngine):
             run_in_areas(self._paths.now, self._areas, uniforms)
         self._sums.path_set_added()
 
-    # What it is made of.
+    # Its parts.
 
     def _prepare_stages(self) -> None:
         gl, scene, settings = self.gl, self.scene, self.settings
@@ -143,7 +143,7 @@ class RayPathEngine(PathSetEngine):
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
-        # Of the numbers that say which light: a part is a light, or an eighth of them all.
+        # Bounds of the numbers that select a light: a part is a light, or an eighth of them all.
         self._light_edges = _light_edges(self.lighting)
         self._parts = len(self._light_edges) - 1
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
@@ -156,7 +156,7 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Of paths that only chance ends, few have more vertices.
+        # Few paths that only roulette ends have more vertices.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
@@ -181,7 +181,7 @@ class RayPathEngine(PathSetEngine):
             "LIGHT_ROWS": LIGHT_ROWS,
             **self._sums.defines,
         }
-        # What is measured at points is also their mean: with light samples that all share, all would err alike.
+        # Measurements at points are also averaged: with shared light samples all errors would be alike.
         self._draws: LightDraws | None = None
         if isinstance(self.sensor, PointSensor) and self.sensor.independent:
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)

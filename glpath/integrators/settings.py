@@ -45,9 +45,9 @@ _NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather 
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
 # Russian roulette ends a gather's paths by mirrors and glass from this vertex on.
 _MIRRORED = 6
-# What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
+# AOVs of a film of points: those of light, not of the surfaces that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
-# Of a gather, by how it casts rays.
+# Options of a gather, by how it casts rays.
 _OF_BVH = ("guide", "branches")
 _OF_PATH_BUFFER = ("directions", "light_resolution", "cell_share", "cosine_roulette")
 _OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
@@ -94,7 +94,7 @@ class IntegratorSettings(ABC):
     def recorded(self) -> dict[str, Any]:
         """The settings by name, as a film's metadata has them: films merge where these are equal.
 
-        Without the AOVs, which are beside the image.
+        Without the AOVs, which are not part of the image.
         """
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "aovs"}
 
@@ -240,7 +240,7 @@ class PathSettings(PathSetSettings):
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 
-    # Of what a gather has a choice: guides are of the solution as it is looked up there; a path has no branches.
+    # Only a gather has this choice: its guides are of the solution that it looks up; a path has no branches.
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
     branches: ClassVar[int] = 1
@@ -351,7 +351,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
     }
 
-    # What paths have and a gather does not: its solution is of the scene itself, and has light of all bounces.
+    # Not for a gather: its solution is of the scene itself, and has light of all bounces.
     bounce_lod: ClassVar[None] = None
     ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
 

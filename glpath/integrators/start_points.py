@@ -46,7 +46,7 @@ class StartPoints:
         names = ["start_positions", "start_normals"]
         if sensor.smooth:
             names.append("start_shading")
-            # Of scenes without any, too, where somebody else has made some.
+            # Also for scenes without any, where other code has made some.
             self.defines |= {"START_SHADING": 1, "HAS_NORMALS": 1}
         self.textures = {name: gl.texture(size, 4, dtype="f4") for name in names}
         for texture in self.textures.values():

@@ -177,7 +177,7 @@ class WhittedTracer(Engine):
         super().forget_statistics()
         self._tests = _no_tests()
 
-    # What the frame is made of.
+    # The parts of the frame.
 
     def _light_samples(self, index: int) -> Uniforms:
         """The light samples of a path set, which shaders/lights/light_samples.glsl reads."""

@@ -29,10 +29,10 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 
-# Of a quad's diameter; more than the rounding of coordinates written with three digits.
+# In quads' diameters; more than the rounding of coordinates written with three digits.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
-# Of cameras that have none; what a perspective one has by default.
+# The aspect of cameras without one, the default of a perspective one.
 _FOV = 40.0
 
 

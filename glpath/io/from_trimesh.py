@@ -109,7 +109,7 @@ class Surfaces:
         return Surface(material, np.asarray(emission, np.float64)[:3])
 
     def _phong(self, given: Any, with_colours: bool) -> Surface:
-        """Of a `SimpleMaterial`; any other of trimesh's has a main colour."""
+        """The material of a `SimpleMaterial`; any other of trimesh's has a main colour."""
         texture = self._slot(getattr(given, "image", None), srgb=True)
         diffuse = np.asarray(getattr(given, "diffuse", given.main_color))
         base, opacity = decode_srgb(phong.share(diffuse[:3] / 255)), float(diffuse[3] / 255)

@@ -34,7 +34,7 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
-#: Of the files that are scenes.
+#: Suffixes of scene files.
 SCENE_SUFFIXES = (".toml", *MODEL_FORMATS)
 
 

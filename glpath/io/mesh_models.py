@@ -86,7 +86,7 @@ class _Reader:
         )
 
     def _number(self, loaded: Any) -> int:
-        """Of its material in an OBJ; -1 without."""
+        """The number of its material in an OBJ; -1 without."""
         name = str(getattr(getattr(loaded.visual, "material", None), "name", ""))
         return int(name) if self.file.obj is not None and name.isdecimal() else -1
 

@@ -37,14 +37,14 @@ _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
 _SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
-#: What describes the geometry of a mesh in a dictionary.
+#: Keys of the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
 
 def inline_mesh(
     vertices: list[tuple[float, float, float]], faces: list[list[int]], location: SourceLocation
 ) -> Mesh:
-    """Of vertices, and faces of three or four of them; `location` is the shape's. Raises SceneError."""
+    """The mesh of vertices, and faces of three or four of them; `location` is the shape's. Raises SceneError."""
     for name, given in (("vertices", vertices), ("faces", faces)):
         if not given:
             raise location.field(name).error("is empty, but a mesh needs three vertices and one face.")
@@ -102,7 +102,7 @@ def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
 def mesh_of_arrays(
     vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, location: SourceLocation
 ) -> Mesh:
-    """Of vertices (V, 3), faces (F, 3) or (F, 4) and texture coordinates (V, 2). Raises SceneError.
+    """The mesh of vertices (V, 3), faces (F, 3) or (F, 4), texture coordinates (V, 2). Raises SceneError.
 
     Faces of four are split along the line from the first vertex to the third. `location` is the shape's.
     """

@@ -31,7 +31,7 @@ from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import check_file
 
-#: Of one material library.
+#: In one material library.
 MAX_BYTES = 2**28
 _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
 # How many words follow an option of a texture; -o, -s and -t have one to three numbers.

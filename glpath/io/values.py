@@ -14,7 +14,7 @@ from glpath.errors import SceneError
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
-# What a GPU can still square in 32 bits without overflow, and far from what anybody means.
+# The largest number that a GPU squares in 32 bits without overflow, far beyond sensible ones.
 LARGEST = 1e15
 # And without underflow.
 SMALLEST = 1e-15

@@ -89,7 +89,7 @@ class Lighting:
         power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        # What reaches the whole scene says little of what is seen of it: a lamp over a wide ground under the sky,
+        # Power sent to the whole scene says little about what is seen: a lamp over a wide ground under the sky,
         # which lights all that is looked at, sends a hundredth of the power. So no light is more than twice as rare
         # as if all were alike, nor than by its power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
@@ -329,7 +329,7 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
             radiance = np.asarray(own @ each / area)
             if not np.any(radiance > 0):
                 continue
-            # What the points of the means have missed is not as dark as it seems.
+            # Parts that the points of the means have missed are not as dark as they seem.
             power = own * each.mean(axis=1)
             weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
         cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])

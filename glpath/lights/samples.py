@@ -86,7 +86,7 @@ class LightSamples:
 
     @classmethod
     def dark(cls, n: int) -> LightSamples:
-        """Of a scene without light: black points."""
+        """The samples of a scene without light: black points."""
         samples = cls.empty(n)
         samples.kind[:] = LIGHT_KINDS.index("area")
         samples.direction[:] = (0.0, 0.0, 1.0)
@@ -143,7 +143,7 @@ def profiled_lights(scene: Scene) -> tuple[Light, ...]:
 
 
 def profile_number(scene: Scene, light: Light) -> int:
-    """Of one of the scene's lights its index in `profiled_lights` + 1; 0 without a profile."""
+    """The index of one of the scene's lights in `profiled_lights` + 1; 0 without a profile."""
     if light.profile is None:
         return 0
     return 1 + next(i for i, other in enumerate(profiled_lights(scene)) if other is light)

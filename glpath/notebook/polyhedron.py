@@ -63,7 +63,7 @@ def _face(unit: Float64, i: int) -> Float64:
 
 
 def volume(planes: Float64) -> float:
-    """Of what lies inside of all planes: pyramids from the origin over each face."""
+    """The volume inside of all planes, by pyramids from the origin over each face."""
     total = 0.0
     for plane, face in zip(planes, faces(planes), strict=True):
         if len(face):

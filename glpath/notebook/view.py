@@ -51,7 +51,7 @@ _WORD_SECONDS = 0.25
 _PIXELS_PER_KEY = 25
 #: To where an arrow drags the scene: right, down.
 _ARROWS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowUp": (0, -1), "ArrowDown": (0, 1)}
-#: Of the wheel, by the key, with and without Shift as keyboards have them.
+#: Notches of the wheel, by the key, with and without Shift as keyboards have them.
 _NOTCHES = {"+": -1, "=": -1, "-": 1, "_": 1}
 _KEYS_HELP = "Arrow keys turn it, with Shift they shift it; + and - go nearer and back; R resets it."
 _SCRIPT = Path(__file__).with_name("canvas.js")
@@ -218,7 +218,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             raise UsageError("view: is closed", "Make another one.")
         return self._live
 
-    # What the browser says, in the widget's thread. Errors are shown: they would be lost otherwise.
+    # Events of the browser, in the widget's thread. Errors are shown: they would be lost otherwise.
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
         """Turn, shift, come nearer, go back: by an event of jupyter_rfb; called by the widget."""

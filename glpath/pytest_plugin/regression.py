@@ -41,7 +41,7 @@ _INCOMPARABLE = 1e9
 
 _MARKER = "render_regression"
 
-# What a PNG that stands beside an EXR has in its header, and what a baseline says of whose it is.
+# Header keys of the PNG beside an EXR, and of a baseline's test.
 PREVIEW = "glpath.preview"
 _TEST, _NAME = "glpath.test", "glpath.picture"
 
@@ -308,7 +308,7 @@ def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str
     """Write it beside `path`, as .png or .exr, and return where. What is only looked at comes first: should it
     fail, the old baseline, which counts, is still whole.
 
-    What does not even pass beside itself, as it is too noisy, never becomes a baseline: UsageError.
+    A picture too noisy to pass compared with itself never becomes a baseline: UsageError.
     """
     verdict = compare(picture, picture, mode, **limits)
     if not verdict.passed:

@@ -58,7 +58,7 @@ def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, t
 
 
 def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
-    """(N,) from 0 to 1: how near points (N, 3) are to shapes that emit, beside the size of these."""
+    """(N,) from 0 to 1: how near points (N, 3) are to shapes that emit, compared with their size."""
     closeness = np.zeros(len(receivers))
     if not lighting.sides:
         return closeness

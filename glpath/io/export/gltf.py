@@ -33,9 +33,9 @@ from glpath.io.gltf.load import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
 
-# Of two edges of a map, the cosine up to which it is a rotation with a scale.
+# The cosine between two edges of a map up to which it is a rotation with a scale.
 _SHEAR = 1e-6
-# Of a spot, in radians: the inner angle is below the outer, the outer at most a right angle.
+# Limits of a spot, radians: the inner angle is below the outer, the outer at most a right angle.
 _EDGE = 1e-4
 
 

@@ -123,7 +123,7 @@ class Surfaces:
                 self._note(material, "Phong's highlight beside a mirror is left out")
         elif np.any(highlight > 0):
             self._note(material, "Phong's highlight is microfacets (GGX) of about the same width and albedo")
-            # Of the same width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is alpha's root.
+            # The same width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is alpha's root.
             reflected, roughness = np.minimum(highlight, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
         # Alike from all sides: at normal incidence F0 times the colour times the weight, at grazing incidence the
         # weight. The base has what is left, so that it is divided by that.

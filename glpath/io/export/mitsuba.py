@@ -101,7 +101,7 @@ def described(
 
 
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:
-    """Of paths with so many vertices."""
+    """The integrator for paths with so many vertices."""
     return {"type": plugin, "max_depth": max_depth + 1, "rr_depth": 5}
 
 
@@ -169,7 +169,7 @@ def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: Surfaces, bsdf: Plug
 def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
     slot = scene.materials[shape.material].emission_texture
     opacity = _opacity_everywhere(scene, shape)
-    # Of what a mask lets through, Mitsuba takes the light all the same.
+    # Mitsuba takes the light of what a mask lets through all the same.
     emission = shape.emission if opacity is None else shape.emission * opacity
     if slot is None:
         return rgb(emission)

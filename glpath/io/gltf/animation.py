@@ -125,6 +125,6 @@ def slerp(a: Float64, b: Float64, t: float) -> Float64:
 
 
 def _unit(quaternion: Float64) -> Float64:
-    """Of length 1; zero stays, which the node that has it refuses."""
+    """The vector at length 1; zero stays, which its node refuses."""
     length = np.linalg.norm(quaternion)
     return np.asarray(quaternion / length if length > 0 else quaternion)

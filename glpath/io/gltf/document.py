@@ -51,7 +51,7 @@ KNOWN_EXTENSIONS = (
     "KHR_texture_basisu",
     "KHR_texture_transform",
 )
-#: Those of which a part of the look is lost, with what that is. They may be required: a picture can be made.
+#: Extensions of which a part of the look is lost, with that part. They may be required: a picture can be made.
 UNUSED_EXTENSIONS = {
     "EXT_lights_image_based": "light from an image all around",
     "KHR_animation_pointer": "animations of other things than nodes",

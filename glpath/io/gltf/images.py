@@ -93,7 +93,7 @@ def _size(data: bytes, kind: str) -> tuple[int, int]:
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:
-    """Of the container's first chunk [RFC 9649], as Pillow takes memory for all pixels to read it."""
+    """The size in the container's first chunk [RFC 9649], as Pillow takes memory for all pixels to read it."""
     chunk = data[12:16]
     if chunk == b"VP8X":
         return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")

@@ -32,10 +32,10 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import shown
 
-#: What `glpath export` writes into a file's extras: the backs of one-sided materials were black in the scene.
+#: A mark of `glpath export` in a file's extras: the backs of one-sided materials were black in the scene.
 BLACK_BACKS = {"backs": "black"}
 
-# Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
+# The shortest axis of a mapped unit sphere over its longest: below it is flat.
 _FLAT = 1e-9
 # Faces above which it is not asked whether a mesh is closed.
 _LONG_TEST = 2**20
@@ -330,7 +330,7 @@ class _Shapes:
         return parts
 
     def _surface(self, primitive: Table) -> tuple[int, frozenset[int]]:
-        """Of a primitive, and the texture coordinates that it asks for."""
+        """The material of a primitive, and the texture coordinates that it needs."""
         material = primitive.index("material", self.document.all("materials"), "materials")
         surface = self.surfaces.number(material)
         slots = self.surfaces.surfaces[surface].material.slots.values()
@@ -412,7 +412,7 @@ class _Shapes:
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
                 path = None  # its joints say where it is
-            # What moves is a shape of its own, as its instances move together.
+            # A moving node is a shape of its own, as instances move together.
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])

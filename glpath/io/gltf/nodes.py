@@ -17,7 +17,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation
 
-#: What an animation says of a node: translation, rotation (x, y, z, w), scale and weights.
+#: Animated properties of a node: translation, rotation (x, y, z, w), scale and weights.
 Pose = Mapping[str, Float64]
 
 _NO_CHILDREN: list[int] = []

@@ -22,7 +22,7 @@ from glpath.scene.model import Float64, Mesh
 from glpath.scene.tessellate import without_area
 
 _MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines", 4: "triangles", 5: "strip", 6: "fan"}
-#: Those of an attribute that are read, and how many numbers each may have.
+#: The attributes that are read, and how many numbers each may have.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
 

@@ -194,7 +194,7 @@ class Surfaces:
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
     def _emission_texture(self, table: Table) -> dict[str, Any]:
-        """Of surfaces that send light: the factor is 0 by default, and then so is the product."""
+        """The texture of emitting surfaces: the factor is 0 by default, and then so is the product."""
         if not table.numbers("emissiveFactor", (0, 0, 0), 0.0).any():
             return {}
         return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}

@@ -60,7 +60,7 @@ def stacked(
     half_width = max(1, round(resolution * aspect)) / resolution
     if kind == "sphere":
         positions = _pile_of_spheres(objects, half_width)
-        # Of the box around all, the side that is nearest to the camera and so appears largest.
+        # The side of the box around all that is nearest to the camera and appears largest.
         front = np.array([positions.min(axis=0) - [1, 1, -1], positions.max(axis=0) + 1])
         middle, radius = _fit(front, half_width)
         centres = radius * (positions - middle)
@@ -128,7 +128,7 @@ def _pile_of_spheres(objects: int, half_width: float) -> Float64:
     row, column = _row_and_column(np.arange(objects), column_count)
     in_row = np.bincount(row)
     positions = column_count - row % 2
-    # What lies on top is in the middle, as far as the hollows allow.
+    # The top row is in the middle, as far as the hollows allow.
     shift = (positions - in_row[row]) // 2
     return np.stack([2.0 * (column + shift) + row % 2, _ROW * row, np.zeros(objects)], axis=1)
 
@@ -169,6 +169,6 @@ def _fit(points: Float64, half_width: float) -> tuple[Float64, float]:
     """The middle of points (N, 3), and the largest size about it at which all of them are in view."""
     middle = np.append((points.min(axis=0) + points.max(axis=0))[:2] / 2, 0.0)
     x, y = np.abs(points - middle).T[:2]
-    # What is nearer by z is seen larger: size * |x| <= half_width * (1 - size * z / distance).
+    # An object nearer by z is seen larger: size * |x| <= half_width * (1 - size * z / distance).
     nearer = points[:, 2] / _DISTANCE
     return middle, float(1 / np.max([x / half_width + nearer, y + nearer]))

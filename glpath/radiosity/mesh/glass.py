@@ -21,7 +21,7 @@ from glpath.system.kernels import inner_kernel
 
 
 class Glass(NamedTuple):
-    """Of a scene's triangles.
+    """The glass of a scene's triangles.
 
     clear : (T, 3) share that is let through where nothing is reflected; 0 of what is no glass
     layer : (T, 4) what its surface reflects at normal and at grazing incidence, the share of it that is no metal,

@@ -15,7 +15,7 @@ from glpath.scene.model import Float64
 
 #: How often the vertices are moved towards what the elements' means ask for.
 _CORRECTIONS = 2
-#: Of vertices, each in the middle of an edge that ends at the next.
+#: Numbers of vertices, each in the middle of an edge that ends at the next.
 _LONGEST_CHAIN = 64
 
 

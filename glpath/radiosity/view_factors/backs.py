@@ -40,7 +40,7 @@ _TASK = 64
 def back_shares(
     where: Geometry, closed: bool, error: float, threads: int, stop: Int64, report: Callable[[], None]
 ) -> tuple[Float64, Float64]:
-    """Of each row of the matrix, the share that arrives at backs, and its standard error: (rows,) each.
+    """(rows,) shares of each row of the matrix that arrive at backs, and (rows,) standard errors.
 
     closed : whether faces are closed surfaces, so that backs are hardly to be seen
     stop   : (1,), what is not 0 ends it

@@ -50,11 +50,11 @@ _BYTES_PER_FACTOR = 40
 _OVERLAP = 0.01
 #: Bytes below which it is not asked whether there are so many.
 _ASKED = 8 << 20
-#: What a row's error is made of: how many standard errors, as points say them, which are cautious, so that it is
+#: Parts of a row's error: how many standard errors, as points say them, which are cautious, so that it is
 #: about one and a half true ones; how many of backs, of which rays say less; and the width of a strip along its
 #: edges, in lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more.
 _CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
-#: Of a partial file: another number is another layout, or another method.
+#: Format of a partial file: another number is another layout, or another method.
 _FORMAT = 4
 
 
@@ -120,7 +120,7 @@ def view_factors(
                   flat, counter-clockwise seen from the front
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : wanted of a row's sum, 0.1 to 1e-7. In closed rooms 99 rows of 100 meet it, most by far; see
+    error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 meet it, most by far; see
                   `ViewFactors.error` and `statistics["rows_beyond_error"]`. Of a single factor F, from the smaller
                   of two faces, it promises error sqrt(F): 99 of 100 factors past occluders meet that, the worst of
                   thousands is 3 times that far off. Factors below the square of `error` may be found as 0
@@ -385,7 +385,7 @@ def _task(
     where: Geometry, faces: Faces, task: int, rows: int, error: float, stop: Int64, done: Int64
 ) -> _Part | None:
     """Rows of one task; None where `stop` ended it. What one core needs of memory is made for it anew, which takes
-    no time beside the rows."""
+    no time compared with the rows."""
     total = len(where.facets.sides)
     first, last = task * rows, min((task + 1) * rows, total)
     work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop, done)

@@ -211,7 +211,7 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
             f"{source}: faces[{face}]: vertex {at} is {vertices[at].tolist()}; coordinates must be finite numbers.",
             f"{len(bad)} vertices of faces are not." if len(bad) > 1 else "",
         )
-    # Those that are equal but for rounding become one, or neighbours would not know of each other.
+    # Vertices equal but for rounding become one, or neighbours would not be found.
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     step = max(float((high - low).max()), np.finfo(float).tiny) * 1e-12
     keys = np.round((np.where(used[:, None], vertices, low) - low) / step).astype(np.int64)
@@ -302,7 +302,7 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
-        # Of the two sides of a sheet one is enough: either hides.
+        # One of a sheet's two sides is enough: either hides.
         walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)

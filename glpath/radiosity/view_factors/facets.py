@@ -71,7 +71,7 @@ def merged(
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
     points = list(map(tuple, np.asarray(vertices, np.float64).tolist()))
-    # Of a union the area vector is the sum, so that its normal is that of all it came from.
+    # A union's area vector is the sum, so that its normal is that of its parts.
     vectors = [_area_vector(points, shape) for shape in shapes if shape is not None]
     units = [_unit(vector) for vector in vectors]
     labels = list(labels)

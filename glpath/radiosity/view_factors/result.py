@@ -31,9 +31,9 @@ from glpath.system.npz import open_npz
 
 Float64 = NDArray[np.float64]
 
-#: Of the file: another number is another layout.
+#: Format of the file: another number is another layout.
 FORMAT = 2
-#: What a row of a closed room may lack of 1, or have too much, before it is enforced.
+#: Allowed error of the row sums of a closed room, before it is enforced.
 _OPEN = 0.02
 _ROUNDS = 20
 

@@ -16,12 +16,12 @@ from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, hides_all, 
 from glpath.radiosity.view_factors.records import DEEPEST, MAX_CLIPPED
 from glpath.system.kernels import inner_kernel, kernel
 
-#: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
+#: Share of the target error of a row's sum for the standard error of a factor F, times the square root of F: the
 #: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
 _SHARE = 0.4
-#: Of the error wanted of a row, what is allowed where nothing occludes.
+#: Share of the target error of a row's sum that is allowed where nothing occludes.
 _EXACT = 0.05
-#: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
+#: Share of that which counts as one standard error. Rules are taken by bounds on their errors, which are
 #: 0.02 to 0.3 of them.
 _OF_BOUND = 0.16
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
@@ -58,7 +58,7 @@ def _may_occlude(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
         low_b += f * (box[k] if f > 0 else box[k + 3])
         high_b += f * (box[k + 3] if f > 0 else box[k])
     parted = _parted(low_a, high_a, low_b, high_b, eps)
-    # What lies in the plane, as the neighbours of the occluder do, is not hidden by it.
+    # Faces in the plane, such as the occluder's neighbours, are not hidden by it.
     return 1 if parted == 2 and low_b <= eps and high_b >= -eps else parted
 
 
@@ -160,7 +160,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             if depth == 0:
                 counts[HIDDEN] += 1
             continue
-        # Of those, what lies before both polygons; in the shadow of a face's own plane are all its neighbours.
+        # Their parts before both polygons; in the shadow of a face's own plane are all its neighbours.
         clipped, kept = 0, end
         for c in range(end, put):
             o = np.int64(lists[c])
@@ -197,7 +197,7 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         _, radius_b = measure(b, m, work.centre_b)
         on_a = radius_a <= radius_b
         if depth < DEEPEST and not coarse:
-            # What a point sees leaps where it steps over the line that an occluder stands on.
+            # Visibility jumps where a point crosses the line that an occluder stands on.
             if on_a:
                 stands = _standing(a, n, facets.planes, i, clipped, work)
             else:
@@ -308,8 +308,8 @@ def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _standing(polygon, n, planes, i, clipped, work):  # type: ignore[no-untyped-def]
-    """Of work.shades[:shades] the one that stands on polygon[:n], in planes[i], along the longest line that is not
-    its edge; -1 where none does."""
+    """The one of work.clipped[:clipped] that stands on polygon[:n], in planes[i], along the longest line that is
+    not its edge; -1 where none does."""
     eps = work.eps
     found, longest = -1, 8 * eps
     for s in range(clipped):
