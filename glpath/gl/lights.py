@@ -18,7 +18,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
     return {
         "light_kind": LIGHT_KINDS.index(light.kind),
         "light_radiance": tuple(light.radiance),
-        "light_density": light.density,
+        "light_pdf": light.density,
         "light_cone": light.cone,
         "light_quadratic": light.quadratic,
         "light_profile": light.profile - 1,
@@ -38,7 +38,7 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
             "sky_horizon": tuple(sky.horizon if sky else dark),
             "sky_up": tuple(sky.up if sky else dark),
         }
-    return uniforms if lighting is None else uniforms | {"sky_density_scale": lighting.sky_density_scale}
+    return uniforms if lighting is None else uniforms | {"sky_pdf_scale": lighting.sky_pdf_scale}
 
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:

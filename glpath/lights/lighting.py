@@ -135,7 +135,7 @@ class Lighting:
         return any(light.kind != "directional" for light in self.punctual)
 
     @property
-    def sky_density_scale(self) -> float:
+    def sky_pdf_scale(self) -> float:
         """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
         if self.sky is None:
             return 0.0
@@ -177,7 +177,7 @@ class Lighting:
     def sky_density(self, directions: ArrayLike) -> Float64:
         """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
-        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_density_scale)
+        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_pdf_scale)
 
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
         """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""

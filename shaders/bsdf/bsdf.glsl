@@ -141,7 +141,7 @@ vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 struct Lobe
 {
     vec3 f;
-    float density;
+    float pdf;
 };
 
 // Columns: along the tangent, across it, and the normal to shade with.
@@ -202,9 +202,9 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     float o = dot(wo, m), i = thin ? o : -dot(wi, m);
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
-    float density = visible_normal_density(wo, m, b.alpha) * spread;
+    float pdf = visible_normal_pdf(wo, m, b.alpha) * spread;
     vec3 T = b.transmission * (base_transmittance(b, o) * (1.0 - coat_reflects(b, wo.z)));
-    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * density / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * density);
+    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif
 

@@ -53,14 +53,14 @@ void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, ou
 {
     float cosine = dot(v.normal, direct.wi);
     diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
-         * mis_weight(direct.density, q.diffuse * cosine / PI);
+         * mis_weight(direct.pdf, q.diffuse * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
     mat3 axes = mirroring_axes(v);
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
     Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
-    vec3 f = base.f * mis_weight(direct.density, q.microfacets * base.density)
-           + coat.f * mis_weight(direct.density, q.coat * coat.density);
+    vec3 f = base.f * mis_weight(direct.pdf, q.microfacets * base.pdf)
+           + coat.f * mis_weight(direct.pdf, q.coat * coat.pdf);
     others = f * direct.light * (max(wi.z, 0.0) / max(cosine, 1e-6));
 #endif
 }
@@ -74,7 +74,7 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
     Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
     float cosine = -dot(v.normal, direct.wi);
     return lobe.f * direct.light
-         * (mis_weight(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+         * (mis_weight(direct.pdf, q.microfacets * lobe.pdf) * max(-wi.z, 0.0) / max(cosine, 1e-6));
 }
 #endif
 
@@ -82,7 +82,7 @@ struct BsdfSample
 {
     vec3 direction;
     vec3 weight;    // that of the lobe's choice included
-    float density;  // per solid angle
+    float pdf;  // per solid angle
     bool through;   // to the other side
     bool straight;  // by a thin dielectric, which light samples see through
 };
@@ -111,11 +111,11 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
             d.straight = b.eta == THIN_DIELECTRIC;
-            if (!smooth_one && !unbent) d.density = chance * through_lobe(b, wo, wi).density;
+            if (!smooth_one && !unbent) d.pdf = chance * through_lobe(b, wo, wi).pdf;
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
-            if (!smooth_one) d.density = chance * part * ggx_seen(wo, alpha) * ggx(m, alpha) / (4.0 * wo.z);
+            if (!smooth_one) d.pdf = chance * part * ggx_seen(wo, alpha) * ggx(m, alpha) / (4.0 * wo.z);
         }
         bool right_side = d.through ? wi.z < 0.0 : wi.z > 0.0;
         float seen = smooth_one ? 1.0 : ggx_seen(wi, alpha);

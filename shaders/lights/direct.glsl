@@ -12,7 +12,7 @@
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
 uniform vec3 light_radiance;   // of a light sample, see light_sample.glsl; 0 without light
-uniform float light_density;
+uniform float light_pdf;
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 uniform uint light_kind;
 uniform vec2 light_cone;
@@ -127,14 +127,14 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
 DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
-    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, light_kind,
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_pdf, light_kind,
                                             light_cone, light_quadratic
 #ifdef HAS_PROFILES
                                             , light_profile
 #endif
                                             );
 #else
-    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, LIGHT_AREA,
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_pdf, LIGHT_AREA,
                                             vec2(0.0), true
 #ifdef HAS_PROFILES
                                             , -1

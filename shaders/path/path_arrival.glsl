@@ -43,12 +43,12 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle == PATH_MISSED) {
         // Shared with the light sample of the vertex before, as emission is.
         float direction_code = texel(path_position, pixel).w;
-        float escaped = direction_density(coded_cosine(direction_code), path_views);
+        float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);
         vec3 beta = texel(path_beta, pixel).rgb * weight;
-        if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+        if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_pdf(seen));
 #ifdef SPLIT_LIGHT
-        if (escaped > 0.0 && first_bounce) direct_part += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+        if (escaped > 0.0 && first_bounce) direct_part += beta * sky(seen) * power_heuristic(escaped, sky_pdf(seen));
 #endif
     }
 #endif
@@ -66,11 +66,11 @@ Arrival arrive(ivec2 pixel)
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
     float pdf_area;
     vec3 Le = emitted(a.surface, a.front, pdf_area);
-    float density = direction_density(coded_cosine(from.w), path_views);
-    if (density > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(density, pdf_area, a.t, dot(a.plane.xyz, d));
+    float pdf = direction_pdf(coded_cosine(from.w), path_views);
+    if (pdf > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(pdf, pdf_area, a.t, dot(a.plane.xyz, d));
 #ifdef SPLIT_LIGHT
-    if (density > 0.0 && first_bounce)
-        direct_part += a.throughput * Le * emission_share(density, pdf_area, a.t, dot(a.plane.xyz, d));
+    if (pdf > 0.0 && first_bounce)
+        direct_part += a.throughput * Le * emission_share(pdf, pdf_area, a.t, dot(a.plane.xyz, d));
 #endif
     return a;
 }

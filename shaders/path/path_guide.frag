@@ -27,7 +27,7 @@ layout(location = 0) out float found;
 // Reflected light, and what a light sample does not have of emission.
 vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
 {
-    float density = dot(normal, direction) / PI;
+    float pdf = dot(normal, direction) / PI;
     int triangle = nearest_triangle(start, direction, own);
     vec3 through = vec3(1.0);
     float passed = 0.0;
@@ -47,7 +47,7 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
 #endif
     if (triangle < 0) {
 #ifdef HAS_SKY
-        return through * sky(direction) * power_heuristic(density, sky_density(direction));
+        return through * sky(direction) * power_heuristic(pdf, sky_pdf(direction));
 #else
         return vec3(0.0);
 #endif
@@ -56,7 +56,7 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     PathVertex v = vertex_on(triangle, start, direction, t);
     vec3 Le = emitted(v.surface, v.front, pdf_area);
     vec3 reflected = v.bsdf.diffuse * irradiance_at(lattice_position(triangle, v.surface.position), v.front).rgb / PI;
-    return through * (reflected + Le * emission_share(density, pdf_area, passed + t, dot(v.plane.xyz, direction)));
+    return through * (reflected + Le * emission_share(pdf, pdf_area, passed + t, dot(v.plane.xyz, direction)));
 }
 
 void main()

@@ -232,7 +232,7 @@ vec4 trace_path(ivec2 pixel)
     vec3 inside = vec3(0.0);  // attenuation of what the path goes through
 #endif
     float passed = 0.0, reached = 0.0;  // of the ray: up to the last thin dielectric that it went through, and in all
-    float density = 0.0;  // of the direction, per solid angle
+    float pdf = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
     bool continues = true;
@@ -251,7 +251,7 @@ vec4 trace_path(ivec2 pixel)
 #ifdef HAS_SKY
         if (arrived && triangle < 0 && !AT_START) {
             // Shared with the light sample of the vertex before, as emission is.
-            float share = at.depth == 0 ? seen : power_heuristic(density, sky_density(direction));
+            float share = at.depth == 0 ? seen : power_heuristic(pdf, sky_pdf(direction));
             L += beta * sky(direction) * share;
 #ifdef SPLIT_LIGHT
             if (scattered <= 1) direct_part += beta * sky(direction) * share;
@@ -281,11 +281,11 @@ vec4 trace_path(ivec2 pixel)
 
             vec3 Le = vec3(0.0);
             if (!AT_START) Le = emitted(v.surface, front, pdf_area);
-            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, pdf_area, reached, dot(v.plane.xyz, direction)));
+            L += beta * Le * (at.depth == 0 ? seen : emission_share(pdf, pdf_area, reached, dot(v.plane.xyz, direction)));
 #ifdef SPLIT_LIGHT
             if (scattered <= 1)
                 direct_part += beta * Le
-                    * (at.depth == 0 ? seen : emission_share(density, pdf_area, reached, dot(v.plane.xyz, direction)));
+                    * (at.depth == 0 ? seen : emission_share(pdf, pdf_area, reached, dot(v.plane.xyz, direction)));
 #endif
 
             vec3 reflected = beta;  // of direct light
@@ -403,14 +403,14 @@ vec4 trace_path(ivec2 pixel)
             if (leaving.straight) {
                 passed = reached;
                 vertices += 1;
-                if (at.depth == 0) density = DELTA_LOBE;
+                if (at.depth == 0) pdf = DELTA_LOBE;
 #ifdef SPLIT_LIGHT
                 scattered -= 1;
 #endif
             } else
 #endif
             {
-                density = leaving.density;
+                pdf = leaving.pdf;
                 was_diffuse = false;
                 passed = 0.0;
             }
@@ -442,7 +442,7 @@ vec4 trace_path(ivec2 pixel)
             direction = cosine_direction(v.normal, numbers);
             cosine = dot(v.normal, direction);
             beta *= diffuse_eval(v.bsdf, v.n, v.wo, direction) * (shading_cosine(v.n, v.normal, direction) / chance);
-            density = chance * cosine / PI;
+            pdf = chance * cosine / PI;
         }
         float max_beta = max(beta.r, max(beta.g, beta.b));
         if (at.depth + 1 >= roulette_depth) {

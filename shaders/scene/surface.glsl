@@ -307,13 +307,13 @@ Bsdf bsdf_at(Surface s, bool front)
     return b;
 }
 
-// Radiance that a surface emits to the side that is seen; `density` per area of a light sample there, 0 without light.
-vec3 emitted(Surface s, bool front, out float density)
+// Radiance that a surface emits to the side that is seen; `pdf_area` per area of a light sample there, 0 without light.
+vec3 emitted(Surface s, bool front, out float pdf_area)
 {
     vec4 emission = emission_texel(s.shape, EMISSION_RADIANCE);
-    density = emission.w;
+    pdf_area = emission.w;
 #ifdef HAS_TRIANGLE_DENSITIES
-    if (density > 0.0 && s.triangle >= 0) density = emitter_texel(s.triangle >> 2, EMITTER_DENSITIES)[s.triangle & 3];
+    if (pdf_area > 0.0 && s.triangle >= 0) pdf_area = emitter_texel(s.triangle >> 2, EMITTER_DENSITIES)[s.triangle & 3];
 #endif
 #ifdef HAS_EMISSION_TEXTURES
     emission.rgb *= slot_or_one(slots_texel(s.material, SLOTS_FIRST).w, s).rgb;
