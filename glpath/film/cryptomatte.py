@@ -228,7 +228,6 @@ def _scrambled(k: int) -> int:
 
 
 def _summed(keys: Int64, counts: Int64) -> tuple[Int64, Int64]:
-    """Keys in order, each once, and the sums of their counts."""
     if not len(keys):
         return keys, counts
     starts = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))

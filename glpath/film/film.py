@@ -202,7 +202,6 @@ class Film:
         return np.asarray(sums / self.path_sets)
 
     def _layer(self, name: str) -> NDArray[Any]:
-        """An AOV as a file of 32-bit numbers holds it."""
         near = name != "position" or self.metadata.position_origin is None
         return (self if near else replace(self, metadata=replace(self.metadata, position_origin=None))).aov(name)
 

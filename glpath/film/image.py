@@ -311,7 +311,6 @@ def picture_size(path: str | Path) -> tuple[int, int]:
 
 
 def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
-    """Width, height and channels of a PNG or JPEG."""
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 

@@ -95,5 +95,4 @@ def read_parts(path: str | Path) -> FilmParts:
 
 
 def _aov_key(name: str) -> str:
-    """The name of an AOV's sums in an .npz."""
     return f"{name}_sums"

@@ -115,7 +115,6 @@ class Engine(Owner, ABC):
     # The parts of frames.
 
     def _add_aovs(self, eye: Uniforms) -> None:
-        """The surfaces that the eye sees, where the film has AOVs of them."""
         if self._aovs is not None:
             with self.stopwatch.stage("AOVs"):
                 self._aovs.add(eye)

@@ -164,7 +164,6 @@ class RayPathEngine(PathSetEngine):
         self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))
 
     def _program_parts(self, bvh: RayBvh) -> ProgramParts:
-        """All that the shader of the paths includes."""
         gl, scene, radiosity = self.gl, self.scene, self._radiosity
         parts = ProgramParts.of(scene, bvh)
         parts.uniforms |= self._constant_uniforms()

@@ -180,7 +180,6 @@ class WhittedTracer(Engine):
     # The parts of the frame.
 
     def _light_samples(self, index: int) -> Uniforms:
-        """The light samples of a path set, which shaders/lights/light_samples.glsl reads."""
         lighting, n = self._area_lighting, self.settings.light_samples
         if lighting.dark:
             return {}

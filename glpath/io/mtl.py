@@ -125,8 +125,6 @@ class Library:
 
 @dataclass
 class _Reader:
-    """One material."""
-
     library: Library
     name: str
     written: dict[str, list[str]]
@@ -256,7 +254,6 @@ class _Reader:
             self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
 
     def _map(self, keyword: str) -> _Map | None:
-        """The texture of a statement with its options."""
         words = list(self.written.get(keyword, ()))
         scale, offset = np.ones(2), np.zeros(2)
         clamped, channel, multiplier = False, None, 1.0

@@ -204,7 +204,6 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             return self._toned(live.first(_FIRST_SECONDS))
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and for pages without a kernel its image."""
         png = image.encode_png(self.picture())
         width, height = self._image.camera.resolution
         sets = f"{self.path_sets} of {self.spp} path sets"

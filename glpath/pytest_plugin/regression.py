@@ -223,7 +223,6 @@ class RenderRegression:
         pytest.fail("\n".join(lines))
 
     def _commands(self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float]) -> dict[str, str]:
-        """The commands to compare the two again, and to accept the new one."""
         commands, missing = {}, record["outcome"] == "missing"
         if not missing:
             given = "".join(f" --limit {name}={value:g}" for name, value in limits.items())
@@ -251,7 +250,6 @@ def _is_expected_to_fail(item: pytest.Item) -> bool:
 
 
 def _existing(folder: Path, stem: str, picture: Picture) -> Path:
-    """The baseline that is there, or the one to be."""
     exr, png = folder / f"{stem}.exr", folder / f"{stem}.png"
     if exr.exists():
         return exr

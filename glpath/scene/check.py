@@ -54,7 +54,6 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
 
 
 def _check_lens(camera: Camera, location: SourceLocation) -> None:
-    """Raise SceneError for a wrong projection or lens."""
     if camera.projection not in get_args(Projection):
         raise location.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
     for name, min_value in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):
@@ -69,7 +68,6 @@ def _check_lens(camera: Camera, location: SourceLocation) -> None:
 
 
 def _check_motion(camera: Camera, location: SourceLocation) -> None:
-    """The shutter, and the order of the keys."""
     opened, closed = camera.shutter
     if not (np.isfinite([opened, closed]).all() and opened <= closed):
         raise location.field("shutter").wrong(
@@ -89,7 +87,6 @@ def _check_motion(camera: Camera, location: SourceLocation) -> None:
 
 
 def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:
-    """Raise SceneError where there is no direction or no up."""
     view = camera.target - camera.position
     distance = np.linalg.norm(view)
     up = location.field("up")

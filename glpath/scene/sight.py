@@ -202,7 +202,6 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
 
 
 def _shapes_about(scene: Scene, point: Float64) -> list[int]:
-    """The shapes of triangles with the point in the box around them."""
     indices = [i for i, shape in enumerate(scene.shapes) if shape.primitive == "triangle" and shape.count]
     if not indices:
         return []

@@ -63,7 +63,6 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Write what Python and the C library have in their buffers."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(Exception):  # closed, or no file
             stream.flush()

@@ -276,6 +276,5 @@ def _uv_transform(matrix: Float64) -> tuple[dict[str, Any], bool]:
 
 
 def _as_dictionary(info: Any) -> dict[str, Any]:
-    """Of a texture within an extension."""
     made = {"index": info.index, "texCoord": info.texCoord}
     return made | ({"extensions": info.extensions} if info.extensions else {})

@@ -92,8 +92,6 @@ class Surfaces:
 
 @dataclass
 class _Surface:
-    """One material."""
-
     owner: Surfaces
     material: Material
     coloured: bool
@@ -108,7 +106,6 @@ class _Surface:
         self.owner.notes.add(text, "material", self.material.name)
 
     def _opaque(self, two_sided: bool) -> Plugin:
-        """All but glass."""
         front = self._front()
         return {"type": "twosided", "bsdf": front} if two_sided else front
 

@@ -253,7 +253,6 @@ def read_file(path: Path, location: SourceLocation) -> bytes:
 
 
 def _chunks(content: bytes, location: SourceLocation) -> tuple[bytes, bytes | None]:
-    """The JSON and the binary chunk of a .glb."""
     broken = "The file is cut off, or was written wrongly."
     if len(content) < 20:
         raise location.error(f"is a .glb of {len(content)} bytes, less than its header has.", broken)
@@ -340,7 +339,6 @@ def _check_extensions(document: Document) -> None:
 
 
 def _data(uri: str, location: SourceLocation) -> bytes:
-    """The bytes of a data: URI."""
     head, comma, body = uri[5:].partition(",")
     if not comma:
         raise location.error("is a data: URI without data.", "The file is cut off, or was written wrongly.")

@@ -78,7 +78,6 @@ def _format(data: bytes) -> str | None:
 
 
 def _size(data: bytes, kind: str) -> tuple[int, int]:
-    """Width and height, from the header."""
     if kind == "KTX2":
         width, height = struct.unpack_from("<II", data, 20)
         return width, height

@@ -233,8 +233,6 @@ class _Part:
 
 
 class _Shapes:
-    """Makes the shapes of a document."""
-
     def __init__(
         self,
         document: Document,

@@ -71,7 +71,6 @@ class Nodes:
 
 
 def _parents(tables: Tables, children: list[list[int]]) -> dict[int, int]:
-    """The parent of each node that has one."""
     parent: dict[int, int] = {}
     for index, below in enumerate(children):
         for i, child in enumerate(below):

@@ -200,7 +200,6 @@ class Surfaces:
         return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}
 
     def _layers(self, table: Table) -> dict[str, Any]:
-        """The extensions, as fields of the material."""
         fields: dict[str, Any] = {}
         ior = table.extension("KHR_materials_ior")
         if ior is not None:
@@ -261,7 +260,6 @@ class Surfaces:
         return np.clip(values, 0.0, 1.0)
 
     def _slot(self, owner: Table, name: str, *, srgb: bool) -> TextureSlot | None:
-        """The texture of that name, and how it is looked up."""
         found = self._look_up(owner, name) if name in owner else None
         return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
 

@@ -108,7 +108,6 @@ def _insert_all(boxes, coming, nodes, child, sibling, parent, children):  # type
 
 @kernel_part
 def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped-def]
-    """Put `new` where `old` hangs."""
     above = parent[old]
     parent[new] = above
     sibling[new] = sibling[old]

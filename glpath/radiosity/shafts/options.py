@@ -136,7 +136,6 @@ _TRUTHS = {"yes": True, "true": True, "no": False, "false": False}
 
 
 def _value_of(name: str, word: str) -> Any:
-    """An option's value from its text."""
     kind = _KINDS[name]
     if kind in ("StrategyName", "OrderName"):
         return word  # looked at by the options

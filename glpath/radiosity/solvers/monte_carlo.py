@@ -315,7 +315,6 @@ class Shooting:
 
 
 def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
-    """`Shooting.open_areas` and `Shooting.lit`."""
     occluders = Occluders.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
     solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]

@@ -82,8 +82,6 @@ Report = Callable[[RadiosityProgress], None]
 
 @dataclass
 class _Run:
-    """One call of `solve_radiosity`."""
-
     scene: Scene
     method: Method
     settings: dict[str, object]
@@ -370,7 +368,6 @@ def _monte_carlo(
 
 
 def _settings(options: dict[str, object], size: float) -> dict[str, object]:
-    """The settings that decide the result of a method."""
     of = {
         "progressive": ("splits", "adaptive", "threshold", "unshot", "max_steps", "overshoot", "ambient",
                         "form_factors", "emitter_samples", "receiver_points"),

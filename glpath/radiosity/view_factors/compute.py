@@ -209,8 +209,6 @@ def kernels_of() -> tuple[Any, ...]:
 
 
 class _Run:
-    """One call of `view_factors`."""
-
     def __init__(self, error: float, threads: int, resume: Path | None, on_progress: Report | None) -> None:
         self.error, self.threads, self.resume, self.on_progress = error, threads, resume, on_progress
         self.started = time.perf_counter()

@@ -292,7 +292,6 @@ def seen_share(  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _reversed(x):  # type: ignore[no-untyped-def]
-    """The 32 bits of x in reverse."""
     x = (x >> 1 & 0x55555555) | ((x & 0x55555555) << 1)
     x = (x >> 2 & 0x33333333) | ((x & 0x33333333) << 2)
     x = (x >> 4 & 0x0F0F0F0F) | ((x & 0x0F0F0F0F) << 4)
