@@ -1,4 +1,4 @@
-// emitter_silhouettes.frag: radiance of the lamps and of the sky that the eye sees, in the mean over subsamples of a pixel.
+// emitter_silhouettes.frag: radiance of the lamps and of the sky that the eye sees, the mean of a pixel's subsamples.
 // Needs:  <SCENE>, <RAY_BVH>; SUBSAMPLES: their number; HAS_SKY
 // Runs over: the pixels of the window where a lamp ends, side by side. Output: W sr^-1 m^-2, linear Rec. 709
 // Frame:  world
@@ -13,7 +13,7 @@
 #include "lights/emitter_silhouettes.glsl"
 
 UINT_TEXELS(r32ui, lamp_pixels);  // whose light goes here
-uniform vec2 subsamples[SUBSAMPLES];      // from the set's own sample, pixels, y up
+uniform vec2 subsamples[SUBSAMPLES];  // from the set's own sample, pixels, y up
 
 layout(location = 0) out vec4 light;
 
