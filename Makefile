@@ -33,9 +33,10 @@ render: $(STAMPS) ## set up, then render the Cornell box with the path-buffer to
 test: lint ## set up, check the style and the types, run the test suite and the notebooks
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --nbmake --nbmake-timeout=240 tests notebooks
 
-lint: $(STAMPS)-test ## only check the style, the types and who imports whom
+lint: $(STAMPS)-test ## only check the style, the words, the types and who imports whom
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python .ci/words.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

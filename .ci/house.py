@@ -7,7 +7,7 @@ longest_function     : lines; kernels and command-line callbacks too
 most_parameters      : without command-line callbacks, public calls and kernels
 longest_shader_function, shaders : lines; files of shaders
 render_files         : files of rendering, integrators, buffers, gl and film that run in a second render of a scene
-words                : occurrences of words that the house does not use, in names and in prose
+words                : occurrences of words that the house does not use, in names and in prose (words.py)
 wheel_kib            : size of the wheel, with --wheel
 """
 
@@ -27,16 +27,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import words
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "glpath"
 RENDER_ROOMS = ("rendering", "integrators", "buffers", "gl", "film")
-
-#: What the field calls otherwise; whole words of an identifier or of a text.
-WORDS = (
-    "place", "places", "way", "ways", "told", "tells", "dull", "varnish", "brush", "pane", "keeper", "dearer",
-    "lit_lobes", "matter", "departure", "leave_by", "course", "flight", "brightest", "grain", "lamp_edges",
-    "going_on", "least", "most",
-)  # fmt: skip
 
 
 def modules() -> dict[str, Path]:
@@ -148,14 +143,6 @@ def shader_functions(text: str) -> Iterator[tuple[str, int]]:
                     break
 
 
-def words_used() -> dict[str, int]:
-    """How often each of WORDS stands in the package and its shaders."""
-    texts = [path.read_text() for path in (*PACKAGE.rglob("*.py"), *(ROOT / "shaders").rglob("*.*"))]
-    parts = re.findall(r"[a-z]+", re.sub(r"([a-z])([A-Z])", r"\1_\2", "\n".join(texts)).lower())
-    whole = "\n".join(texts)
-    return {w: len(re.findall(rf"\b{w}\b", whole)) if "_" in w else parts.count(w) for w in WORDS}
-
-
 RENDER = """
 import os, sys, glpath
 scene = glpath.load_scene("cornell-box-36")
@@ -199,7 +186,7 @@ def measured(with_wheel: bool) -> dict[str, Any]:
         "shader_functions_above_60_lines": len([1 for _, n in in_shaders if n > 60]),
         "render_files": len(rooms),
         "render_files_all": len(files),
-        "words": words_used(),
+        "words": words.counts(),
     }
     if with_wheel:
         with tempfile.TemporaryDirectory() as folder:

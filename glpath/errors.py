@@ -19,7 +19,7 @@ class GlpathError(Exception):
 
     Parameters
     ----------
-    message : what was found and what is allowed; its first words name the place
+    message : what was found and what is allowed; its first words name the location
     remedy  : what to do about it; printed on lines of its own, indented
     """
 
@@ -56,7 +56,7 @@ class ContextError(GlpathError):
 
 
 class ShaderError(GlpathError):
-    """A shader that does not compile or link; the place is its own file and line."""
+    """A shader that does not compile or link; the message names its file and line."""
 
 
 class ImageError(GlpathError):

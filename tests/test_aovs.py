@@ -164,7 +164,7 @@ def test_masks_have_one_number_a_pixel_and_depths_that_a_surface_has(
 def test_aovs_of_more_path_sets_than_a_word_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums are collected before they run over; the bits stay those of all at once."""
     whole = glpath.render("cornell-box-36", spp=8, resolution=(24, 24), max_depth=1, aovs=AOVS)
-    monkeypatch.setattr(aovs, "_MOST_PATH_SETS", 3)
+    monkeypatch.setattr(aovs, "_MAX_PATH_SETS", 3)
     monkeypatch.setattr(aovs, "_SETS_READ", 3)
     parts = glpath.render("cornell-box-36", spp=8, resolution=(24, 24), max_depth=1, aovs=AOVS)
     assert_same_aovs(parts, whole)

@@ -381,7 +381,7 @@ def test_a_full_disk_is_told_once_and_rendering_goes_on(
     assert checkpoint.failure is not None
     lines = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
     assert len(lines) == 1
-    assert "a.npz: cannot be written: No space left on device; rendering goes on" in lines[0]
+    assert "a.npz: cannot be written: No space left on device; rendering continues" in lines[0]
     if call == "replace":
         assert (tmp_path / "a.npz").read_bytes() == whole
     assert os.listdir(tmp_path) == ["a.npz"]
@@ -420,7 +420,7 @@ def test_a_render_without_its_last_checkpoint_ends_with_3(tmp_path: Path, monkey
     monkeypatch.setattr(files.os, "replace", full)
     result = render("-o", tmp_path / "a.png", "--spp", 32, "--checkpoint", "4i")
     assert result.exit_code == 3, result.stderr
-    assert result.stderr.count("rendering goes on") == 1
+    assert result.stderr.count("rendering continues") == 1
     assert "done, but the last checkpoint was not written" in result.stderr
     assert os.listdir(tmp_path) == ["a.png"]
 

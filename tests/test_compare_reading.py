@@ -12,7 +12,14 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from glpath.cli.main import app
-from glpath.compare import Picture, compare, most_different, picture_from_bytes, picture_of_pillow, read_picture
+from glpath.compare import (
+    Picture,
+    compare,
+    max_difference_pair,
+    picture_from_bytes,
+    picture_of_pillow,
+    read_picture,
+)
 from glpath.errors import ImageError
 from glpath.film.image import decode_srgb, write_exr
 
@@ -187,6 +194,6 @@ def test_diff_sees_alpha_and_palettes(tmp_path: Path) -> None:
     result = runner.invoke(app, ["diff", *files, "--mode", "fuzzy", "-o", str(tmp_path / "c.png")])
     assert result.exit_code == 1
     assert "not the same: over " in result.stdout
-    a, b = most_different(read_picture(files[0]), read_picture(files[1]))
+    a, b = max_difference_pair(read_picture(files[0]), read_picture(files[1]))
     assert np.abs(a.mean - b.mean).max() > 0.1
     assert (np.asarray(Image.open(tmp_path / "c.png")) != 247).any()

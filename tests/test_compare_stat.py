@@ -233,7 +233,7 @@ def test_rounding_of_another_device_passes_where_there_is_no_noise() -> None:
 def test_too_few_batches_and_limits_out_of_range_are_refused(make_film: MakeFilm) -> None:
     short, film = Picture.of_film(make_film([(0, 16)])), Picture.of_film(make_film([(0, 64)]))
     with pytest.raises(
-        UsageError, match="the picture has 16 path sets; noise is told from a change with 32 or more"
+        UsageError, match="the picture has 16 path sets; noise is separated from a change with 32 or more"
     ):
         compare(short, film, "stat")
     with pytest.raises(UsageError, match="the reference has no path sets"):

@@ -207,5 +207,5 @@ def test_a_denoised_picture_is_never_compared_by_its_noise(film: Film, tmp_path:
             film.save(tmp_path / "film.npz")
             result = cli("diff", *pair, "--stat")
             assert result.exit_code == 2
-            assert "is denoised, and of its noise nothing is left" in result.stderr
+            assert "is denoised: no noise is left" in result.stderr
     assert not compare.read_picture(tmp_path / "film.npz").denoised

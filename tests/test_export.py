@@ -292,7 +292,7 @@ def test_a_pane_reflects_as_much_as_its_weight_says() -> None:
         index = made.plugins["pane"]["int_ior"]
         once = ((index - 1.0) / (index + 1.0)) ** 2
         assert 2.0 * once / (1.0 + once) == pytest.approx(reflected, abs=1e-12)
-        assert any("its pane reflects" in text for text in made.differences) is (weight > 0)
+        assert any("its thin dielectric reflects" in text for text in made.differences) is (weight > 0)
 
 
 def test_a_dielectric_that_reflects_like_a_metal_is_told_of(tmp_path: Path) -> None:
@@ -595,7 +595,7 @@ def test_the_command_writes_both(tmp_path: Path) -> None:
     [
         (["-o", "a.obj"], 2, "a.obj: a scene is exported as .xml (Mitsuba 3) or .glb (glTF 2.0)"),
         (["-o", "-"], 2, "-: a scene is exported as"),
-        (["-o", "a.glb", "--spp", "4"], 2, "glTF has no place for spp"),
+        (["-o", "a.glb", "--spp", "4"], 2, "glTF has no field for spp"),
         (["-o", "a.xml", "--spp", "0"], 2, "spp is 0; must be a whole number, at least 1"),
         (["-o", "a.xml", "--resolution", "3"], 2, "--resolution 3"),
         (["-o", "a.xml", "-D", "radius=3"], 1, "has no parameter `radius`"),

@@ -103,13 +103,13 @@ def test_what_is_below_the_horizon_does_not_count():
 
 
 def test_discs_need_samples_near_by_and_one_is_enough_five_sizes_away():
-    def error(gap, most):
+    def error(gap, max_samples):
         # A square above a point, of which four corner rectangles are known.
         scene = room(
             part(rectangle((-0.5, -0.5, gap), (0, 1, 0), (1, 0, 0)), emission=1.0),
             part(rectangle((-1e-4, -1e-4, 0), (2e-4, 0, 0), (0, 2e-4, 0))),
         )
-        factors, _, shape = matrix(scene, 2.0, kind="disc", most=most)
+        factors, _, shape = matrix(scene, 2.0, kind="disc", max_samples=max_samples)
         seen = factors[np.ix_(shape == 1, shape == 0)].sum(axis=1)
         return np.abs(seen / (4 * corner_form_factor(0.5, 0.5, gap)) - 1).max()
 

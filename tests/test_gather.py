@@ -453,7 +453,7 @@ def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: s
 
 
 def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(radiosity_store, "_MOST", 100)
+    monkeypatch.setattr(radiosity_store, "_MAX_ROWS", 100)
     with pytest.raises(glpath.SceneError, match="coarser mesh"):
         gather(BOX, even(load_scene(BOX), 1.0, 4), spp=1)
 

@@ -23,7 +23,7 @@ from glpath.film.film import Film
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.lamp_edges import LampEdges
+from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import PathSettings
 from glpath.io.load import scene_from_dict
@@ -262,7 +262,7 @@ def test_a_path_set_is_that_of_the_scene_as_it_stands_at_its_time(
     options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Where lamps end, still scenes have rays more, which moving ones do without.
-    monkeypatch.setattr(LampEdges, "are_in", staticmethod(lambda scene: False))
+    monkeypatch.setattr(EmitterSilhouettes, "are_in", staticmethod(lambda scene: False))
     if "shadows" in options:
         options = options | {"shadow_resolution": 128}
     scene, sampler, sets = glpath.load_scene(MOVING), PathSetSampler(0, 3), range(3, 7)
@@ -337,7 +337,7 @@ def test_a_shutter_that_sees_no_motion_and_an_odd_panorama_are_warned_of() -> No
 def test_aovs_are_out_of_focus_and_blurred_as_the_picture_is(engine: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """What glows with radiance 1 has the albedo 1, all else 0: the AOV is the picture."""
     # Where lamps end, the picture has more rays than the AOV.
-    monkeypatch.setattr(LampEdges, "are_in", staticmethod(lambda scene: False))
+    monkeypatch.setattr(EmitterSilhouettes, "are_in", staticmethod(lambda scene: False))
     motion = [{"time": 0}, {"time": 1, "transform": [{"translate": [1, 0, 0]}]}]
     for camera in (
         {"fov": 10.0, "aperture_radius": 0.4, "shutter": [0, 1]},

@@ -285,7 +285,7 @@ def test_areas_are_not_found_anew_for_each_instance(monkeypatch: pytest.MonkeyPa
 def test_what_would_take_an_hour_is_refused_with_an_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(atlas, "_packed", None)  # is not come to
     monkeypatch.setattr(atlas, "_SECONDS_EACH", 20.0)
-    monkeypatch.setattr(atlas, "_MOST_SECONDS", 400.0)
+    monkeypatch.setattr(atlas, "_MAX_SECONDS", 400.0)
     with pytest.raises(UsageError, match=r"atlas of 24 sides of triangles in 2 pieces would take about 8 minutes"):
         atlas.packed(scene_of(box(), **SKY), np.ones((12, 2)), None, 256)
     many = scene_of(*(box(0.1, (x, y, 0)) for x in range(10) for y in range(10)), **SKY)

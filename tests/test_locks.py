@@ -200,7 +200,7 @@ def test_a_second_matrix_of_view_factors_is_refused_and_leaves_the_rows_of_the_f
     refused = run(*options)
     assert refused.exit_code == 1, refused.output
     assert (
-        f"{part}: a matrix of view factors that goes on with it has it already: process {first.pid}"
+        f"{part}: a matrix of view factors that resumes from it has it already: process {first.pid}"
         in refused.stderr
     )
     assert part.read_bytes() == b"rows of the first"

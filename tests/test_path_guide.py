@@ -15,7 +15,7 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.texel_store import BYTES, make_store
 from glpath.integrators import path_guide
-from glpath.integrators.path_guide import guide_nodes, guide_places, path_guide_glsl
+from glpath.integrators.path_guide import guide_nodes, guide_points, path_guide_glsl
 from glpath.io import load_scene, scene_from_dict
 from glpath.radiosity.mesh import lattice
 from glpath.scene import path_traceable
@@ -30,8 +30,8 @@ def choose(
     gl = get_context().gl
     (folder / "choose.frag").write_text(
         """
-        struct LatticePlace { int first_element; };
-        int element_in(LatticePlace place) { return 0; }
+        struct LatticePosition { int first_element; };
+        int element_in(LatticePosition place) { return 0; }
         #include "path/path_guide.glsl"
         uniform sampler2D numbers;
         layout(location = 0) out vec4 found;
@@ -39,7 +39,7 @@ def choose(
         {
             float density;
             vec2 moved = guided(0, texelFetch(numbers, ivec2(gl_FragCoord.xy), 0).xy, density);
-            found = vec4(moved, density, float(guide_at(LatticePlace(0))));
+            found = vec4(moved, density, float(guide_at(LatticePosition(0))));
         }
         """
     )
@@ -98,11 +98,11 @@ def test_without_light_all_directions_are_alike(tmp_path: Path, monkeypatch: pyt
 def test_places_lie_on_the_elements_of_their_guide(name: str) -> None:
     scene = path_traceable(load_scene(name))
     divisions = np.where(np.arange(len(scene.triangles)) % 3 == 0, 2, 1).astype(np.int32)
-    guide_of, places = guide_places(scene, divisions)
+    guide_of, places = guide_points(scene, divisions)
     count = int(lattice.element_count(divisions).sum())
     assert guide_of.shape == (count,)
     assert set(guide_of) == set(range(len(places)))
-    most = path_guide._MOST
+    most = path_guide._MAX_GUIDES
     assert len(places) == count if count <= most else most // 4 < len(places) <= most
     of_element = np.repeat(np.arange(len(divisions)), divisions**2)
     triangle = places[..., 3].astype(int)

@@ -129,7 +129,7 @@ def test_updates_replace_what_they_say(run: Run, suite) -> None:
         ("np.zeros((4, 4)), limits={'threshold': -1}", "threshold: found -1, expected a number of at least 0"),
         (
             "'cornell-box', spp=8, resolution=(8, 8)",
-            "the picture has 8 path sets; noise is told from a change with 32",
+            "the picture has 8 path sets; noise is separated from a change with 32",
         ),
         ("np.zeros((4, 4)), name='a/b'", "found 'a/b', expected letters"),
         ("np.full((4, 4), 128)", ".astype(np.uint8) where white is 255, np.uint16 where it is 65535, float of"),

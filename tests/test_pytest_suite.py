@@ -16,7 +16,7 @@ import pytest
 
 from glpath.compare import read_picture
 from glpath.film.image import write_png
-from glpath.pytest_plugin.places import baseline_name
+from glpath.pytest_plugin.paths import baseline_name
 from tests.support.image_suite import GREY, LOADED, Run
 
 pytest_plugins = ["pytester", "tests.support.image_suite"]

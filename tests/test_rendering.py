@@ -177,7 +177,7 @@ def test_paths_that_are_drawn_in_parts_have_the_same_bits(monkeypatch: pytest.Mo
 
 def test_timings_are_there_when_asked_for() -> None:
     scans = {"shadow-buffer", "eye", "first vertex", "scan positions", "scan scene", "advance"}
-    for engine, expected in (("path", {"lamp edges", "eye", "paths"}), ("pair", scans)):
+    for engine, expected in (("path", {"emitter silhouettes", "eye", "paths"}), ("pair", scans)):
         film = glpath.render(
             BOX, spp=2, max_depth=2, resolution=(16, 16), **engine_options(engine), timings=True
         )  # fmt: skip

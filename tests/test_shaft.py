@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 from glpath.accel.bvh import build_bvh
 from glpath.accel.nodes import Bvh
 from glpath.errors import UsageError
-from glpath.radiosity import Place, Shaft, Strategy, candidate_list, cluster
+from glpath.radiosity import Containment, Shaft, Strategy, candidate_list, cluster
 
 # Small whole numbers: flat, equal, nested and touching boxes come by themselves, and all arithmetic is exact.
 corners = hnp.arrays(np.int64, (2, 3), elements=st.integers(-4, 4)).map(lambda c: np.sort(c, axis=0).astype(float))
@@ -97,28 +97,28 @@ def test_no_box_is_called_wrongly(a: np.ndarray, b: np.ndarray, box: np.ndarray)
     """The paper believes that boxes have no false positives, and they haven't."""
     shaft = Shaft.between(a, b)
     place = shaft.classify(box[None])[0]
-    assert (place != Place.OUTSIDE) == meets_hull(box, a, b)
-    assert (place == Place.INSIDE) == in_hull(box, shaft)
+    assert (place != Containment.OUTSIDE) == meets_hull(box, a, b)
+    assert (place == Containment.INSIDE) == in_hull(box, shaft)
 
 
 @given(corners, corners, corners, st.floats(0, 1))
 def test_dropped_planes_only_make_the_shaft_larger(
-    a: np.ndarray, b: np.ndarray, box: np.ndarray, least_cut: float
+    a: np.ndarray, b: np.ndarray, box: np.ndarray, min_cut: float
 ) -> None:
-    full, fewer = Shaft.between(a, b), Shaft.between(a, b, least_cut=least_cut)
+    full, fewer = Shaft.between(a, b), Shaft.between(a, b, min_cut=min_cut)
     assert {tuple(p) for p in fewer.planes} <= {tuple(p) for p in full.planes}
-    assert fewer.classify(box[None])[0] >= min(full.classify(box[None])[0], Place.OVERLAPPING)
-    assert len(Shaft.between(a, b, least_cut=0).planes) == len(full.planes)
+    assert fewer.classify(box[None])[0] >= min(full.classify(box[None])[0], Containment.OVERLAPPING)
+    assert len(Shaft.between(a, b, min_cut=0).planes) == len(full.planes)
 
 
 def test_planes_are_sorted_by_the_volume_they_cut() -> None:
-    shaft = Shaft.between([[0, 0, 0], [1, 1, 9]], [[6, 1.5, 0], [9, 5, 9]], least_cut=0)
+    shaft = Shaft.between([[0, 0, 0], [1, 1, 9]], [[6, 1.5, 0], [9, 5, 9]], min_cut=0)
     rng = np.random.default_rng(1)
     points = shaft.extent[:3] + rng.random((20_000, 3)) * (shaft.extent[3:] - shaft.extent[:3])
     cut = (points @ shaft.planes[:, :3].T + shaft.planes[:, 3] > 0).mean(axis=0)
     assert len(cut) == 2
     assert cut[0] > cut[1] + 0.05
-    few = Shaft.between(shaft.box_a, shaft.box_b, least_cut=cut.mean())
+    few = Shaft.between(shaft.box_a, shaft.box_b, min_cut=cut.mean())
     np.testing.assert_array_equal(few.planes, shaft.planes[:1])
 
 
@@ -130,10 +130,10 @@ def test_no_sphere_that_touches_is_called_outside(
     place = shaft.classify_spheres(centre[None], [radius])[0]
     directions = np.random.default_rng(3).normal(size=(40, 3))
     surface = centre + 0.999 * radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    in_shaft = shaft.classify(np.stack([surface, surface], axis=1)) != Place.OUTSIDE
-    if place == Place.OUTSIDE:
+    in_shaft = shaft.classify(np.stack([surface, surface], axis=1)) != Containment.OUTSIDE
+    if place == Containment.OUTSIDE:
         assert not in_shaft.any()
-    if place == Place.INSIDE:
+    if place == Containment.INSIDE:
         assert in_shaft.all()
 
 
@@ -143,10 +143,10 @@ def test_a_sphere_can_be_called_overlapping_though_it_is_outside() -> None:
     # Just beyond the emitter's upper edge, between the directions of the plane's normal and of MIN_X.
     centre = np.array([0, 4, 2]) + 1.05 * np.array([-0.905, 0.425, 0])
     assert _distance_to(shaft, centre) > 1.04
-    assert shaft.classify_spheres(centre[None], [1.0])[0] == Place.OVERLAPPING
+    assert shaft.classify_spheres(centre[None], [1.0])[0] == Containment.OVERLAPPING
     rng = np.random.default_rng(5)
     centres = shaft.extent[:3] - 1 + rng.random((500, 3)) * (shaft.extent[3:] - shaft.extent[:3] + 2)
-    overlapping = shaft.classify_spheres(centres, np.full(500, 1.0)) == Place.OVERLAPPING
+    overlapping = shaft.classify_spheres(centres, np.full(500, 1.0)) == Containment.OVERLAPPING
     false = [c for c in centres[overlapping] if _distance_to(shaft, c) > 1.001]
     assert 0 < len(false) < 0.1 * overlapping.sum()
     boxes = np.stack([np.array(false) - 1 / np.sqrt(3), np.array(false) + 1 / np.sqrt(3)], axis=1)

@@ -12,7 +12,7 @@ from benchmarks import office_table
 from benchmarks.figures import shaft, shaft_table
 from benchmarks.figures.catalogue import FIGURES
 from glpath.notebook.polyhedron import box_corners, farthest_gap
-from glpath.radiosity import Occluders, Place, Shaft
+from glpath.radiosity import Containment, Occluders, Shaft
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 _between, _classify, _spheres = Shaft.between, Shaft.classify, Shaft.classify_spheres
@@ -51,14 +51,14 @@ def exact_spheres(monkeypatch: pytest.MonkeyPatch) -> None:
     def classify(found: Shaft, centres, radii):
         hull = np.concatenate([box_corners(found.box_a), box_corners(found.box_b)])
         gap = farthest_gap(hull, np.reshape(centres, (-1, 3)))
-        return np.where(gap > radii, Place.OUTSIDE, _spheres(found, centres, radii))
+        return np.where(gap > radii, Containment.OUTSIDE, _spheres(found, centres, radii))
 
     monkeypatch.setattr(Shaft, "classify_spheres", classify)
 
 
 def every_box_overlaps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        Shaft, "classify", lambda found, boxes: np.full(len(_classify(found, boxes)), Place.OVERLAPPING)
+        Shaft, "classify", lambda found, boxes: np.full(len(_classify(found, boxes)), Containment.OVERLAPPING)
     )
 
 

@@ -15,7 +15,7 @@ from benchmarks.__main__ import app
 from benchmarks.figures import shaft, style
 from benchmarks.office_table import OFFICES
 from glpath.notebook import polyhedron
-from glpath.radiosity import Place, Shaft
+from glpath.radiosity import Containment, Shaft
 
 DRAWN = list(shaft.FIGURES)
 
@@ -97,7 +97,7 @@ def test_figure_4s_count_finds_only_spheres_that_are_outside() -> None:
     shaft_of_one = Shaft.between(box, box)  # a box: Arvo's test is exact
     false, called = shaft._false_spheres(shaft_of_one, 300)
     assert (false, called > 50) == (0, True)
-    assert Place.OVERLAPPING in shaft_of_one.classify_spheres([[1.2, 0.5, 0.5]], [0.3])
+    assert Containment.OVERLAPPING in shaft_of_one.classify_spheres([[1.2, 0.5, 0.5]], [0.3])
 
 
 def test_a_table_keeps_within_its_page() -> None:

@@ -511,7 +511,7 @@ def test_files_that_hold_factors_hold_what_arrives_at_backs(tmp_path: Path) -> N
     again = glpath.ViewFactors.load(tmp_path / "f.npz")
     assert np.array_equal(again.backs, found.backs)
     assert np.array_equal(again.sky, found.sky)
-    assert again.statistics["backs_most"] == found.backs[0]
+    assert again.statistics["backs_max"] == found.backs[0]
     assert (tmp_path / "f.csv").read_text().splitlines()[-1] == f"0,backs,{found.backs[0]:.9g}"
     assert float((tmp_path / "svf.inp.001").read_text().splitlines()[1]) == pytest.approx(found.sky[0])
     with netcdf_file(tmp_path / "vf.nc.inp.001", mmap=False) as file:

@@ -28,7 +28,7 @@ options = st.builds(
     strategy=st.sampled_from(list(STRATEGIES)),
     ratio=st.sampled_from([0.0, 0.2, 0.4, 0.6, 0.8, 1.0]),
     order=st.sampled_from(list(ORDERS)),
-    least_cut=st.sampled_from([None, 0.0, 0.1]),
+    min_cut=st.sampled_from([None, 0.0, 0.1]),
     clump=st.sampled_from([0, 1, 3, 8]),
     group=st.sampled_from([0, 9]),
     no_shaft_below=st.sampled_from([0, 12]),
@@ -274,7 +274,7 @@ def test_nobody_and_nothing() -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [["paper"], ["strategy=no shaft", "order=largest first"], ["clump=8", "nested=no", "least_cut=none"]],
+    [["paper"], ["strategy=no shaft", "order=largest first"], ["clump=8", "nested=no", "min_cut=none"]],
     ids=" ".join,
 )
 def test_options_of_shafts_change_the_time_of_a_solution_and_nothing_else(words):

@@ -12,7 +12,7 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl import passes
 from glpath.rendering import tiles
-from glpath.sampling.points import pixel_place
+from glpath.sampling.points import pixel_sample
 from glpath.scene.model import Float64, Light, Material, Scene, Sky, Texture, TextureSlot
 from tests.reference import numpy_ray_tracer
 from tests.support.objects import ball, camera, ground, rotation, scene_of
@@ -262,9 +262,9 @@ def test_more_samples_smooth_the_edges() -> None:
 
 
 def test_the_places_in_the_pixel_fill_it_evenly() -> None:
-    assert pixel_place(0, 0) == (0.5, 0.5) == pixel_place(7, 0)
+    assert pixel_sample(0, 0) == (0.5, 0.5) == pixel_sample(7, 0)
     for seed in (0, 7):
-        places = np.array([pixel_place(seed, i) for i in range(4096 + 64)])
+        places = np.array([pixel_sample(seed, i) for i in range(4096 + 64)])
         assert places.min() >= 0
         assert places.max() < 1
         # Any 16 from a multiple of 16 on: one in each of 4 x 4 parts, and in each of 16 strips either way.
@@ -275,7 +275,7 @@ def test_the_places_in_the_pixel_fill_it_evenly() -> None:
                 assert len({int(16 * v) for v in some[:, axis]}) == 16
         assert abs(places.mean(axis=0) - 0.5).max() < 0.005
         assert np.ptp(places[4096:], axis=0).min() > 0.9
-    assert pixel_place(0, 5) != pixel_place(7, 5)
+    assert pixel_sample(0, 5) != pixel_sample(7, 5)
 
 
 def test_frames_keep_shadow_buffers_and_are_the_pictures_of_render() -> None:

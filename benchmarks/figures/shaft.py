@@ -32,7 +32,7 @@ from benchmarks.verdict import Condition
 from glpath.accel.nodes import Bvh
 from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from glpath.notebook.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
-from glpath.radiosity import Place, Shaft, Strategy, candidate_list
+from glpath.radiosity import Containment, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.shaft import FACES
 
 Float64 = NDArray[np.float64]
@@ -206,7 +206,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
         "most_planes": float(most),
         "top_cut_left": float(top[0].mean()),
         "bottom_cut_left": float(bottom[0].mean()),
-        "least_cut_right": float(cuts[1].min()),
+        "min_cut_right": float(cuts[1].min()),
         "hull_error": max(_too_large(s, max(100, round(10_000 * scale))) for s in shafts),
     }
     rule = (
@@ -214,7 +214,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
         Condition("planes_right", ">=", 8),
         Condition("most_planes", "<=", 8),
         Condition("top_cut_left", "<", "bottom_cut_left"),
-        Condition("top_cut_left", "<", "least_cut_right"),
+        Condition("top_cut_left", "<", "min_cut_right"),
         Condition("hull_error", "<=", 1e-9),
     )
     said = "at most eight planes; the left shaft's top four cut off little, all of the right one's a fair share"
@@ -304,7 +304,7 @@ def figure_3(scale: float, say: Say) -> Outcome:
         name: tuple(sorted((NODES[i] for i in candidate_list(bvh, shaft, strategy, ratio=0.4)), key=_rank))
         for name, strategy in strategies.items()
     }
-    places = {node: Place(int(p)) for node, p in zip(NODES, shaft.classify(boxes), strict=True)}
+    places = {node: Containment(int(p)) for node, p in zip(NODES, shaft.classify(boxes), strict=True)}
 
     def colour(node: str, listed: Sequence[str]) -> str:
         return PURPLE if node in listed else "white"
@@ -432,10 +432,10 @@ def figure_4(scale: float, say: Say) -> Outcome:
         look(axes, seen, 1.1, elev=10, azim=-75)
 
     measured = {
-        "called_overlapping": float(sphere == Place.OVERLAPPING),
+        "called_overlapping": float(sphere == Containment.OVERLAPPING),
         "sphere_radius": radius,
         "sphere_distance": gap,
-        "box_called_outside": float(box == Place.OUTSIDE),
+        "box_called_outside": float(box == Containment.OUTSIDE),
         "planes_with_box_outside": float(len(separate)),
         "false_share_of_spheres": false_spheres / max(called, 1),
     }
@@ -459,9 +459,9 @@ def figure_4(scale: float, say: Say) -> Outcome:
     ]
     picture = drawings("Figure 4: false positives", f"Paper: {said}.\nHere: {here}.", panels, 2, (400, 380))
     rows = _shaft_rows(shaft, "shaft", "light")
-    rows.append(_box_row("box above the light", above, Place(box).name.lower()))
+    rows.append(_box_row("box above the light", above, Containment(box).name.lower()))
     around = np.concatenate([centre - radius, centre + radius])
-    rows.append(_box_row("sphere, the box around it", around, Place(sphere).name.lower()))
+    rows.append(_box_row("sphere, the box around it", around, Containment(sphere).name.lower()))
     return _outcome("shaft-4", said, rule, measured, rows, picture)
 
 
@@ -475,7 +475,7 @@ def _false_spheres(shaft: Shaft, count: int) -> tuple[int, int]:
     rng = np.random.default_rng(4)
     low, high = shaft.extent[:3] - 1, shaft.extent[3:] + 1
     centres, radii = rng.uniform(low, high, (count, 3)), rng.uniform(0.05, 1.0, count)
-    called = shaft.classify_spheres(centres, radii) == Place.OVERLAPPING
+    called = shaft.classify_spheres(centres, radii) == Containment.OVERLAPPING
     hull = np.concatenate([box_corners(shaft.box_a), box_corners(shaft.box_b)])
     return int((farthest_gap(hull, centres[called]) > radii[called]).sum()), int(called.sum())
 

@@ -46,9 +46,9 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     boxes = np.concatenate([low, high], axis=1)
     n = len(boxes)
     order = np.arange(n, dtype=np.int32)
-    most = max(2 * n - 1, 0)
-    nodes = np.empty((most, 6))
-    skip, first, count = (np.empty(most, np.int32) for _ in range(3))
+    max_nodes = max(2 * n - 1, 0)
+    nodes = np.empty((max_nodes, 6))
+    skip, first, count = (np.empty(max_nodes, np.int32) for _ in range(3))
     size = _build(
         boxes, order, int(leaf_size), nodes, skip, first, count, np.empty((n + 1, 2), np.int64), _workspace()
     )  # fmt: skip
@@ -103,7 +103,7 @@ def _build(boxes, order, leaf_size, nodes, skip, first, count, pending, work):  
 
 
 class _Workspace(NamedTuple):
-    """Of `_split`.
+    """Arguments of `_split`.
 
     bins, filled : (BINS, 6) boxes and (BINS,) how many items are in each
     right_cost   : (BINS,) of what lies to the right of each

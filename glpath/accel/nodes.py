@@ -1,4 +1,4 @@
-"""The nodes of a bounding volume hierarchy (BVH), whoever built it."""
+"""The nodes of a bounding volume hierarchy (BVH), of any builder."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A BVH without compiled code, for up to some thousands of boxes: numba alone takes longer to import.
 
-Top down by the surface area heuristic, over all places between two items in the order of their centroids along each
+Top down by the surface area heuristic, over all splits between two items in the order of their centroids along each
 axis; one item a leaf.
 
 Cost:     some 50 microseconds an item.
@@ -23,9 +23,9 @@ SWEPT = 8192
 def sweep_bvh(lower: Float64, upper: Float64) -> Bvh:
     """A binary tree over boxes (N, 3), finite, one a leaf, as `glpath.accel.bvh.build_bvh` describes it."""
     n = len(lower)
-    most = max(2 * n - 1, 0)
-    nodes = np.empty((most, 6))
-    skip, first, count = np.empty(most, np.int32), np.empty(most, np.int32), np.zeros(most, np.int32)
+    max_nodes = max(2 * n - 1, 0)
+    nodes = np.empty((max_nodes, 6))
+    skip, first, count = np.empty(max_nodes, np.int32), np.empty(max_nodes, np.int32), np.zeros(max_nodes, np.int32)
     order = np.arange(n, dtype=np.int32)
     boxes = np.concatenate([lower, -np.asarray(upper)], axis=1)  # of both corners a minimum
     centroid = 0.5 * (lower + upper)
@@ -56,11 +56,11 @@ def _sweep(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centr
     parts = np.arange(1, len(items))[:, None]
     cost = before * parts + after * parts[::-1]
     if cost.any():
-        place, axis = divmod(int(np.argmin(cost)), 3)
-    else:  # boxes without an area, in a line or at one place: balance decides
-        place, axis = len(items) // 2 - 1, int(np.argmax(np.ptp(centroid[items], axis=0)))
+        split, axis = divmod(int(np.argmin(cost)), 3)
+    else:  # boxes without an area, in a line or at one point: balance decides
+        split, axis = len(items) // 2 - 1, int(np.argmax(np.ptp(centroid[items], axis=0)))
     order[begin:end] = sorted_along[:, axis]
-    return begin + place + 1
+    return begin + split + 1
 
 
 def _part(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centroid: Float64) -> int:

@@ -29,20 +29,20 @@ from glpath.scene.geometry import Float64, Mesh
 Int64 = NDArray[np.int64]
 #: Triangles, the side of them, and its density.
 Part = tuple[Int64, int, float]
-#: Of a part: corners (V, 2) in the plane, the three of each of its triangles (F, 3), and which of them these are.
+#: A part's corners (V, 2) in the plane, the three of each of its triangles (F, 3), and which of them these are.
 Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 
 MAX_SIZE = 8192
 #: Texels between charts: as far as bilinear look-ups of the first mipmap levels go.
 PADDING = 4
-# What a single look-up needs, where charts are so many that wider gutters leave them less than this of a page.
-_LEAST_PADDING, _COVERED = 2, 1 / 3
+# The padding of a single look-up, where charts are so many that wider gutters leave them less than this of a page.
+_MIN_PADDING, _COVERED = 2, 1 / 3
 #: A page that is as large as it has to be is of a power of two between these.
-_LEAST_PAGE, _LARGEST_PAGE = 64, 4096
+_MIN_PAGE, _LARGEST_PAGE = 64, 4096
 #: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit; of many
 #: sides the share of a page's side that is enough.
 _FILLED, _STEP, _LARGE_STEP, _TRIALS = 0.95, 0.985, 0.95, 30
-#: Part of the way between what fits and what does not by which less is tried than what is likely to fit.
+#: Share of the gap between what fits and what does not by which less is tried than is likely to fit.
 _SHY = 0.05
 #: Of a scene of more sides of triangles than this, parts of more than so many are cut into patches of that many:
 #: the time for charts grows with the square of what hangs together (0.5 ms a triangle of 8,000, 0.05 of 250).
@@ -50,10 +50,10 @@ _MANY, _WHOLE, _PATCH = 20_000, 1024, 250
 #: Charts that are packed later are made of so many times as many texels, as long as those fit a page of so many.
 _FINER, _CHART_PAGE = 2.0, 4096
 #: Core seconds of an atlas: of a side of a triangle, the same of many sides, whose charts are made once, and of a
-#: piece that hangs together, over all trials (measured); the most that is begun, and from how many on it is said.
-_SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MOST_SECONDS, _SAID_SECONDS = 4e-4, 1.5e-4, 2e-3, 600.0, 10.0
+#: piece that hangs together, over all trials (measured); the most allowed, and from how many on it is reported.
+_SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MAX_SECONDS, _REPORTED_SECONDS = 4e-4, 1.5e-4, 2e-3, 600.0, 10.0
 #: Areas of triangles that xatlas has charts for, and the least unit for their sake, in extents of the scene.
-_LEAST_AREA, _LEAST_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
+_MIN_AREA, _MIN_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
 #: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
 _PATIENCE, _NEXT_TO_NONE = 2, 1e-3
 
@@ -143,7 +143,7 @@ def packed(
     if size is None:
         alone = _packed(xatlas, scene, parts, charts, texels, None)
         longest = max(alone.size)
-        size = min(max(_LEAST_PAGE, 2 ** math.ceil(math.log2(longest))), _LARGEST_PAGE)
+        size = min(max(_MIN_PAGE, 2 ** math.ceil(math.log2(longest))), _LARGEST_PAGE)
         if longest <= size:
             return _with_splinters(scene, replace(alone, size=(size, size)), density)
     atlas = _packed(xatlas, scene, parts, charts, texels, size)
@@ -156,22 +156,22 @@ def _check_time(
 ) -> None:
     """Raise UsageError for what fits no page, or would take too long, before any of it is begun."""
     triangles = sum(len(part) for part, _, _ in parts)
-    place = scene.source or scene.name
-    if texels is None and size is not None and len(parts) * (1 + _LEAST_PADDING) ** 2 > size * size:
+    scene_name = scene.source or scene.name
+    if texels is None and size is not None and len(parts) * (1 + _MIN_PADDING) ** 2 > size * size:
         raise UsageError(
-            f"a page of {size} x {size} texels is too small: {place} has {len(parts):,} meshes and instances, each "
-            "of which is a chart at least.",
-            "Give a larger size; or texels in place of it, which takes as many pages as it needs.",
+            f"a page of {size} x {size} texels is too small: {scene_name} has {len(parts):,} meshes and "
+            "instances, each of which is a chart at least.",
+            "Give a larger size; or texels instead of it, which takes as many pages as it needs.",
         )
     each = _SECONDS_EACH if triangles <= _MANY else _SECONDS_LATER
     seconds = each * triangles + _SECONDS_PIECE * len(parts)
-    if seconds > _MOST_SECONDS:
+    if seconds > _MAX_SECONDS:
         raise UsageError(
-            f"{place}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take about "
-            f"{seconds / 60:.0f} minutes of processor time.",
+            f"{scene_name}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take "
+            f"about {seconds / 60:.0f} minutes of processor time.",
             'Simplify the model, or bake a part of it; or keep texture coordinates that the file has: uv="keep".',
         )
-    if say is not None and seconds > _SAID_SECONDS:
+    if say is not None and seconds > _REPORTED_SECONDS:
         say(
             f"atlas of {triangles:,} sides of triangles in {len(parts):,} pieces: about {seconds:.0f} s of "
             "processor time, then the render"
@@ -216,13 +216,13 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
     if shrunken.any():
         warn(
             f"{scene.source or scene.name}: {shrunken.sum()} of {count} charts are larger than a page of "
-            f"{atlas.size[0]} x {atlas.size[1]} and have {found[shrunken].min():.3g} texels per scene unit in "
-            f"place of {atlas.texels:g}: give a larger size, or fewer texels."
+            f"{atlas.size[0]} x {atlas.size[1]} and have {found[shrunken].min():.3g} texels per scene unit "
+            f"instead of {atlas.texels:g}: give a larger size, or fewer texels."
         )
 
 
 def _parts(scene: Scene, density: Float64) -> list[Part]:
-    """Of each mesh what has one side and one density."""
+    """The parts of each mesh with one side and one density."""
     parts: list[Part] = []
     first = 0
     densities = np.unique(density[density > 0])
@@ -263,7 +263,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     guess = rounded(math.sqrt(_FILLED * size * size / area))
     charts = _charts(xatlas, scene, parts, guess)
     found: Atlas | None = None
-    for padding in (PADDING, _LEAST_PADDING):
+    for padding in (PADDING, _MIN_PADDING):
         texels, fits, over = guess, (0.0, 0.0), (math.inf, math.inf)
         best: Atlas | None = None
         for trial in range(_TRIALS):
@@ -279,8 +279,8 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
                 break
             if trial == _PATIENCE and best is None:
                 # Minutes of trials are in vain where gutters alone are too much.
-                least = _NEXT_TO_NONE * texels
-                fits = least, max(_packed(xatlas, scene, parts, charts, least, None, padding).size)
+                smallest = _NEXT_TO_NONE * texels
+                fits = smallest, max(_packed(xatlas, scene, parts, charts, smallest, None, padding).size)
                 if fits[1] > size:
                     break
             texels = _between(fits, over, size)
@@ -304,12 +304,12 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
     if fits[1] == 0:
         return over[0] * min(_STEP, size / over[1])
     share = (size - fits[1]) / (over[1] - fits[1])
-    # What fits is not taken at the very edge, as packing is chance; and each end comes nearer.
+    # Not the largest that fits is taken, as packing is stochastic; and each end comes nearer.
     return fits[0] + (over[0] - fits[0]) * min(max(share - _SHY, 0.1), 0.9)
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Of each part its charts, in units of `_unit`; None of few sides, whose every packing makes its own.
+    """Each part's charts, in units of `_unit`; None for few sides, whose every packing makes its own.
 
     texels : per scene unit, about as many as they are packed with: xatlas stretches charts to whole texels
 
@@ -328,7 +328,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
     for part in models:
         atlas.add_mesh(*_corners(scene, part, unit))
     pack = xatlas.PackOptions()
-    pack.texels_per_unit, pack.padding, pack.resolution = finer * texels * unit, _LEAST_PADDING, 0
+    pack.texels_per_unit, pack.padding, pack.resolution = finer * texels * unit, _MIN_PADDING, 0
     atlas.generate(pack_options=pack)
     made: list[Charts] = []
     for i in range(len(models)):
@@ -362,7 +362,7 @@ def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
 
 
 def _corners(scene: Scene, part: Part, unit: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """What xatlas takes: points (V, 3) of a part, and the three of each of its triangles."""
+    """For xatlas: points (V, 3) of a part, and the three of each of its triangles."""
     triangles, side, density = part
     steps, step = corners_in_steps(scene.triangles[triangles])
     points, faces = np.unique(steps.reshape(-1, 3), axis=0, return_inverse=True)
@@ -425,8 +425,8 @@ def _unit(scene: Scene, parts: list[Part]) -> float:
     """
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
     areas = scene.areas  # found anew at each call
-    least = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
-    return power_of_two(min(extent, max(math.sqrt(least / _LEAST_AREA), _LEAST_UNIT * extent)))
+    smallest = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
+    return power_of_two(min(extent, max(math.sqrt(smallest / _MIN_AREA), _MIN_UNIT * extent)))
 
 
 def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
@@ -434,15 +434,15 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
 
     lit : (T, 2) bool: the side is the front, but where the back alone is
 
-    Raises SceneError where they are no unwrapping: missing, beyond 0 to 1, or twice at one place.
+    Raises SceneError where they are no unwrapping: missing, beyond 0 to 1, or overlapping.
     """
-    place = scene.source or scene.name
+    scene_name = scene.source or scene.name
     for shape in scene.shapes:
         mesh = shape.geometry
         assert isinstance(mesh, Mesh)
         if mesh.uv1 is None:
             raise SceneError(
-                f'{place}: the shape "{shape.name}" has no second texture coordinates (TEXCOORD_1) to keep.',
+                f'{scene_name}: the shape "{shape.name}" has no second texture coordinates (TEXCOORD_1) to keep.',
                 'Leave out uv="keep": they are made.',
             )
     side = np.where(~lit[:, 0] & lit[:, 1], 1, 0)
@@ -452,15 +452,15 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
     if len(outside):
         name = scene.shapes[scene.triangle_shape[triangle[outside[0]]]].name
         raise SceneError(
-            f'{place}: the second texture coordinates of {len(outside)} triangles, first of the shape "{name}", '
-            "are not within 0 to 1, which those of a lightmap are.",
+            f"{scene_name}: the second texture coordinates of {len(outside)} triangles, first of the shape "
+            f'"{name}", are not within 0 to 1, which those of a lightmap are.',
             'Leave out uv="keep": others are made.',
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
     chart = _hanging_together(scene, triangle, texels)
     atlas = Atlas(triangle, side, np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)
-    _check_apart(scene, atlas, place)
+    _check_apart(scene, atlas, scene_name)
     return atlas
 
 
@@ -479,14 +479,14 @@ def _hanging_together(scene: Scene, triangle: Int64, uv: Float64) -> Int64:
     return np.asarray(chart, np.int64)
 
 
-def _check_apart(scene: Scene, atlas: Atlas, place: str) -> None:
+def _check_apart(scene: Scene, atlas: Atlas, scene_name: str) -> None:
     """Raise SceneError where the middles of texels are in several triangles."""
     twice = overlapping(atlas.uv, atlas.size)
     if twice is None:
         return
     names = [scene.shapes[scene.triangle_shape[atlas.triangle[f]]].name for f in twice]
     raise SceneError(
-        f'{place}: the second texture coordinates of the shapes "{names[0]}" and "{names[1]}" overlap, so that one '
-        "texel would be two places (that is so for every mesh with several instances, too).",
+        f'{scene_name}: the second texture coordinates of the shapes "{names[0]}" and "{names[1]}" overlap, so '
+        "that one texel would be two points (that is so for every mesh with several instances, too).",
         'Leave out uv="keep": others are made.',
     )

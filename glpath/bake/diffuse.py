@@ -1,4 +1,4 @@
-"""What is the same from everywhere of what surfaces send out: Lambert's part of reflection, emission, opacity."""
+"""Materials without what depends on the view: diffuse reflection, emission and opacity."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
         mode = "blend" if material.clear > 0 else material.alpha
         primitives = []
         for page, mesh in _parts(scene, atlas, number):
-            # Of coordinates that are kept there is one side alone: the other has its light.
+            # Kept coordinates have one side alone: the other has its light.
             key = page, mode, material.cutoff, atlas.of_file and material.two_sided
             if key not in materials:
                 materials[key] = len(file.materials)
@@ -102,7 +102,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     made = replace(
         scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=()
     )
-    # What shines keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
+    # Emission keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
     made = replace(made, unit="photometric")
     _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
@@ -111,10 +111,14 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
         stem = f"{path.stem}-{page}.lightmap"
-        said = {"quantity": "irradiance", "unit": symbol(scene.unit, "irradiance"), "primaries": "linear Rec. 709"}
-        write_exr(path.with_name(f"{stem}.exr"), light, said | {"texCoord": "1", "page": str(page)})
+        header = {
+            "quantity": "irradiance",
+            "unit": symbol(scene.unit, "irradiance"),
+            "primaries": "linear Rec. 709",
+        }
+        write_exr(path.with_name(f"{stem}.exr"), light, header | {"texCoord": "1", "page": str(page)})
         write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
-        about = said | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
+        about = header | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
         about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
         write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
         written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]
@@ -124,7 +128,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
 def _parts(
     scene: Scene, atlas: Atlas, number: int, side: int | None = None, uv_set: int | None = None
 ) -> list[tuple[int, Mesh]]:
-    """Of a shape, in world space, a mesh for each page, whose second texture coordinates are the atlas's.
+    """A shape's meshes in world space, one for each page, whose second texture coordinates are the atlas's.
 
     Where a triangle has both sides, the back is a little behind, see `behind`.
 
@@ -151,19 +155,19 @@ def _parts(
         row = np.arange(len(faces))[:, None]
         corners = vertices[row, order].ravel()
 
-        def taken(values: Float64, wanted: bool, corners: NDArray[np.int32] = corners) -> Float64 | None:
+        def selected(values: Float64, wanted: bool, corners: NDArray[np.int32] = corners) -> Float64 | None:
             return values[corners] if wanted else None
 
-        normals = taken(scene.shapes.vertex_normals, attributes and mesh.normals is not None)
+        normals = selected(scene.shapes.vertex_normals, attributes and mesh.normals is not None)
         if normals is not None:
             normals = np.where(np.repeat(back, 3)[:, None], -normals, normals)
         whole = Mesh(
             scene.shapes.vertices[corners] + away[faces][row, order].reshape(-1, 3),
             np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
-            uv=taken(shapes.vertex_uv1 if uv_set else shapes.vertex_uv, attributes and texture is not None),
+            uv=selected(shapes.vertex_uv1 if uv_set else shapes.vertex_uv, attributes and texture is not None),
             normals=normals,
             uv1=uv[row, order].reshape(-1, 2),
-            colours=taken(scene.shapes.vertex_colours, attributes and mesh.colours is not None),
+            colours=selected(scene.shapes.vertex_colours, attributes and mesh.colours is not None),
         )
         made.append((int(page), whole.welded()))
     return made

@@ -49,12 +49,12 @@ Materials = Literal["unlit", "keep"]
 DEFAULT_SIZE = 1024
 #: Texels of the longer side of a page that a notebook shows.
 _PREVIEW = 1024
-#: What is behind a wall is taken for inside up to so many texels from it.
+#: Points behind a wall count as inside up to so many texels from it.
 _NEAR = 2.0
 #: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
 #: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
 _BYTES, _FILLED = 1400, 0.5
-#: Whether a wall is between places of a texel is asked so far above the surface, in the size of the texel.
+#: Whether a wall is between points of a texel is asked so far above the surface, in the size of the texel.
 _ABOVE = 0.1
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
@@ -107,7 +107,7 @@ class Surfaces:
 
     @classmethod
     def on(cls, scene: Scene, atlas: Atlas, sides: Sides) -> Surfaces:
-        """Of an atlas that there is, of a scene in triangles. Raises SceneError."""
+        """From an existing atlas, of a scene in triangles. Raises SceneError."""
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
@@ -173,7 +173,7 @@ class Lightmap:
     """Light on surfaces.
 
     surfaces   : where the texels are
-    film       : of the texels' receivers, as of any render: it merges, and a bake goes on with it
+    film       : of the texels' receivers, as of any render: it merges, and a bake resumes from it
     irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
                  each page; gutters are filled
     baked      : (P, h, w) bool, where it was rendered and not only continued
@@ -231,15 +231,15 @@ class Lightmap:
     def __repr__(self) -> str:
         atlas, film = self.atlas, self.film
         error = film.relative_error()
-        told = "" if error is None else f", error about {100 * error:.2g} %"
+        error_text = "" if error is None else f", error about {100 * error:.2g} %"
         pages = f"{atlas.pages} page{'s' * (atlas.pages > 1)} of {atlas.size[0]} x {atlas.size[1]}"
         return (
             f"<Lightmap of {self.scene.name}: {pages}, {len(self.surfaces.inside):,} texels, "
-            f"{film.path_sets} path sets{told}>"
+            f"{film.path_sets} path sets{error_text}>"
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the first page, base colour times light, at most 1024 texels long, and a line."""
+        """Jupyter's view: the first page, base colour times light, at most 1024 texels long, and a line."""
         from glpath.bake.files import radiance_of
 
         radiance, _ = radiance_of(self)
@@ -305,7 +305,7 @@ def lightmap(
     integrator, options : "path", "path-buffer" or "gather" and their options, as of `glpath.render`. By default
               roulette alone ends the paths of the first two, from the 4th vertex on (`max_depth` 1000,
               `roulette` 4), for the light of all bounces
-    film    : of an interrupted bake of the same scene with the same options, to go on with
+    film    : of an interrupted bake of the same scene with the same options, to resume
     denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
 
     The others are those of `glpath.render`; `spp` counts samples of each texel.
@@ -392,7 +392,7 @@ class Bake:
         )
 
     def lightmap(self, film: Film) -> Lightmap:
-        """Of a film of the texels."""
+        """From a film of the texels."""
         return Lightmap.of(self.surfaces, film, self.denoise)
 
 
@@ -469,7 +469,7 @@ def _outside(scene: Scene, atlas: Atlas, texels: Texels, sides: Sides) -> tuple[
             wrong[sample] |= ~wrong[middle] & sides.apart(own, above[middle], above[sample])
     if not wrong.any():
         return texels, buried
-    # In the place of a sample that is inside, or behind a wall, comes the next one that is not.
+    # A sample that is inside, or behind a wall, is replaced by the next one that is not.
     source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
     for step in range(1, samples):
         still = np.take_along_axis(wrong, source, axis=0)

@@ -50,7 +50,7 @@ def _fill_inside(pages: Float32, known: Bools, chart: NDArray[np.int64], texels:
             count += use
         done = count > 0
         if not done.any():
-            pages[page, row, column] = 0.0  # a chart that is inside as a whole: nobody sees it
+            pages[page, row, column] = 0.0  # a chart that is inside as a whole: it is never seen
             return
         pages[page[done], row[done], column[done]] = sums[done] / count[done, None]
         known[page[done], row[done], column[done]] = True

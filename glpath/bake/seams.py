@@ -30,13 +30,13 @@ from glpath.scene.model import Float64
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
 
-#: Cosine between the normals on both sides above which a surface goes on smoothly.
+#: Cosine between the normals on both sides above which a surface is smooth.
 _SMOOTH = 0.995
 #: Points of a seam for each texel along it.
 _DENSITY = 3.0
 #: The largest step that is left, as a share of the value there, or of this share of the mean where that is darker.
 LIMIT, DARK = 0.018, 0.01
-#: What a step weighs in the first round beside a change of a texel, and what a change of a gutter's does.
+#: What a step weighs in the first round compared with a change of a texel, and what a change of a gutter's does.
 _FIRST, _GUTTER = 10.0, 0.02
 #: Changes count by their share of the light about them and of this share of the mean: with less, the light side of
 #: a terminator were drawn down to the dark one.
@@ -64,7 +64,7 @@ class Seams:
 
     @classmethod
     def of(cls, scene: Scene, atlas: Atlas) -> Seams:
-        """Of all charts."""
+        """The seams of all charts."""
         ends = _edges(scene, atlas)
         if not len(ends[0]):
             return cls(np.zeros((2, 0), np.int64), np.zeros((2, 0, 2)))
@@ -89,7 +89,7 @@ class Seams:
         baked : (P, h, w), where light was computed, not only continued
 
         Steps weigh little at first; those that are still above the limit weigh more in each round. No light is
-        below zero: texels that would be are held there, as long as they would go on to be.
+        below zero: texels that would be are held there, as long as they would be.
         """
         from scipy.sparse import coo_array, diags_array
 
@@ -116,7 +116,7 @@ class Seams:
         for _ in range(_ROUNDS):
             over = 1.0 / np.maximum(both @ x.mean(axis=1), DARK * mean)
             system = (diags_array(keep) + jump.T @ diags_array(weight * over**2) @ jump).tocsr()
-            x, held = _least(system, keep[:, None] * before, x, held, near)
+            x, held = _minimise(system, keep[:, None] * before, x, held, near)
             step = over * np.abs(jump @ x).max(axis=1)  # of colours, and of brightness
             light = luminance(x)
             step = np.maximum(step, np.abs(jump @ light) / np.maximum(both @ light, dark))
@@ -154,7 +154,7 @@ def lit_texels(pages: Float32, baked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(lit if lit.any() else baked)
 
 
-def _least(
+def _minimise(
     system: Any, right: Float64, given: Float64, held: NDArray[np.bool_], near: NDArray[np.bool_]
 ) -> tuple[Float64, NDArray[np.bool_]]:
     """Solutions (N, C) >= 0 of a symmetric system for right sides (N, C), and (N, C) which of them are zero.

@@ -2,7 +2,7 @@
 
 All that can be seen get some: every front, and the back of a material with two sides, but for the inside of a
 closed solid, which is proved (`solids`). Sides that no chain of rays leads from to a lamp, to the sky or to a
-punctual light are dark. They get fewer texels and never none, as this is found by chance. A point from which one
+punctual light are dark. They get fewer texels and never none, as this is sampled. A point from which one
 sees nothing but dark sides is inside something, as the floor is under a box that stands on it.
 
 Cost:     a few hundred thousand rays on the CPU for the sides; a ray or two for each point.
@@ -72,7 +72,7 @@ class Sides:
 
     @classmethod
     def of(cls, scene: Scene, seed: int = 0) -> Sides:
-        """Of a scene in triangles. seed : of the rays by which light is looked for; what is shown is no chance."""
+        """The sides of a scene in triangles. seed : of the rays that find light; `shown` does not use it."""
         rays = rays_of(scene)
         surfaces = _Surfaces.of(scene)
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
@@ -143,8 +143,8 @@ class Sides:
 def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int) -> Bools:
     """(T, 2): by random walks from all over each connected piece of a mesh, both of whose sides are alike all over.
 
-    A walk ends where something that shines is met, or seen from there. Pieces of which few walks do are asked again
-    with more of them, as small lamps and far windows are seldom met.
+    A walk ends where something that shines is hit, or seen from there. Pieces of which few walks do are asked again
+    with more of them, as small lamps and far windows are seldom hit.
     """
     piece = _pieces(scene)
     count = int(piece.max()) + 1
@@ -175,7 +175,7 @@ def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int)
 
 @dataclass(frozen=True, eq=False)
 class _Surfaces:
-    """Of each side of each triangle (T, 2) bool: whether it shines, and whether it sends light on at all.
+    """(T, 2) bool of each triangle's sides: whether it shines, and whether it sends light on at all.
 
     passes : (T,) whether light goes through
     normals : (T, 3) float64, the scene's
@@ -258,7 +258,7 @@ def _shining_points(
         lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
         towards, length = _unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins)
         back = np.einsum("ij,ij->i", surfaces.normals[lamp], towards) > 0
-        # Who is behind a lamp that shines from its front alone is joined with nothing.
+        # A point behind a lamp that shines from its front alone is joined with nothing.
         made.append((towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp))
     return made
 
@@ -287,14 +287,14 @@ def _pieces(scene: Scene) -> Int64:
 def cast(
     scene: Scene, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
-    """Of rays (N, 3) the (N,) triangle but for `own` (-1: none), the side that is met, and the distance."""
+    """(N,) triangle hit by rays (N, 3), but for `own` (-1: none), its side, and the distance."""
     return _hit(_Surfaces.of(scene), rays, origins, directions, own)
 
 
 def _hit(
     surfaces: _Surfaces, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
-    """(N,) triangle (-1: none), the side that is met, and the distance."""
+    """(N,) triangle (-1: none), the side that is hit, and the distance."""
     hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
     arrays = (
         np.ascontiguousarray(origins),

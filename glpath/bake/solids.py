@@ -1,7 +1,7 @@
-"""Sides of triangles that are inside a closed, opaque solid without a light in it, where nobody sees them.
+"""Sides of triangles that are inside a closed, opaque solid without a light in it, where they are never seen.
 
 A closed surface is a set of triangles each edge of which two of them share, in opposite order, and which does not
-cross itself. One of its sides is then its inside everywhere, whichever way it is wound, and the sign of its volume
+cross itself. One of its sides is then its inside everywhere, whatever its winding, and the sign of its volume
 says which (Jordan and Brouwer). It is proved, not sampled: whatever cannot be proved counts as seen.
 
 Cost:     a segment through a BVH for each edge of closed surfaces.
@@ -46,7 +46,7 @@ class Closed:
 
     @classmethod
     def of(cls, scene: Scene) -> Closed:
-        """Of a scene in triangles; which of them cross themselves is not asked."""
+        """The solids of a scene in triangles, not tested for crossing themselves."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -116,12 +116,12 @@ def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Boo
     # A lamp that crosses no solid is inside of it as a whole, or not at all.
     _, firsts = np.unique(found.surface[lamps], return_index=True)
     some = np.flatnonzero(lamps)[firsts] if lamps.any() else np.zeros(0, np.int64)
-    places = [
+    seen_from = [
         (scene.triangles[some].mean(axis=1), found.surface[some]),
         *((light.position[None], np.array([-1])) for light in scene.lights if light.kind != "directional"),
         (scene.camera.at().position[None], np.array([-1])),
     ]
-    points, own_surface = (np.concatenate(part) for part in zip(*places, strict=True))
+    points, own_surface = (np.concatenate(part) for part in zip(*seen_from, strict=True))
     solid &= ~_inhabited(scene, found, solid, points, own_surface)
     row = np.flatnonzero(solid[found.surface])
     none[row, inner[row]] = True

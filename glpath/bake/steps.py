@@ -19,7 +19,7 @@ from glpath.scene.model import Float64
 
 #: A step in heights of the narrowest triangle, whose directions it changes by no more than that; and the least and
 #: the largest one, in extents of all. Of the least there are fewer than 2^24, as many as 32 bits have.
-_OF_NARROWEST, _LEAST, _LARGEST = 2.0**-10, 2.0**-20, 2.0**-16
+_OF_NARROWEST, _SMALLEST, _LARGEST = 2.0**-10, 2.0**-20, 2.0**-16
 #: Sizes change from one power of two to the next at those divided by this, where no round number is.
 _ODD = 1.2345
 #: Bits of what `rounded` returns.
@@ -52,5 +52,5 @@ def corners_in_steps(corners: Float64) -> tuple[Float64, float]:
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     narrowest = float((doubled / np.maximum(longest, np.finfo(float).tiny)).min())
-    step = power_of_two(min(max(narrowest * _OF_NARROWEST, extent * _LEAST), extent * _LARGEST))
+    step = power_of_two(min(max(narrowest * _OF_NARROWEST, extent * _SMALLEST), extent * _LARGEST))
     return np.asarray(np.rint((corners - low) / step)), step

@@ -1,7 +1,7 @@
 """The texels of an atlas: which triangle is where in each of them, by several samples.
 
 Every texel that a chart touches is one, however little (conservative rasterisation). Its samples lie in a lattice;
-those that are beside the chart are moved to the nearest place on it.
+those that are beside the chart are moved to the nearest point on it.
 
 Cost:     some 5 ns for a sample, a triangle and a texel that they share.
 """
@@ -46,7 +46,7 @@ class Texels:
 
     @property
     def index(self) -> tuple[Int64, Int64, Int64]:
-        """Of arrays (pages, h, w)."""
+        """From arrays (pages, h, w)."""
         return self.page, self.row, self.column
 
     def positions(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
@@ -77,7 +77,7 @@ class Texels:
         return np.asarray(np.sqrt(scene.areas[atlas.triangle] / np.maximum(atlas.areas, 1e-12))[face])
 
     def with_samples_of(self, source: Int64) -> Texels:
-        """With other samples of the same texel in the place of some: source (S, N) is the number of each's."""
+        """With other samples of the same texel instead of some: source (S, N) is the number of each's."""
         texel = np.arange(source.shape[1])
         return replace(self, face=self.face[source, texel], b=self.b[source, texel])
 
@@ -129,17 +129,17 @@ def _inset(uv, face, b):  # type: ignore[no-untyped-def]
             x1, y1 = uv[f, 1, 0] - uv[f, 0, 0], uv[f, 1, 1] - uv[f, 0, 1]
             x2, y2 = uv[f, 2, 0] - uv[f, 0, 0], uv[f, 2, 1] - uv[f, 0, 1]
             doubled = max(abs(x1 * y2 - y1 * x2), 1e-12)
-            least0 = min(_INSET * np.hypot(x2 - x1, y2 - y1) / doubled, 0.3)
-            least1 = min(_INSET * np.hypot(x2, y2) / doubled, 0.3)
-            least2 = min(_INSET * np.hypot(x1, y1) / doubled, 0.3)
+            min0 = min(_INSET * np.hypot(x2 - x1, y2 - y1) / doubled, 0.3)
+            min1 = min(_INSET * np.hypot(x2, y2) / doubled, 0.3)
+            min2 = min(_INSET * np.hypot(x1, y1) / doubled, 0.3)
             b1, b2 = np.float64(b[s, i, 0]), np.float64(b[s, i, 1])
             b0 = 1 - b1 - b2
-            if b0 >= least0 and b1 >= least1 and b2 >= least2:
+            if b0 >= min0 and b1 >= min1 and b2 >= min2:
                 continue
             # Towards the middle, as far as it takes: what is given to one corner the others lose in their shares.
-            above0, above1, above2 = max(b0 - least0, 0.0), max(b1 - least1, 0.0), max(b2 - least2, 0.0)
-            free = (1 - least0 - least1 - least2) / max(above0 + above1 + above2, 1e-12)
-            b[s, i, 0], b[s, i, 1] = least1 + free * above1, least2 + free * above2
+            above0, above1, above2 = max(b0 - min0, 0.0), max(b1 - min1, 0.0), max(b2 - min2, 0.0)
+            free = (1 - min0 - min1 - min2) / max(above0 + above1 + above2, 1e-12)
+            b[s, i, 0], b[s, i, 1] = min1 + free * above1, min2 + free * above2
 
 
 @kernel
@@ -163,7 +163,7 @@ def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def
         ax0, ay0 = sign * (y1 - y2), sign * (x2 - x1)
         ax1, ay1 = sign * (y2 - y0), sign * (x0 - x2)
         ax2, ay2 = sign * (y0 - y1), sign * (x1 - x0)
-        reach0, reach1, reach2 = (
+        margin0, margin1, margin2 = (
             0.5 * (abs(ax0) + abs(ay0)),
             0.5 * (abs(ax1) + abs(ay1)),
             0.5 * (abs(ax2) + abs(ay2)),
@@ -172,9 +172,9 @@ def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def
             for column in range(left, right):
                 cx, cy = column + 0.5, row + 0.5
                 if (
-                    ax0 * (cx - x1) + ay0 * (cy - y1) + reach0 <= 0
-                    or ax1 * (cx - x2) + ay1 * (cy - y2) + reach1 <= 0
-                    or ax2 * (cx - x0) + ay2 * (cy - y0) + reach2 <= 0
+                    ax0 * (cx - x1) + ay0 * (cy - y1) + margin0 <= 0
+                    or ax1 * (cx - x2) + ay1 * (cy - y2) + margin1 <= 0
+                    or ax2 * (cx - x0) + ay2 * (cy - y0) + margin2 <= 0
                 ):
                     continue
                 for s in range(count):

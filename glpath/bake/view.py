@@ -45,8 +45,8 @@ def seen_by_camera(baked: Lightmap) -> Float64:
         away = left[hit < 0]
         if scene.sky is not None:
             found[away] = scene.sky.radiance(directions[away])
-        met = hit >= 0
-        left, hit, back, distance = left[met], hit[met], back[met], distance[met]
+        any_hit = hit >= 0
+        left, hit, back, distance = left[any_hit], hit[any_hit], back[any_hit], distance[any_hit]
         origins[left] += distance[:, None] * directions[left]
         own[left] = hit
         through = clear[scene.triangle_shape[hit]]

@@ -1,4 +1,4 @@
-"""Frames about a direction: which way the columns of a buffer run."""
+"""Frames about a direction: the axes along which the columns and rows of a buffer run."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 A hemicube stands on the point, along its normal; the scene is drawn on it with hidden surfaces removed, and each
 texel adds its own form factor to the triangle that it shows. The form factor of a texel is exact, so that a point
-whose view is closed has a row that sums to 1. An engine of its own beside the ray-cast form factors of
+whose view is closed has a row that sums to 1. An alternative to the ray-cast form factors of
 `glpath.radiosity`, and a check of these.
 
 Cost:     a draw of the scene on five faces, 3 R^2 texels to read back and to count, for every point.
@@ -52,10 +52,10 @@ class HemicubeFormFactors(Owner):
 
         The sum of a row is the share of the point's view that is not empty.
         """
-        places, axes = (np.asarray(v, np.float64).reshape(-1, 3) for v in (points, normals))
-        found = np.zeros((len(places), self.scene.triangle_count))
-        for i, (point, normal) in enumerate(zip(places, axes, strict=True)):
-            # Another turn for each: the texels' edges then err in no common way.
+        starts, axes = (np.asarray(v, np.float64).reshape(-1, 3) for v in (points, normals))
+        found = np.zeros((len(starts), self.scene.triangle_count))
+        for i, (point, normal) in enumerate(zip(starts, axes, strict=True)):
+            # Another rotation for each: the errors at the texels' edges are then independent.
             roll = 2.0 * np.pi * counter_hash(seed, i) / 2**32
             self._buffer.scan(self._buffer.frame(point, normal, roll))
             seen = np.frombuffer(self._buffer.texture.read(), np.uint32).astype(np.intp)
@@ -80,13 +80,13 @@ class HemicubeFormFactors(Owner):
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         normal *= np.broadcast_to(np.asarray(sides, np.float64), len(triangles))[:, None]
         total = np.zeros((len(triangles), self.scene.triangle_count))
-        for i, place in enumerate(_centroids(parts)):
-            total += self.rows(np.einsum("k,tki->ti", place, triangles), normal, counter_hash(seed, i))
+        for i, centroid in enumerate(_centroids(parts)):
+            total += self.rows(np.einsum("k,tki->ti", centroid, triangles), normal, counter_hash(seed, i))
         return total / samples
 
 
 def scene_of_elements(scene: Scene, divisions: NDArray[np.int32]) -> Scene:
-    """The scene with the elements of each triangle in its place, in the order of `glpath.radiosity.mesh.lattice`.
+    """The scene with the elements of each triangle instead of it, in the order of `glpath.radiosity.mesh.lattice`.
 
     divisions : (T,) in how many parts the edges of each triangle are
     """

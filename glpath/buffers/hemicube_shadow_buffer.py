@@ -1,9 +1,9 @@
-"""The shadow-buffer of a path set's light point [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
+"""The shadow-buffer of a path set's light sample [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
 
 Five faces in one atlas, filled by one instanced draw; or the full cube, for lights that shine to all sides. It
 holds triangle numbers. `lights/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is
 needed, and at a silhouette meets the next texel's triangle exactly. What is left is the error where three surfaces
-meet within a texel, which averages out as the light point and the hemicube's roll change from set to set.
+meet within a texel, which averages out as the light sample and the hemicube's roll change from set to set.
 
 Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
 Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
@@ -31,9 +31,9 @@ from glpath.gl.program_parts import ProgramParts
 class HemicubeFrame:
     """Where a hemicube stands.
 
-    position  : (3,) of the light point
+    position  : (3,) of the light sample
     axes      : (3, 3) unit: tangent, bitangent and normal; the top face looks along the normal
-    one_sided : the light point shines to the side of the normal alone, and may lie on a surface
+    one_sided : the light sample shines to the side of the normal alone, and may lie on a surface
     uniforms  : of hemicube.glsl
     """
 
@@ -44,7 +44,7 @@ class HemicubeFrame:
 
 
 class HemicubeShadowBuffer(Owner):
-    """The triangles that a light point sees.
+    """The triangles that a light sample sees.
 
     Parameters
     ----------
@@ -104,17 +104,17 @@ class HemicubeShadowBuffer(Owner):
     def frame(
         self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
     ) -> HemicubeFrame:
-        """The frame of a light point; `roll` (radians) turns the cube about the normal."""
+        """The frame of a light sample; `roll` (radians) turns the cube about the normal."""
         assert one_sided or self.defines, "a light to all sides takes a full cube"
         tangent, bitangent = frame_about(normal, roll)
-        reach = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
+        radius = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
         uniforms: dict[str, object] = {
             "light_position": tuple(position),
             "light_normal": tuple(normal),
             "light_tangent": tuple(tangent),
             "light_bitangent": tuple(bitangent),
             "light_resolution": float(self.resolution),
-            "light_range": (1e-6 * self.scene.radius, 1.01 * reach),
+            "light_range": (1e-6 * self.scene.radius, 1.01 * radius),
             "light_one_sided": one_sided,
         }
         return HemicubeFrame(position, np.stack([tangent, bitangent, normal]), one_sided, uniforms)
@@ -122,10 +122,10 @@ class HemicubeShadowBuffer(Owner):
     def scan(
         self, frame: HemicubeFrame, faces: int | None = None, uniforms: Mapping[str, object] | None = None
     ) -> None:
-        """Scan convert the scene as the light point sees it.
+        """Scan convert the scene as the light sample sees it.
 
         faces    : only the first so many: 1 above, 5 the sides too; all the buffer has by default
-        uniforms : more of them, of surfaces that are there by chance
+        uniforms : more of them, of stochastically transparent surfaces
         """
         count = faces or (6 if self.defines else 5)
         given = {**self.scene.uniforms, **frame.uniforms, **(uniforms or {})}

@@ -100,7 +100,7 @@ def _longest_radius(axes: Float64) -> Float64:
     """(S,) the largest distance from the centre, of ellipsoids whose axes' ends are the columns of (S, 3, 3)."""
     products = axes.transpose(0, 2, 1) @ axes
     square = products[:, 0, 0]
-    # Of a round one the columns are perpendicular and as long as each other; a decomposition takes far longer.
+    # A round one's columns are perpendicular and as long as each other; a decomposition takes far longer.
     difference = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2), initial=0.0)
     uneven = difference > 1e-12 * square
     radius = np.sqrt(square) * (1.0 + 1e-12)

@@ -6,7 +6,7 @@ it. Many parallel rays are cast by one draw of the scene, wherever they start.
 What is done otherwise than in the paper:
 
 - *Sub-pixel positions.* The paper starts a ray at the centre of the nearest pixel. Here the fragment shader tests
-  coverage and depth at the ray's own place in the cell, and triangles are grown to every cell they touch, so the
+  coverage and depth at the ray's own position in the cell, and triangles are grown to every cell they touch, so the
   answer is that of a ray caster whatever the size of the buffer: no acne, no seams, no leaks at edges.
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
 - *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
-from glpath.gl.constants import INFINITE_DEPTH, LEAST_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
+from glpath.gl.constants import INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.owner import Owner
@@ -48,7 +48,7 @@ _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 class ScanView:
     """The views of one scan.
 
-    directions : one or two (3,) unit, the ways of paths with sign +1; at most as many as the buffer has views
+    directions : one or two (3,) unit, of paths with sign +1; at most as many as the buffer has views
     jitter    : (2,) in [0, 1), where the grid starts, in cells
     seed      : decides who wins the collisions in a crowded cell
     """
@@ -60,7 +60,7 @@ class ScanView:
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan: what `scan_scene`, and whoever reads its result, goes by.
+    """A scan: the input of `scan_scene` and of the passes that read its result.
 
     frames   : of each view the axes u and v of its cells, two of (3,)
     uniforms : of shaders that include path_view.glsl, ray_record.glsl or path_result.glsl
@@ -71,7 +71,7 @@ class Scan:
 
 
 class Hits(NamedTuple):
-    """What rays hit.
+    """The hits of rays.
 
     triangle : (N,) int32, number of the triangle, -1 where nothing is hit
     t        : (N,) float64, distance along the ray, inf where nothing is hit
@@ -82,7 +82,7 @@ class Hits(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """What lies in the buffer after a scan; up to four rays a cell, row 0 at the top.
+    """The buffer's contents after a scan; up to four rays a cell, row 0 at the top.
 
     z0       : (rows, columns, 4) float32, where each ray starts: scene units along the direction from the scene's
                centre; NaN where there is no ray
@@ -109,7 +109,7 @@ class PathBuffer(Owner):
     skips_near : paths meet no simpler shape (`DeviceScene`, deviations) nearer than `skipped_share` of `scan_scene`
                  times what it deviates
 
-    `cast` is the plain way, from arrays to arrays. A caller whose path states are on the device calls
+    `cast` is the simple interface, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
     with `textures` and the uniforms of the scan that `scan_positions` returned.
     """
@@ -158,7 +158,7 @@ class PathBuffer(Owner):
         self._heads = gl.buffer(reserve=4 * count)
         self._slots = self._texture(cells, "u4")
         self._z0 = self._texture(cells, "f4")
-        self._place = self._texture(cells, "u4")
+        self._position = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
         # Wide, as llvmpipe shares work in tiles of 64 x 64 texels.
         self._grid_size = (min(128, paths[0]), min(8, paths[1]))
@@ -173,7 +173,7 @@ class PathBuffer(Owner):
             "path_bounds": self._bounds,
             "ray_records": self._ray_records,
             "cell_z0": self._z0,
-            "cell_place": self._place,
+            "cell_position": self._position,
             "cell_slots": self._slots,
         }
         self.textures = {
@@ -218,7 +218,7 @@ class PathBuffer(Owner):
             "cells",
             gl,
             program("path_buffer/path_cells.frag"),
-            target(self._z0, self._place, self._slots),
+            target(self._z0, self._position, self._slots),
             textures=textures,
             buffers={0: self._heads},
         )
@@ -306,7 +306,7 @@ class PathBuffer(Owner):
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> Scan:
         """ScanConvertPositions [PB table 4]: z0 of every live path.
 
-        position : RGBA32F of `paths` texels: place in world space; in w its direction code, see direction_code.glsl
+        position : RGBA32F of `paths` texels: world space; in w its direction code, see direction_code.glsl
         """
         scan = self._begin(view)
         uniforms = scan.uniforms
@@ -356,14 +356,14 @@ class PathBuffer(Owner):
             seen |= before_planes(lower, upper, planes, offsets)
         return seen
 
-    def cast(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Hits:
+    def cast(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Hits:
         """The nearest surface beyond each origin, exactly: what lost a collision is cast again.
 
         Parameters
         ----------
         origins   : (N, 3), world space; N up to the buffer's number of paths
         direction : (3,), need not be unit
-        way       : (N,) +1 to look along the direction (default), -1 against it
+        sign      : (N,) +1 to look along the direction (default), -1 against it
 
         A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 1e-4 of a
         cell) counts as the one that the ray starts on.
@@ -378,7 +378,7 @@ class PathBuffer(Owner):
         >>> hits.t.round(3).tolist()
         [1.0, 1.2]
         """
-        start, d, sign = self._rays("cast", origins, direction, way)
+        start, d, sign = self._rays("cast", origins, direction, sign)
         n = len(start)
         triangle = np.full(n, PATH_MISSED, np.int32)
         open_ = np.flatnonzero(sign)
@@ -408,12 +408,12 @@ class PathBuffer(Owner):
         t[hit] = np.einsum("ij,ij->i", normals, corner - start[hit]) / np.einsum("ij,ij->i", normals, along)
         return Hits(triangle, t)
 
-    def scan(self, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None = None) -> Cells:
+    def scan(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Cells:
         """One scan of the same rays as in `cast`, to look at: what then lies in the buffer.
 
         Rays that lost a collision in their cell are not in it.
         """
-        start, d, sign = self._rays("scan", origins, direction, way)
+        start, d, sign = self._rays("scan", origins, direction, sign)
         columns, rows = self.paths
         state = np.zeros((rows * columns, 4), np.float32)
         state[: len(start), :3], state[: len(start), 3] = start, sign
@@ -425,13 +425,13 @@ class PathBuffer(Owner):
         empty = z0 >= INFINITE_DEPTH
         if self.packed:
             missed = found >= np.float32(3e38)
-            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - LEAST_NORMAL
+            word = np.where(missed, np.float32(1.0), found).view(np.uint32) - MIN_NORMAL
             triangle = (word & np.uint32((1 << self.id_bits) - 1)).astype(np.int32)
             depth = (word >> np.uint32(self.id_bits)).astype(np.float32)
             depth /= np.float32(str(self.defines["DEPTH_LEVELS"]))
         else:
             missed = found == 0
-            triangle = np.where(missed, 0, found.view(np.uint32) - LEAST_NORMAL).astype(np.int32)
+            triangle = np.where(missed, 0, found.view(np.uint32) - MIN_NORMAL).astype(np.int32)
             depth = self._read_cells(self._textures["cell_nearest"])
         return Cells(
             np.where(empty, np.float32(np.nan), (z0 - np.float32(0.5)) * diameter),
@@ -444,7 +444,7 @@ class PathBuffer(Owner):
         return np.frombuffer(texture.read(), np.float32).reshape(rows, columns, 4)[::-1].copy()
 
     def _rays(
-        self, name: str, origins: ArrayLike, direction: ArrayLike, way: ArrayLike | None
+        self, name: str, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Origins (N, 3), unit direction (3,), signs (N,). Raises UsageError."""
         start = np.asarray(origins, np.float64).reshape(-1, 3)
@@ -459,7 +459,7 @@ class PathBuffer(Owner):
             raise UsageError(f"path-buffer: direction {d!r}; three finite numbers, not all zero, are needed")
         if not np.all(np.isfinite(start)):
             raise UsageError("path-buffer: an origin is not finite")
-        sign = np.ones(n) if way is None else np.sign(np.asarray(way, np.float64))
+        sign = np.ones(n) if sign is None else np.sign(np.asarray(sign, np.float64))
         return start, d / np.linalg.norm(d), sign
 
     def _read_report(self, scan: Scan) -> NDArray[np.int32]:

@@ -1,11 +1,11 @@
-"""Shadow-buffers of lights without extent: what a light sees, looked up instead of shooting shadow rays [TB III].
+"""Shadow-buffers of punctual lights: what a light sees, looked up instead of shooting shadow rays [TB III].
 
 They see in every direction: `SphereShadowBuffer` by the sphere of latitude and longitude of TB, `CubeShadowBuffer`
 by a cube, which has no poles to waste cells on. An entry is the nearest primitive along the ray of its cell, its t,
 and the plane that touches it there. Filled object by object: the cells in which an object can be seen are bounded
 (`light_bounds`), and each of these rays is intersected exactly, with what is nearer kept by the depth test. Looked
 up by `shadow/point_shadow.glsl`. A spot is a point light with a cone. A directional light has no such buffer: it
-has no point that directions could be told apart from, and the orthographic one that it would need has no size in a
+has no point from which directions differ, and the orthographic one that it would need has no size in a
 scene with an endless ground; its shadows take rays.
 
 Cost:     as many intersection tests as cells lie in objects' bounds; 20 bytes a cell. Nothing for a new view.
@@ -52,7 +52,7 @@ _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
 class Entries(NamedTuple):
-    """What the rays of a buffer's cells meet.
+    """The hits of the rays of a buffer's cells.
 
     primitive : (faces, rows, columns) int32, number of the primitive, -1 for none
     t         : (faces, rows, columns) float32, distance from the light, inf for none
@@ -63,7 +63,7 @@ class Entries(NamedTuple):
 
 
 class PointShadowBuffer(Owner, ABC):
-    """What lights without extent see in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
+    """Depths seen from punctual lights in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
 
     All lights share one texture, a tile for each, so that a shader can loop over them.
 
@@ -98,18 +98,18 @@ class PointShadowBuffer(Owner, ABC):
         self.faces = faces
         self.lights = lights
         self.tile = (cells[0] * faces[0], cells[1] * faces[1])
-        most = int(gl.info["GL_MAX_TEXTURE_SIZE"])
+        max_size = int(gl.info["GL_MAX_TEXTURE_SIZE"])
         if min(cells) < 1 or lights < 1:
             raise UsageError(
                 f"shadow-buffer of {cells[1]} x {cells[0]} cells for {lights} lights: there must be one of each",
                 "Take at least one cell, and no buffer for a scene without point lights.",
             )
-        self._across = min(lights, max(1, most // self.tile[0]))
+        self._across = min(lights, max(1, max_size // self.tile[0]))
         size = (self._across * self.tile[0], -(-lights // self._across) * self.tile[1])
-        if max(size) > most:
+        if max(size) > max_size:
             raise UsageError(
                 f"shadow-buffer of {cells[1]} x {cells[0]} cells for {lights} lights: a texture of {size[0]} x "
-                f"{size[1]} texels; this device allows {most} x {most}",
+                f"{size[1]} texels; this device allows {max_size} x {max_size}",
                 "Take a lower shadow resolution, or shadow rays.",
             )
         self._entries = gl.texture(size, 4, dtype="u4")
@@ -278,7 +278,7 @@ class PointShadowBuffer(Owner, ABC):
         test: ShadowTest = "distance",
         taps: int = 1,
     ) -> NDArray[np.float32]:
-        """The plain way, from arrays to arrays: the share of a light that reaches places on surfaces.
+        """The share of a light that reaches points on surfaces, from arrays to arrays.
 
         positions : (N, 3) world
         normals   : (N, 3) unit, of either side
@@ -291,7 +291,7 @@ class PointShadowBuffer(Owner, ABC):
         height = max(1, -(-n // width))
         tables = np.zeros((2, height * width, 4), np.float32)
         tables[0, :n, :3], tables[0, :n, 3], tables[1, :n, :3] = positions, objects, normals
-        places, facing = (self.gl.texture((width, height), 4, data=t.tobytes(), dtype="f4") for t in tables)
+        starts, facing = (self.gl.texture((width, height), 4, data=t.tobytes(), dtype="f4") for t in tables)
         out = self.gl.texture((width, height), 1, dtype="f4")
         program = load_program(
             self.gl,
@@ -300,7 +300,7 @@ class PointShadowBuffer(Owner, ABC):
             generated=self.objects.generated,
             defines=self.objects.defines | self.defines(test, taps),
         )
-        textures = {**self.objects.textures, **self.textures, "places": places, "normals": facing}
+        textures = {**self.objects.textures, **self.textures, "points": starts, "normals": facing}
         stage = Pass("visibility", self.gl, program, self.gl.framebuffer([out]), textures=textures)
         stage.run(self.objects.uniforms | self.uniforms | {"light": light})
         return np.frombuffer(out.read(), np.float32)[:n].copy()

@@ -1,4 +1,4 @@
-"""How a shadow-buffer is asked, as words and numbers alone: for whoever only speaks of options."""
+"""How a shadow-buffer is looked up, as words and numbers alone: for modules that only handle options."""
 
 from __future__ import annotations
 

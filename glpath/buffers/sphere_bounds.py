@@ -33,7 +33,7 @@ def _ranges_to_cells(
     primitive: Int64,
     cells: Int64,
 ) -> int:
-    """Of each range of angles, its number, and its first column and row and its last ones; none is empty.
+    """Each range of angles' number, and its first column and row and its last ones; none is empty.
 
     Longitudes may be up to a turn wide and anywhere; what reaches over the seam is split, its second part last.
     Fills primitive (2 N,) and cells (2 N, 4), and returns how many there are.
@@ -69,8 +69,8 @@ def _ranges_to_cells(
 def _latitude_longitude(
     latitude: tuple[Float64, Float64], longitude: tuple[Float64, Float64], rows: int, columns: int
 ) -> CellRectangles:
-    most = 2 * len(latitude[0])
-    primitive, cells = np.empty(most, np.int64), np.empty((most, 4), np.int64)
+    max_count = 2 * len(latitude[0])
+    primitive, cells = np.empty(max_count, np.int64), np.empty((max_count, 4), np.int64)
     found = _ranges_to_cells(*latitude, *longitude, rows, columns, primitive, cells)
     primitive, cells = primitive[:found], cells[:found]
     return CellRectangles(primitive, np.zeros_like(primitive), cells[:, :2], cells[:, 2:])
@@ -104,14 +104,14 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
         i = rectangles.primitive[which]
         theta = ((row + 0.5) / rows - 0.5) * np.pi
         # The margin in the cosine is a margin of angle, and of its square where the sine is small.
-        least = np.cos(angle[i]) - MARGIN * np.sin(angle[i]) - MARGIN**2 - np.sin(theta) * np.sin(latitude[i])
-        width = np.arccos(np.clip(least / np.maximum(np.cos(theta) * np.cos(latitude[i]), TINY), -1.0, 1.0))
+        min_cosine = np.cos(angle[i]) - MARGIN * np.sin(angle[i]) - MARGIN**2 - np.sin(theta) * np.sin(latitude[i])
+        width = np.arccos(np.clip(min_cosine / np.maximum(np.cos(theta) * np.cos(latitude[i]), TINY), -1.0, 1.0))
         width = np.where(angle[i] < np.pi / 2, width + MARGIN, np.inf)
         range_middle = (rectangles.first[which, 0] + rectangles.last[which, 0] + 1) * np.pi / columns
         at = middle[i] + 2 * np.pi * np.round((range_middle - middle[i]) / (2 * np.pi))
         # Where the range meets the arc at both its ends, all of it stays.
-        reach = (rectangles.last[which, 0] - rectangles.first[which, 0] + 1) * np.pi / columns
-        width = np.where(np.abs(at - range_middle) + width + reach < 2 * np.pi, width, np.inf)
+        extent = (rectangles.last[which, 0] - rectangles.first[which, 0] + 1) * np.pi / columns
+        width = np.where(np.abs(at - range_middle) + width + extent < 2 * np.pi, width, np.inf)
         return (at - width) / (2 * np.pi) * columns - 0.5, (at + width) / (2 * np.pi) * columns - 0.5
 
     return in_bands(rectangles, span)
@@ -141,15 +141,15 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     north = np.maximum(north, np.where((from_here > slack) & (from_next > slack), top, -np.pi / 2).max(axis=1))
     south = np.minimum(south, np.where((from_here < -slack) & (from_next < -slack), -top, np.pi / 2).min(axis=1))
 
-    # Longitudes run one way along an arc, and less than half a turn. All around the triangle they come back to
-    # where they began, unless there is a pole inside.
+    # Longitudes run in one direction along an arc, and less than half a turn. Around the triangle they come back
+    # to where they began, unless a pole is inside.
     phi = np.arctan2(d[:, :, 1], d[:, :, 0])
     step = np.roll(phi, -1, axis=1) - phi
     step -= 2 * np.pi * np.round(step / (2 * np.pi))
     around = np.abs(step.sum(axis=1)) > 1.0
     walk = np.stack([np.zeros(len(phi)), step[:, 0], step[:, 0] + step[:, 1]], axis=1)
     west, east = phi[:, 0] + walk.min(axis=1), phi[:, 0] + walk.max(axis=1)
-    # Close to a pole, or to the light in the triangle's own plane, nobody can say which way an arc runs.
+    # Close to a pole, or to the light in the triangle's own plane, the direction of an arc is uncertain.
     unsure = np.any(np.abs(step) > np.pi - 1e-4, axis=1) | np.any(length < 1e-9 * scale[:, None], axis=1)
     unsure |= np.any(np.hypot(d[:, :, 0], d[:, :, 1]) < MARGIN, axis=1)
     volume = np.einsum("ij,ij->i", normal[:, 0], d[:, 2])

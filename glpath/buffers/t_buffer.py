@@ -1,16 +1,16 @@
-"""What the eye sees, as (object, t) for every pixel: by the classical algorithm, and by the T-buffer [TB II].
+"""Primary visibility, as (object, t) for every pixel: by the classical algorithm, and by the T-buffer [TB II].
 
 Both shoot the ray through every pixel with the same routines (`scene/object_intersect.glsl`), so they hold the
 same bits; they differ in which rays they shoot. The T-buffer takes object by object and shoots the rays that may
-hit it: those of the pixels in a conservative projection. Two ways lead from an object to its pixels:
+hit it: those of the pixels in a conservative projection. Two methods find the pixels of an object:
 
 - *Drawn*: the rasteriser finds the pixels, the depth test is the rule t' < t. A round sphere is a point of so many
   pixels, a large one several: where vertices are the cost, as in llvmpipe, one does for six.
 - *Small*: an object of few pixels is one invocation of a compute shader that goes through them. Setting up a
   triangle costs a rasteriser as much as many rays, in Mesa's llvmpipe in one thread; a million small triangles are
-  six times as fast this way.
+  six times as fast so.
 
-Source of the second way: Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
+Source of the second: Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _WIDEST = 1 << 15  # groups across, below every device's limit
 # Pixels along a point: larger ones would shoot at more pixels only to leave them out; on a device that does not
 # draw points of a few pixels, rectangles cost less.
 _SQUARE, _SMALLEST_SQUARE = 32, 8
-# What the least word of a small primitive's pixel says of its number; the less, the surer.
+# The states of a small primitive's number in its pixel; the smaller, the surer.
 _SURENESS = """
 #define GROUP {group}
 const uint NUMBER = 0x3fffffffu;
 const uint EXACT = 0u;                  // it has the least t, and of those it is the lowest
 const uint NEARLY_EXACT = 0x40000000u;  // as nearly as programs agree
-const uint MET = 0x80000000u;           // the ray meets it
+const uint HIT = 0x80000000u;           // the ray meets it
 const uint NOTHING = 0xffffffffu;
 """
 _SQUARES_WIDTH = 1024  # texels, of the table
@@ -231,7 +231,7 @@ class TBuffer(EyeBuffer):
         if self._small:
             self._small.shoot(uniforms)
         if self._squares:
-            self._squares.place(eye)
+            self._squares.bound(eye)
             spheres = self._draws[0][0]  # they have the first numbers
             spheres.vertices = self._squares.count
             spheres.textures = self.objects.textures | {"squares": self._squares.texture}
@@ -262,7 +262,7 @@ class _Squares:
         self._radii = np.linalg.norm(spheres[:, :, 0], axis=1)
         self._gl = objects.gl
         self._size = size
-        # A point is clipped by its centre: with squares no wider than the window there is a place for each.
+        # A point is clipped by its centre: with squares no wider than the window each has a centre inside it.
         self.side = min(_SQUARE, largest_point(objects.gl), *size)
         self.count = 0
         self.texture = self._table(len(spheres))
@@ -272,23 +272,25 @@ class _Squares:
         texture.filter = _NEAREST
         return texture
 
-    def place(self, eye: Uniforms) -> None:
+    def bound(self, eye: Uniforms) -> None:
         """Cover the spheres as this camera sees them."""
         position, forward = (
             np.asarray(eye[key], np.float32).astype(float) for key in ("eye_position", "eye_forward")
         )
-        way, radius = self._centres - position, self._radii
-        depth = way @ forward
+        to_centre, radius = self._centres - position, self._radii
+        depth = to_centre @ forward
         square = depth**2 - radius**2
-        reach = np.sqrt(np.maximum(np.einsum("ij,ij->i", way, way) - radius**2, 0.0))
+        tangent = np.sqrt(np.maximum(np.einsum("ij,ij->i", to_centre, to_centre) - radius**2, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            extent = 2.0 * float(eye["eye_focal"]) * radius * reach / square  # type: ignore[arg-type]
+            extent = 2.0 * float(eye["eye_focal"]) * radius * tangent / square  # type: ignore[arg-type]
         # The image of a sphere that nears the plane of the eye has no bounds.
         bounded = depth > 1.01 * radius
         if self._parallel:
             extent, bounded = 2.0 * float(eye["eye_focal"]) * radius, np.ones(len(radius), np.bool_)  # type: ignore[arg-type]
-        most = np.where(bounded, np.minimum(1.01 * extent + 4.0, 1e6), 1e6)
-        across, down = (np.ceil(np.minimum(most, length) / self.side).astype(np.int64) for length in self._size)
+        max_extent = np.where(bounded, np.minimum(1.01 * extent + 4.0, 1e6), 1e6)
+        across, down = (
+            np.ceil(np.minimum(max_extent, length) / self.side).astype(np.int64) for length in self._size
+        )
         squares = np.where(depth + 1.01 * radius > 0.0, across * down, 0)
         items = np.repeat(np.arange(len(squares)), squares)
         number = np.arange(len(items)) - np.repeat(np.cumsum(squares) - squares, squares)
@@ -303,7 +305,7 @@ class _Squares:
 
 
 class _LargePrimitives:
-    """Those of one kind that are to be drawn, in the order of their numbers.
+    """Draws the primitives of one kind, in the order of their numbers.
 
     marks    : a bit of each primitive
     elements : the vertices of those that are marked, for t_buffer.vert, which may read no storage buffer
@@ -343,7 +345,7 @@ class _SmallPrimitives:
             grid = (min(groups, _WIDEST), -(-groups // _WIDEST))
             own = {"first": numbers.start, "count": len(numbers)}
             for stages, name, more in (
-                (self._first, "least t", {}),
+                (self._first, "min t", {}),
                 (self._second, "lowest number", {"SECOND": 1}),
             ):
                 program = buffer._program(define | more, compute="t_buffer/t_buffer_small.comp")

@@ -97,7 +97,7 @@ def diff(
         raise UsageError("--limit: belongs to a --mode.")
     limits = compare.read_limits(mode, limit or []) if mode is not None else {}
     ours, theirs = compare.read_picture(image), compare.read_picture(reference)
-    a, b = (side.mean for side in compare.most_different(ours, theirs))
+    a, b = (side.mean for side in compare.max_difference_pair(ours, theirs))
     verdict = None if mode is None else compare.compare(ours, theirs, mode, **limits)
     measured = {
         "relMSE": compare.relative_mse(a, b),

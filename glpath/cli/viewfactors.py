@@ -165,7 +165,7 @@ def _summary(found: ViewFactors) -> Iterator[str]:
     yield f"  row sums {sums.min():.6f} to {sums.max():.6f}, sky {found.sky.min():.6f} to {found.sky.max():.6f}"
     if s["rows_that_see_backs"]:
         yield (
-            f"  backs of faces: seen by {s['rows_that_see_backs']:,} {rows}, {100 * s['backs_most']:.3g} % of a "
+            f"  backs of faces: seen by {s['rows_that_see_backs']:,} {rows}, {100 * s['backs_max']:.3g} % of a "
             f"row at most, {100 * s['backs']:.3g} % of all; neither in the matrix nor in the sky"
         )
     yield f"  error of a row's sum: {np.median(found.error):.1e} in the median, {found.error.max():.1e} at most"

@@ -18,7 +18,7 @@ from glpath.compare.measures import (
     psnr,
     relative_mse,
 )
-from glpath.compare.modes import MODES, Mode, compare, default_mode, most_different, read_limits
+from glpath.compare.modes import MODES, Mode, compare, default_mode, max_difference_pair, read_limits
 from glpath.compare.perceptual import flip_map, flip_picture
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture
 from glpath.compare.reading import SUFFIXES, is_pillow, picture_from_bytes, picture_of_pillow, read_picture
@@ -40,8 +40,8 @@ __all__ = [
     "flip_picture",
     "is_pillow",
     "max_difference",
+    "max_difference_pair",
     "mean_ratio",
-    "most_different",
     "mse",
     "percent_beyond",
     "picture_from_bytes",

@@ -2,8 +2,8 @@
 
 All take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure that the docs and benchmarks use.
 
-Poor at:  telling noise from bias. Compare `mean_ratio` with 1 as well, and look at `difference_image`: noise is
-          red and blue mixed, bias is one colour in one place.
+Poor at:  separating noise from bias. Compare `mean_ratio` with 1 as well, and look at `difference_image`: noise is
+          red and blue mixed, bias is one colour in one region.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def difference_image(
     if scale is None:
         scale = float(np.quantile(np.abs(relative), 0.99)) or float(np.abs(relative).max()) or 1.0
     t = np.clip(relative / scale, -1.0, 1.0)[..., None]
-    # ColorBrewer's RdBu, its ends and its middle (Harrower & Brewer 2003): told apart by the colour-blind as well.
+    # ColorBrewer's RdBu, its ends and its middle (Harrower & Brewer 2003): distinct for the colour-blind as well.
     red, middle, blue = np.array([178, 24, 43]), np.array([247, 247, 247]), np.array([33, 102, 172])
     colour = middle + np.maximum(t, 0) * (red - middle) + np.maximum(-t, 0) * (blue - middle)
     return (colour + 0.5).astype(np.uint8), scale

@@ -20,7 +20,7 @@ from glpath.errors import UsageError
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
 
-# What is behind a picture with alpha.
+# Grounds behind a picture with alpha.
 _GROUNDS = {"over black": 0.0, "over white": 1.0}
 
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}
@@ -53,7 +53,7 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
     return replace(verdicts[worst], summary=f"{worst}: {verdicts[worst].summary}")
 
 
-def most_different(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
+def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
     """Both as they are; with alpha, over black or white, wherever they differ more. Raises ImageError for shapes
     that differ."""
     matching_pair(picture.mean, reference.mean)

@@ -33,7 +33,7 @@ MEAN = 0.01
 LOCAL = 0.1
 PPD = 67.0
 
-# Of a degree, the side of a spot.
+# Side of a spot, degrees.
 _SPOT = 0.1
 
 
@@ -42,10 +42,10 @@ def flip(
 ) -> Verdict:
     """Whether the mean of the FLIP map is at most `mean`, and no spot of it above `local`.
 
-    mean  : of the whole picture; 0 is equal, 1 black beside white
-    local : of each square of a tenth of a degree of sight (7 x 7 pixels by itself), so that nothing vanishes from a
-            large picture unseen; by itself 0.1, or `mean` where that is more. So it finds an object of 5 x 5 pixels
-            that differs from its ground by 16 of 255 levels, one of 3 x 3 that differs by 32; it passes rounding,
+    mean  : of the whole picture; 0 is equal, 1 black against white
+    local : of each square of a tenth of a degree of sight (7 x 7 pixels by default), so that nothing vanishes from
+            a large picture unseen; by default 0.1, or `mean` where that is more. So it finds 5 x 5 pixels
+            that differ from its ground by 16 of 255 levels, 3 x 3 that differ by 32; it passes rounding,
             noise of 2 levels and an edge that is a tenth of a pixel off
     ppd   : pixels per degree of sight; more of them make fine differences harder to see
 
@@ -95,12 +95,12 @@ def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool)
         raise UsageError(f"ppd: found {ppd}, expected pixels per degree above 0.")
     evaluate = _evaluator()
     a, b = (np.ascontiguousarray(encode_srgb(side), np.float32) for side in matching_pair(image, reference))
-    said = io.StringIO()
+    printed = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
             evaluated = evaluate(b, a, "LDR", applyMagma=colours, computeMeanError=False, parameters={"ppd": ppd})
     except (SystemExit, RuntimeError, ValueError, TypeError) as error:
-        reason = " ".join(said.getvalue().replace("Exiting.", "").split()) or str(error)
+        reason = " ".join(printed.getvalue().replace("Exiting.", "").split()) or str(error)
         raise ImageError(f"flip: flip-evaluator refused the pictures: {reason}") from error
     return np.asarray(evaluated[0], np.float32)
 

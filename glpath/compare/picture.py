@@ -1,6 +1,6 @@
 """A picture with its noise and its provenance: what is compared, and what a baseline file holds.
 
-Noise is kept so that it can be told from a change: the variance of every pixel between batches of path sets, and,
+Noise is kept to separate it from a change: the variance of every pixel between batches of path sets, and,
 as the paths of a set may share directions so that pixels err together, the mean of every batch over blocks of 16
 x 16 pixels. The variance of a block or of the whole picture cannot be had from variances of pixels.
 
@@ -31,7 +31,7 @@ Float64 = NDArray[np.float64]
 #: Pixels along the side of a block.
 BLOCK_SIDE = 16
 
-# Of float32, in which noise is stored, with much to spare.
+# Rounding of float32, in which noise is stored, with much to spare.
 _ROUNDING = 1e-4
 
 #: In the header of what `Film.save` has denoised.
@@ -40,7 +40,7 @@ DENOISED = "glpath.denoised"
 _FORMAT = "glpath.baseline"
 _VERSION = "1"
 
-# What decides a picture, as the header names it, and the word for it in a message. Not the seed, the path sets and
+# The header's names of what decides a picture, and the words in messages. Not the seed, the path sets and
 # the device: two renders may differ in these and must still agree.
 _DECIDES = {
     "glpath.kind": "kind",
@@ -71,7 +71,7 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What is compared.
+    """A picture to compare.
 
     mean       : (H, W, 3) float64, linear Rec. 709, row 0 at the top
     noise      : None where nothing is known of it: arrays, and films of one batch
@@ -150,7 +150,7 @@ class Picture:
         if self.alpha is None:
             return replace(self, eight_bit=False)
         opacity = self.alpha[..., None]
-        above = 1.055 * (np.maximum(self.mean, 1.0) ** (1 / 2.4) - 1.0)  # the curve goes on above white
+        above = 1.055 * (np.maximum(self.mean, 1.0) ** (1 / 2.4) - 1.0)  # the curve continues above white
         mixed = opacity * (encode_srgb(self.mean) + above) + (1 - opacity) * ground
         return replace(
             self, mean=np.where(opacity == 1, self.mean, decode_srgb(mixed)), alpha=None, eight_bit=False
@@ -244,23 +244,24 @@ class Picture:
             elif key == "glpath.scene_hash" and ours and theirs:
                 found.append("the scene's content (geometry, materials, lights or camera) is another one")
             else:
-                found.append(f"{word} is {_said(ours)} here and {_said(theirs)} in the reference")
+                found.append(f"{word} is {_stated(ours)} here and {_stated(theirs)} in the reference")
         return found
 
 
 def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:
-    """What glpath has written into the header of a file."""
+    """The texts of glpath in the header of a file."""
     return {key: value for key, value in header.items() if key.startswith("glpath.") and isinstance(value, str)}
 
 
 def _differing_settings(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:
     names = [name for name in {**ours, **theirs} if ours.get(name) != theirs.get(name)]
     return [
-        f"{name} is {_said(ours.get(name))} here and {_said(theirs.get(name))} in the reference" for name in names
+        f"{name} is {_stated(ours.get(name))} here and {_stated(theirs.get(name))} in the reference"
+        for name in names
     ]
 
 
-def _said(value: object) -> str:
+def _stated(value: object) -> str:
     return "not stated" if value is None else str(value)
 
 

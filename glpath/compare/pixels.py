@@ -27,7 +27,7 @@ THRESHOLD = 2.0
 EDGE = 0.25
 FAILPERCENT = 0.0
 
-# Of our own arithmetic, in levels: 2 levels are 2.0000000000000004 at times.
+# Rounding of our own arithmetic, in levels: 2 levels are 2.0000000000000004 at times.
 _ROUNDING = 1e-9
 
 
@@ -61,10 +61,10 @@ def fuzzy(
     edge: float = EDGE,
     failpercent: float = FAILPERCENT,
 ) -> Verdict:
-    """Whether no more than `failpercent` of the pixels are off by more than what is allowed at their place.
+    """Whether no more than `failpercent` of the pixels are off by more than what is allowed there.
 
-    threshold   : levels of 255 of an sRGB picture; above white, where one has no more, levels go on with the
-                  logarithm
+    threshold   : levels of 255 of an sRGB picture; above white, where one has no more, levels continue
+                  as the logarithm
     edge        : share of the contrast among a pixel's eight neighbours in the reference, allowed on top: at an
                   edge a quarter of a pixel may be covered otherwise. An edge one whole pixel off is found, and
                   nothing is forgiven where it would add up to more than `threshold` in the mean of the picture
@@ -111,7 +111,7 @@ def fuzzy(
 
 
 def _levels(radiance: Float64) -> Float64:
-    """sRGB, which goes on above white as a logarithm of the same slope, so that differences there count."""
+    """sRGB, which continues above white as a logarithm of the same slope, so that differences there count."""
     above = np.log(np.maximum(radiance, 1.0)) * (1.055 / 2.4)
     levels: Float64 = encode_srgb(radiance) + above + np.minimum(radiance, 0.0)
     return levels

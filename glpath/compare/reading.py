@@ -1,6 +1,6 @@
 """Pictures to compare from whatever holds them: files, the bytes of files, Pillow's images.
 
-Nothing that can be seen is left out on the way: palettes become their colours, transparency alpha, and a file of
+Nothing visible is left out: palettes become their colours, transparency alpha, and a file of
 several frames is refused.
 """
 
@@ -24,7 +24,7 @@ from glpath.system.npz import check_unfolded, read_npy
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: What Pillow is asked to read; the rest of READABLE is radiance.
+#: Formats read by Pillow; the rest of READABLE is radiance.
 _BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
 
 SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))
@@ -67,44 +67,44 @@ def picture_from_bytes(data: bytes) -> Picture:
 
 
 def is_pillow(value: object) -> bool:
-    """Whether it is an image of Pillow, which is not imported here: who has one has done so."""
+    """Whether it is an image of Pillow, which is not imported here: the caller has done so."""
     module = sys.modules.get("PIL.Image")
     return module is not None and isinstance(value, module.Image)
 
 
 def picture_of_pillow(image: Image) -> Picture:
-    """What the image shows: the frame that it is at, palettes as their colours. Raises ImageError."""
+    """The image's present frame, palettes as their colours. Raises ImageError."""
     return Picture.of_array(_array_of_pillow(image, "the image"))
 
 
-def _by_pillow(data: bytes, place: str) -> Picture:
+def _by_pillow(data: bytes, name: str) -> Picture:
     from PIL import Image, UnidentifiedImageError
 
-    with reading(place, "a picture"):
+    with reading(name, "a picture"):
         try:
             image = Image.open(io.BytesIO(data))
         except UnidentifiedImageError as error:  # its own text names an object in memory
             why = "it is cut off, or of an unknown format"
-            raise ImageError(f"{place}: cannot be read as a picture: {why}.") from error
+            raise ImageError(f"{name}: cannot be read as a picture: {why}.") from error
         frames = getattr(image, "n_frames", 1)
         if frames > 1:
-            raise ImageError(f"{place}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
+            raise ImageError(f"{name}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
         check_unfolded(image.width * image.height * len(image.getbands()), len(data))
         image.load()
-        array = _array_of_pillow(image, place)
+        array = _array_of_pillow(image, name)
         texts = glpath_texts({str(key): value for key, value in image.info.items()})
     return Picture.of_array(array, texts)
 
 
-def _array_of_pillow(image: Image, place: str) -> Any:
+def _array_of_pillow(image: Image, name: str) -> Any:
     if image.mode == "F":
         return np.asarray(image)
     if image.mode.startswith("I"):  # 16 bits of grey; also as 32-bit integers
         values = np.asarray(image)
         if values.min() < 0 or values.max() > 65535:
-            raise ImageError(f"{place}: found integers from {values.min()} to {values.max()}, expected 16 bits.")
+            raise ImageError(f"{name}: found integers from {values.min()} to {values.max()}, expected 16 bits.")
         return values.astype(np.uint16)
     try:
         return np.asarray(image.convert("RGBA" if image.has_transparency_data else "RGB"))
     except ValueError as error:
-        raise ImageError(f"{place}: is in Pillow's mode {image.mode}, which has no way to RGB.") from error
+        raise ImageError(f"{name}: is in Pillow's mode {image.mode}, which cannot be converted to RGB.") from error

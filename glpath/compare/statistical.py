@@ -58,7 +58,7 @@ TOLERANCE = 0.002
 SEES = 0.05
 
 #: Below this many batches a spread says too little.
-LEAST_BATCHES = 4
+MIN_BATCHES = 4
 
 # A bias is called visible when it is found in 99 of 100 pairs, and path sets are called enough when they are in 9
 # of 10 cases.
@@ -154,18 +154,24 @@ def stat(
             sentences.append(_sentence(scale.name, found[scale.name], scale.difference.size))
     found["smallest_bias"] = _below_one(visible["image"])
     limits = {"alpha": alpha, "tolerance": tolerance, "sees": sees}
-    way = "batch by batch" if paired else "as independent renders"
+    pairing = "batch by batch" if paired else "as independent renders"
     if not severity <= 1:
-        return Verdict("stat", False, severity, f"more than noise ({way}): " + "; ".join(sentences), found, limits)
+        return Verdict(
+            "stat", False, severity, f"more than noise ({pairing}): " + "; ".join(sentences), found, limits
+        )
     seen = _shown_bias(visible["image"])
     if visible["image"] > sees:
         found["path_sets_needed"] = needed = _path_sets_needed(scales[-1], ours, alpha_test, tolerance, sees)
         severity = min(visible["image"] / sees, _ENDLESS)
         remedy = "; no number of path sets would do" if needed is None else f"; render both with {needed} path sets"
-        summary = f"noise hides too much to compare ({way}): of the whole picture {seen}, {100 * sees:g} % asked"
+        summary = (
+            f"noise hides too much to compare ({pairing}): of the whole picture {seen}, {100 * sees:g} % asked"
+        )
         return Verdict("stat", False, severity, summary + remedy, found, limits)
     block = _shown_bias(visible["block"])
-    summary = f"the difference is within noise (compared {way}; of the whole picture {seen}, of a block {block})"
+    summary = (
+        f"the difference is within noise (compared {pairing}; of the whole picture {seen}, of a block {block})"
+    )
     return Verdict("stat", True, severity, summary, found, limits)
 
 
@@ -221,16 +227,16 @@ def _mean_and_variance(batches: Float64, counts: NDArray[np.int64]) -> tuple[Flo
 
 
 def _noise(picture: Picture, which: str) -> Noise:
-    if picture.noise is None or len(picture.noise.batch_counts) < LEAST_BATCHES:
+    if picture.noise is None or len(picture.noise.batch_counts) < MIN_BATCHES:
         if picture.denoised:
             raise UsageError(
-                f"stat: the {which} is denoised, and of its noise nothing is left to tell a change from.",
+                f"stat: the {which} is denoised: no noise is left to compare a change with.",
                 "Compare the films (.npz), which are as they were rendered; or take the mode fuzzy or flip.",
             )
         sets = picture.provenance.get("glpath.path_sets")
         found = "has no path sets" if sets is None else f"has {sets} path sets"
         raise UsageError(
-            f"stat: the {which} {found}; noise is told from a change with {LEAST_BATCHES * BLOCK} or more.",
+            f"stat: the {which} {found}; noise is separated from a change with {MIN_BATCHES * BLOCK} or more.",
             "Render more of them, and compare films (.npz) or baselines (.exr); or take the mode fuzzy.",
         )
     wrong = unusable_noise(picture.mean, picture.noise)
@@ -241,7 +247,7 @@ def _noise(picture: Picture, which: str) -> Noise:
 
 def _visible_bias(scale: _Scale, limit: Float64, tolerance: float) -> float:
     """The share by which a picture may be too bright or too dark and be found out, in the channel that sees most;
-    the median over places."""
+    the median over blocks."""
     errors = limit + _MARGIN
     hidden = tolerance * scale.level + errors * scale.error
     room = np.abs(scale.reference) - errors * scale.spread
@@ -284,8 +290,8 @@ def _pixel(name: str, where: tuple[np.intp, ...]) -> list[int] | None:
 def _sentence(name: str, found: object, tests: int) -> str:
     assert isinstance(found, dict)
     relative = found["relative_difference"]
-    way = "brighter" if relative > 0 else "darker"
-    by = f"{way} by {100 * abs(relative):.2g} % in {found['channel']}" if abs(relative) < 10 else f"much {way}"
+    sense = "brighter" if relative > 0 else "darker"
+    by = f"{sense} by {100 * abs(relative):.2g} % in {found['channel']}" if abs(relative) < 10 else f"much {sense}"
     errors = found["standard_errors"]
     strength = (
         f"{errors:.1f} standard errors, {found['limit']:.1f} allowed" if errors < _ENDLESS else "without noise"

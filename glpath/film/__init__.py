@@ -1,1 +1,1 @@
-"""Films: sums of path sets, their pictures and what is told of both. Plain data, no GL."""
+"""Films: sums of path sets, their pictures and metadata. Plain data, no GL."""

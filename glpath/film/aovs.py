@@ -23,7 +23,7 @@ Help texts, EXR layers, the film's sums and the shaders' defines are made from `
 
 Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
 
-"direct"      : emission and sky that are seen, and light that has met one surface on its way from there
+"direct"      : emission and sky that are seen, and light reflected by one surface
 "indirect"    : all else, ambient light too. Both together are `mean`
 
 "samples"     : (H, W) int64, path sets, less the samples that were dropped as not finite and count as black
@@ -90,7 +90,7 @@ AOV_KINDS: dict[str, AovKind] = {
     "uv": AovKind(3, "XY", "hits", note="texture coordinates"),
     "object_id": AovKind(letters="X", note="one number per pixel, with their Cryptomatte"),
     "material_id": AovKind(letters="X", note="likewise"),
-    "direct": AovKind(3, note="light that has met one surface"),
+    "direct": AovKind(3, note="light reflected by one surface"),
     "indirect": AovKind(note="all other light"),
     "samples": AovKind(letters="X", note="how many"),
 }
@@ -116,7 +116,7 @@ class Group:
 #: By the define that adds them to the shader.
 GROUPS: dict[str, Group] = {
     "AOV_SURFACE": Group(("albedo", "normal"), ("sum_first", "sum_second"), "albedo and normal"),
-    "AOV_PLACE": Group(("depth", "position"), ("sum_low", "sum_high"), "depth and position"),
+    "AOV_POSITION": Group(("depth", "position"), ("sum_low", "sum_high"), "depth and position"),
     "AOV_UV": Group(("uv",), ("sum_uv_low", "sum_uv_high"), "texture coordinates"),
     "AOV_NEAREST": Group(("depth_min",), ("sum_nearest",), "the nearest depth"),
 }
@@ -139,7 +139,7 @@ def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> 
     (np.maximum if name == "depth_min" else np.add)(held, more, out=held)
 
 
-def least_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
+def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
     """Depths by what a film holds of "depth_min"; infinite where nothing was hit."""
     return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
 

@@ -1,4 +1,4 @@
-"""Mattes by name: which objects and materials the samples of each pixel have met, and how many of them.
+"""Mattes by name: which objects and materials the samples of each pixel have hit, and how many of them.
 
 `ShapeCounts` counts samples by pixel and shape, all of them and exactly, so that counts of any path sets add up to
 the same in any order. `Cryptomatte` is what compositors take: of each pixel the names that cover most of it,
@@ -29,7 +29,7 @@ Kind = Literal["object", "material"]
 
 #: Names of a pixel that are written: the specification's suggestion, two for each layer of four channels.
 RANKS = 6
-#: What the layers of each kind are called, as the specification's examples, Blender and Arnold do.
+#: The names of the layers, as in the specification's examples, Blender and Arnold.
 LAYERS: dict[Kind, str] = {"object": "CryptoObject", "material": "CryptoMaterial"}
 
 # A key is the pixel, and below it the shape.
@@ -38,7 +38,7 @@ _SHAPE_BITS = 32
 
 @dataclass(frozen=True, eq=False)
 class ShapeCounts:
-    """How many samples of each pixel have met each shape.
+    """How many samples of each pixel have hit each shape.
 
     size   : (height, width)
     keys   : (N,) int64, (row * width + column) << 32 | shape, ascending
@@ -56,9 +56,9 @@ class ShapeCounts:
 
     @classmethod
     def of(cls, shapes: NDArray[np.unsignedinteger]) -> ShapeCounts:
-        """Of samples.
+        """The counts of samples.
 
-        shapes : (H, W, samples), number of the shape + 1 that each has met, 0 for none; row 0 at the top
+        shapes : (H, W, samples), number of the shape + 1 that each has hit, 0 for none; row 0 at the top
         """
         height, width, samples = shapes.shape
         # Sorted within pixels, keys are sorted altogether.
@@ -67,8 +67,8 @@ class ShapeCounts:
         starts = np.flatnonzero(np.diff(keys, prepend=-1))
         counts = np.diff(starts, append=len(keys))
         keys = keys[starts]
-        met = (keys & (1 << _SHAPE_BITS) - 1) > 0
-        return cls((height, width), keys[met] - 1, counts[met])
+        hit = (keys & (1 << _SHAPE_BITS) - 1) > 0
+        return cls((height, width), keys[hit] - 1, counts[hit])
 
     def __add__(self, other: ShapeCounts) -> ShapeCounts:
         assert self.size == other.size, f"counts of {self.size} and {other.size} pixels"
@@ -91,13 +91,13 @@ class ShapeCounts:
         return self.keys.nbytes + self.counts.nbytes
 
     def hits(self) -> Int64:
-        """(H, W) int64: samples of each pixel that have met anything."""
+        """(H, W) int64: samples of each pixel that have hit anything."""
         pixel = self.keys >> _SHAPE_BITS
         found = np.bincount(pixel, self.counts, self.size[0] * self.size[1])
         return found.astype(np.int64).reshape(self.size)
 
     def ranked(self, group: Int64, ranks: int) -> tuple[Int64, Int64]:
-        """Of each pixel the groups of shapes that most of its samples have met, those with most first.
+        """Each pixel's groups of shapes with the most hits, in this order.
 
         group : (shapes,) int64, which group each shape is of; of equals the lower comes first
 
@@ -162,12 +162,12 @@ class Cryptomatte:
 
     def header(self) -> dict[str, str]:
         """The metadata of a file that holds it [Cryptomatte Specification 1.1.0, Metadata]."""
-        place = f"cryptomatte/{_hex(hash_id(self.layer))[:7]}"
+        key = f"cryptomatte/{_hex(hash_id(self.layer))[:7]}"
         return {
-            f"{place}/name": self.layer,
-            f"{place}/hash": "MurmurHash3_32",
-            f"{place}/conversion": "uint32_to_float32",
-            f"{place}/manifest": json.dumps(self.manifest, ensure_ascii=False, separators=(",", ":")),
+            f"{key}/name": self.layer,
+            f"{key}/hash": "MurmurHash3_32",
+            f"{key}/conversion": "uint32_to_float32",
+            f"{key}/manifest": json.dumps(self.manifest, ensure_ascii=False, separators=(",", ":")),
         }
 
 
@@ -228,7 +228,6 @@ def _scrambled(k: int) -> int:
 
 
 def _summed(keys: Int64, counts: Int64) -> tuple[Int64, Int64]:
-    """Keys in order, each once, and the sums of their counts."""
     if not len(keys):
         return keys, counts
     starts = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))

@@ -1,7 +1,7 @@
 """Denoising by Open Image Denoise (Afra 2019 to 2025), which is optional: `pip install "glpath[denoise]"`.
 
-A network that was trained on path-traced pictures takes grain for noise and edges, textures and shadows for the
-picture; albedo and normals tell it which edges are the surfaces' own.
+A network that was trained on path-traced pictures removes noise and keeps edges, textures and shadows;
+albedo and normals show it which edges are the surfaces' own.
 
 Cost:     0.2 s of one core for 256 x 256; memory, some 600 bytes a pixel.
 Poor at:  noise that neighbours share, as paths with shared directions have: it stays, taken for texture. What is
@@ -40,7 +40,7 @@ def require_denoiser() -> Any:
 
 
 def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
-    """Radiance without its noise, as far as the denoiser can tell it.
+    """Radiance without its noise, as far as the denoiser finds it.
 
     Runs on the CPU, with a thread for each core that the process may use; OIDN_NUM_THREADS says another number. The
     same input gives the same bits on one machine, whatever the threads; another processor may round otherwise.

@@ -1,6 +1,6 @@
 """The film: sums of radiance and how many path sets are in them.
 
-Sums, never means, so that going on with a render and merging two are additions. What a path tracer hands in are
+Sums, never means, so that resuming a render and merging two are additions. What a path tracer hands in are
 multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
 0..32 merged with 32..64, bit for bit, in whatever order they came.
 
@@ -35,7 +35,7 @@ from glpath.film.aovs import (
     ID_AOVS,
     SHAPES,
     add_aov,
-    least_depths,
+    min_depths,
 )
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
@@ -69,7 +69,7 @@ class Film:
     ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
     metadata      : what made it
     aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
-    shape_counts  : how many samples of each pixel have met which shape, where `metadata.counts_shapes`
+    shape_counts  : how many samples of each pixel have hit which shape, where `metadata.counts_shapes`
     """
 
     radiance_sums: Float64
@@ -78,9 +78,9 @@ class Film:
     metadata: FilmMetadata
     aov_sums: dict[str, Float64] = field(default_factory=dict)
     shape_counts: ShapeCounts | None = None
-    #: Called when a notebook is about to show the film: a picture of it that stands there already gives way.
+    #: Called when a notebook is about to show the film, to remove a picture of it that stands there.
     before_shown: Callable[[], None] | None = field(default=None, init=False)
-    # What `denoised` has found, and for which path sets.
+    # The result of `denoised`, and its path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
 
     @classmethod
@@ -98,7 +98,7 @@ class Film:
         """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
 
         aov_sums : the same of each of the film's `aov_sums`; where it counts shapes, as "shapes"
-                   (H, W, stop - start) the numbers + 1 of those that the samples have met, 0 for none
+                   (H, W, stop - start) the numbers + 1 of those that the samples have hit, 0 for none
 
         Raises UsageError for path sets that are already in the film.
         """
@@ -163,7 +163,7 @@ class Film:
             return np.asarray(light / self.path_sets)
         sums = self.aov_sums[name]
         if name == "depth_min":
-            return np.minimum(least_depths(sums[..., 0]), FAR)
+            return np.minimum(min_depths(sums[..., 0]), FAR)
         kind = AOV_KINDS[name]
         if kind.over == "samples":
             return np.asarray(sums / self.path_sets)
@@ -173,7 +173,6 @@ class Film:
         return np.asarray(mean[..., 0] if mean.shape[2] == 1 else mean)
 
     def _layer(self, name: str) -> NDArray[Any]:
-        """An AOV as a file of 32-bit numbers holds it."""
         near = name != "position" or self.metadata.position_origin is None
         return (self if near else replace(self, metadata=replace(self.metadata, position_origin=None))).aov(name)
 
@@ -348,7 +347,7 @@ class Film:
         return float(np.hypot(np.sqrt(square), self.solution_error() or 0.0))
 
     def solution_error(self) -> float | None:
-        """What of `relative_error` a gather has from its radiosity solution: more path sets do not lower it.
+        """The part of `relative_error` from a gather's radiosity solution: more path sets do not lower it.
 
         The standard error of the picture's mean over that mean (`FilmMetadata.solution_error`), taken to be the
         same in all pixels, each weighed as `relative_error` does. None where it is not known.
@@ -360,7 +359,7 @@ class Film:
         return error / whole * float(np.sqrt(np.mean(mean**2 / (mean**2 + 0.01)))) if whole > 0 else 0.0
 
     def error_bound(self, confidence: float = 0.95) -> float | None:
-        """What the error of the image stays below with so much confidence: the bound that a noise limit looks at.
+        """The bound of the image's error at a confidence, which a noise limit compares with.
 
         The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
         channels of e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders
@@ -417,10 +416,10 @@ class Film:
         """Write the film; the suffix says how. The file appears whole or not at all.
 
         .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
-        .exr : float32 radiance, linear Rec. 709; a crop keeps its place in the whole image. AOVs that the film
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its window in the whole image. AOVs that the film
                holds are layers, each of its own name: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
                `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
-        .npz : everything, exactly; `Film.load` reads it back, to be merged or gone on with
+        .npz : everything, exactly; `Film.load` reads it back, to be merged or resumed
 
         denoise : .png and .exr hold `denoised`, and say so in their headers (glpath.denoised); an .exr has the
                   picture as it was as the layer noisy.R, G, B. An .npz is the same in any case
@@ -481,7 +480,7 @@ class Film:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
+        """Jupyter's view: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
         if self.before_shown is not None:
             self.before_shown()
         return self.shown()
@@ -501,7 +500,7 @@ class Film:
         return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels"
 
     def provenance(self, *, denoised: bool = False) -> dict[str, str]:
-        """What made the film, or the picture that is `denoised`, and which path sets are in it, as texts for a
+        """The provenance of the film, or of the picture that is `denoised`, and its path sets, as texts for a
         file's header."""
         return {
             "Software": f"glpath {self.metadata.versions.get('glpath', '')}".strip(),

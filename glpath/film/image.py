@@ -78,7 +78,7 @@ def _reinhard(radiance: Float64) -> Float64:
 
 
 def _aces(radiance: Float64) -> Float64:
-    """Narkowicz's fit (2015) of the ACES reference curve, each channel by itself, so that highlights turn white."""
+    """Narkowicz's fit (2015) of the ACES reference curve, each channel apart, so that highlights turn white."""
     x = radiance
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
@@ -308,7 +308,6 @@ def picture_size(path: str | Path) -> tuple[int, int]:
 
 
 def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
-    """Width, height and channels of a PNG or JPEG."""
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 

@@ -1,4 +1,4 @@
-"""What made a film, as its files carry it: read with suspicion, and merged."""
+"""A film's provenance, as its files carry it: validated when read, and merged."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from glpath.film.aovs import AOVS, ID_AOVS, sums_of
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
-#: What may have ended a render, as `stop_rule` names it; by one of RULES it is complete.
+#: Ends of a render, as `stop_rule` names them; by one of RULES it is complete.
 SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
 RULES = (SPP, TIME_LIMIT, NOISE)
 
-# What the fields of the metadata are in a file.
+# Types of the metadata's fields in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule unit": str,
     "seed": int,
@@ -27,7 +27,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
-# What must be equal to merge, in the words of a message; of settings, each by its own name.
+# Fields that must be equal to merge, in the words of a message; settings each by name.
 _DECIDES = {
     "scene_hash": "scene",
     "integrator": "integrator",
@@ -40,15 +40,15 @@ _DECIDES = {
     "position_origin": "position_origin",
     "unit": "unit",
 }
-# What counts of shapes are of.
+# Kinds of counts of shapes.
 _NAMES = ("shape_names", "material_names", "shape_materials")
-# Of an image, in pixels; far beyond what can be rendered.
+# Sides of an image, pixels; far beyond what can be rendered.
 _MAX_SIDE = 1 << 20
 
 
 @dataclass(frozen=True)
 class FilmMetadata:
-    """What made a film. Films merge when all that decides the image is equal.
+    """A film's provenance. Films merge when all that decides the image is equal.
 
     scene           : name of the scene, for people
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
@@ -74,8 +74,8 @@ class FilmMetadata:
     shape_materials : the material of each shape, likewise
     position_origin : what the sums of "position" are relative to, in the coordinates of the scene, of one far from
                       the origin; None: to that
-    stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of one under way, and
-                      of films that were merged
+    stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of unfinished and of
+                      merged films
     error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
     solution_error  : of a gather, the standard error of the picture's mean radiance that comes from its radiosity
                       solution, in the film's unit: the same in all of the picture, whatever the path sets. None
@@ -124,7 +124,7 @@ class FilmMetadata:
 
     @property
     def counts_shapes(self) -> bool:
-        """Whether the AOVs need counts of the shapes that samples have met."""
+        """Whether the AOVs need counts of the shapes that samples have hit."""
         return not set(ID_AOVS).isdisjoint(self.aovs)
 
     def as_strings(self) -> dict[str, str]:

@@ -1,7 +1,7 @@
-"""How far an image may be from the converged one, told from the spread of its batches, with a stated confidence.
+"""A bound of an image's distance from the converged one, from the spread of its batches, at a given confidence.
 
-The mean squared error of an image is sigma² on average; between B batches we see an estimate s² of it. What the
-error of this one image is beside that depends on how many independent errors the image is made of: where pixels err
+The mean squared error of an image is sigma² on average; between B batches we see an estimate s² of it. The
+ratio of this image's error to that depends on its number of independent errors: where pixels err
 independently there are hundreds, and both are nearly sigma²; where path sets share their directions all pixels err
 together, as a single number would. With k independent errors of equal size, the squared error over s² has the
 distribution F(k, (B - 1) k), whose quantile is the bound.
@@ -15,8 +15,8 @@ A pixel's relative error is held against the mean of the other batches: against 
 seem small in the very pixel that it has spoilt.
 
 Cost:     reads the batches' sums a few times: 0.1 s for 512 x 512.
-Poor at:  rare, bright events that no path set has met: what was never seen has no spread. Sobol samples converge
-          faster than batches tell, so for them the bound is wider than it says.
+Poor at:  rare, bright events that no path set has hit: what was never seen has no spread. Sobol samples converge
+          faster than batches show, so for them the bound is too wide.
 
 M. Srivastava, "Some tests concerning the covariance matrix in high dimensional data", 2005.
 F. Satterthwaite, "An approximate distribution of estimates of variance components", 1946.
@@ -27,7 +27,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: Batches below which nothing is said.
+#: Of fewer batches no error is estimated.
 MIN_BATCHES = 4
 #: Squared radiance that relative errors of dark pixels are held against, as in `compare.relative_mse`.
 _FLOOR = 0.01
@@ -63,13 +63,13 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
 
 
 def standard_error(sums: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The standard error of means, each by itself: by how much batches differ.
+    """The standard error of each mean, from how much batches differ.
 
     sums   : (B, ...) float64 over the path sets of each batch
     counts : (B,) path sets of each; 0 where there are none
 
     Of eight batches, it is itself off by a quarter. NaN where there are fewer than two. As batches are of Sobol
-    points, which converge faster than they tell, the error is rather smaller.
+    points, which converge faster than they show, the error is rather smaller.
     """
     there = counts > 0
     sums, counts = sums[there], counts[there]

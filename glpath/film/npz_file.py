@@ -1,4 +1,4 @@
-"""A film as .npz: all of its sums, exactly, so that it can be merged and gone on with.
+"""A film as .npz: all of its sums, exactly, so that it can be merged and resumed.
 
 Not every array that is named so is a film: what is read is held against itself, as files may be damaged or hostile.
 """
@@ -21,7 +21,7 @@ from glpath.system.npz import open_npz
 
 
 class FilmParts(NamedTuple):
-    """What `glpath.film.film.Film` is made of, and says of its fields, in their order."""
+    """The fields of `glpath.film.film.Film`, in their order."""
 
     radiance_sums: NDArray[np.float64]
     batch_counts: NDArray[np.int64]
@@ -32,7 +32,7 @@ class FilmParts(NamedTuple):
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> FilmParts:
-        """Of the size of the metadata's window, without any path set."""
+        """Empty sums of the metadata's window."""
         _, _, width, height = metadata.window
         sums = np.zeros((BATCHES, height, width, 3))
         aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}
@@ -81,8 +81,8 @@ def read_parts(path: str | Path) -> FilmParts:
         shapes = film.shape_counts
         if shapes is not None:
             keys = stored.read("shape_keys", "iu", (None,)).astype(np.int64)
-            met = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
-            shapes = ShapeCounts(shapes.size, keys, met)
+            hits = stored.read("shape_counts", "iu", (len(keys),)).astype(np.int64)
+            shapes = ShapeCounts(shapes.size, keys, hits)
             shapes.check(len(metadata.shape_names), int(counts.sum()))
         if not all(np.isfinite(aov).all() for aov in film.aov_sums.values()):
             raise ValueError("it holds sums of AOVs that are NaN or infinite")
@@ -95,5 +95,4 @@ def read_parts(path: str | Path) -> FilmParts:
 
 
 def _aov_key(name: str) -> str:
-    """What an .npz calls the sums of an AOV."""
     return f"{name}_sums"

@@ -18,12 +18,12 @@ from glpath.system.npz import check_unfolded
 
 _LONGEST_HEADER = 1 << 16
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
-# Of lines that are run-length encoded; others are too short to gain, or too long for the two bytes.
+# Lengths of run-length encoded lines; others are too short to gain, or too long for the two bytes.
 _MIN_ENCODED, _MAX_ENCODED = 8, 0x7FFF
 
 
 class Header(NamedTuple):
-    """What stands before the pixels.
+    """The header before the pixels.
 
     size     : (width, height), pixels
     flips    : columns go to the left; rows go up
@@ -113,19 +113,19 @@ def _read_flat_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
     rest = np.frombuffer(data, np.uint8, offset=position)
     rest = rest[: len(rest) // 4 * 4].reshape(-1, 4)
     repeats = np.flatnonzero((rest[:width, :3] == 1).all(axis=1))
-    taken = 0
+    consumed = 0
     for at in repeats:
-        if taken + (width - filled) <= at:
+        if consumed + (width - filled) <= at:
             break
-        row[filled : filled + at - taken] = rest[taken:at]
-        filled += int(at) - taken
-        shift = shift if taken == at and taken else 0
+        row[filled : filled + at - consumed] = rest[consumed:at]
+        filled += int(at) - consumed
+        shift = shift if consumed == at and consumed else 0
         count = int(rest[at, 3]) << shift
         if not filled or filled + count > width:
             raise ValueError("a run goes beyond its line" if filled else "a run repeats nothing")
         row[filled : filled + count] = row[filled - 1]
-        filled, taken, shift = filled + count, int(at) + 1, shift + 8
-    if len(rest) - taken < width - filled:
+        filled, consumed, shift = filled + count, int(at) + 1, shift + 8
+    if len(rest) - consumed < width - filled:
         raise ValueError("it is cut off")
-    row[filled:] = rest[taken : taken + width - filled]
-    return position + 4 * (taken + width - filled)
+    row[filled:] = rest[consumed : consumed + width - filled]
+    return position + 4 * (consumed + width - filled)

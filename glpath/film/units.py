@@ -1,4 +1,4 @@
-"""What the numbers of a scene's light are: watts or lumens. The one place that knows how many lumens a watt has.
+"""The unit of a scene's light: watts or lumens. Only this module knows how many lumens a watt has.
 
     radiometric : W sr^-1 m^-2 of radiance, W sr^-1 of intensity, W m^-2 of irradiance; TOML and Python by default
     photometric : cd m^-2 (nits), cd, lx; glTF by its specification, IES profiles by theirs
@@ -28,7 +28,7 @@ _SYMBOLS: dict[Unit, dict[Quantity, str]] = {
 
 
 def conversion(given: Unit, wanted: Unit) -> float:
-    """What numbers in one unit are multiplied by to be in the other."""
+    """The factor from numbers in one unit to the other."""
     if given == wanted:
         return 1.0
     return EFFICACY if wanted == "photometric" else 1.0 / EFFICACY

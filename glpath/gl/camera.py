@@ -11,12 +11,12 @@ from glpath.sampling.points import concentric_disk
 from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
-# Of a scene's radius, how far off a camera is distant: there 32 bits tell 1e-6 of the radius apart.
+# Distance, in a scene's radii, of a distant camera: there 32 bits resolve 1e-6 of the radius.
 _DISTANT = 16.0
 
 
 def camera_defines(camera: Camera, own_lens: bool = False) -> dict[str, object]:
-    """What the camera's kind says to programs that include camera.glsl; nothing of a pinhole.
+    """The defines of the camera's kind for programs that include camera.glsl; none of a pinhole.
 
     own_lens : each pixel has a point of the lens of its own (`lens_uniforms`); else all rays of a path set go
                through one, which makes the lens a pinhole beside its middle
@@ -36,13 +36,13 @@ def eye_uniforms(
     lens: ArrayLike | None = None,
     ahead: float = 0.0,
 ) -> dict[str, object]:
-    """What rays through a window of the image need.
+    """The uniforms for rays through a window of the image.
 
     window : (x, y, width, height) in pixels of the whole image, y from the top; None: all of it
-    pixel  : place in each pixel, x to the right and y down, each in [0, 1)
+    pixel  : position in each pixel, x to the right and y down, each in [0, 1)
     lens   : (2,) in [0, 1), the point of a lens that all rays go through; None: its middle
-    ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor for
-             who takes all rays to start at one point
+    ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor
+             where all rays start at one point
     """
     width, height = camera.resolution
     x, y, w, h = window or (0, 0, width, height)
@@ -50,7 +50,7 @@ def eye_uniforms(
     position = np.asarray(camera.position, np.float64)
     centre = np.array(eye_centre(camera.resolution, pixel))
     if lens is not None and camera.aperture_radius > 0:
-        # What is sharp stays where it is: a pinhole whose image is shifted.
+        # Points in focus stay where they are: a pinhole whose image is shifted.
         beside = camera.aperture_radius * concentric_disk(np.asarray(lens, np.float64))
         position = position + beside[0] * right + beside[1] * up
         centre = centre + camera.focal / camera.focus * beside
@@ -71,22 +71,22 @@ def eye_uniforms(
 def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
     """How far ahead of a camera rays start that look for what is in a sphere: 0, unless it is far away.
 
-    What is met at a distance has the rounding of the distance, which 32 bits make more than scans allow.
+    Far hits have the rounding of the distance, which in 32 bits is more than scans allow.
     """
-    way = centre - camera.position
-    if camera.projection == "panorama" or not np.linalg.norm(way) > _DISTANT * radius:
+    to_centre = centre - camera.position
+    if camera.projection == "panorama" or not np.linalg.norm(to_centre) > _DISTANT * radius:
         return 0.0
-    return max(0.0, float(way @ camera.frame()[2]) - 2.0 * radius)
+    return max(0.0, float(to_centre @ camera.frame()[2]) - 2.0 * radius)
 
 
 def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple[float, float]:
-    """The one of them that changes with the place in each pixel."""
+    """The uniform that changes with the position in each pixel."""
     width, height = resolution
     return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]
 
 
 def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, object]:
-    """What rays need each of which has a point of the lens of its own.
+    """The uniforms for rays with a lens point each.
 
     lens : (2,) in [0, 1), the path set's; each pixel shifts it by numbers that follow from the seed, 32 bits
     """

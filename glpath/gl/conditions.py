@@ -17,7 +17,7 @@ class Conditions:
 
     def __init__(self, defined: Iterable[str]) -> None:
         self._names = set(defined)
-        # Of each condition that the line is in: whether its present branch is kept, and whether any so far was.
+        # For each condition around the line: whether its present branch is kept, and whether any so far was.
         # None: not known.
         self._branches: list[tuple[bool | None, bool | None]] = []
 
@@ -47,7 +47,7 @@ class Conditions:
             self._names.add(re.split(r"\W", rest, maxsplit=1)[0])
 
     def _value(self, expression: str) -> bool | None:
-        """Of terms `defined(NAME)` with !, && and || alone; of all else None."""
+        """The value of terms `defined(NAME)` with !, && and ||; None for all else."""
         either: bool | None = False
         for part in expression.split("||"):
             every: bool | None = True

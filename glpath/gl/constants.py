@@ -13,22 +13,22 @@ from glpath.scene.profile import ANGLE_ROUNDING as ANGLE_ROUNDING_DEGREES
 INFINITE_DEPTH = 1e30
 #: Bits of the least float that is not denormal: integers from here on are floats of the same order, which blending
 #: keeps.
-LEAST_NORMAL = np.uint32(0x00800000)
+MIN_NORMAL = np.uint32(0x00800000)
 
 #: Bits of a path's number in a scan; above it stands the scan's epoch.
 NUMBER_BITS = 20
-#: What a scan found for a path, instead of a triangle: nothing beyond its start; it lost the collision in its cell;
+#: Results of a scan instead of a triangle: nothing beyond its start; it lost the collision in its cell;
 #: it was not launched.
 PATH_MISSED, PATH_LOST, PATH_DEAD = -1, -2, -3
 
-#: A place on a surface is only known to this share of the way that a ray took there.
+#: A hit point is known to this share of the ray's length.
 RAY_ROUNDING = 2e-6
 
 #: Events of a path, in one float: rays cast, and from this bit on how many of them were lost.
 CAST_BITS = 11
 #: Sums of events: above the rays lost, the samples dropped.
 DROPPED_SHIFT = 20
-#: Sums of places (`shaders/film/aov.glsl`): above the upper bits of depth's, the surfaces met.
+#: Sums of positions (`shaders/film/aov.glsl`): above the upper bits of depth's, the number of hits.
 HITS_SHIFT = 16
 
 #: Radians by which a direction may seem to miss the edge of a photometric profile.

@@ -4,25 +4,25 @@
 
 One per process, because GL names its objects by small numbers that mean other objects in another context: an object
 of the first, collected while the second is current, deletes the second's object of the same number, and moderngl
-does not guard against it. Who needs two devices starts two processes. No display is ever terminated (eglTerminate):
-EGL shares one per device with everybody in the process.
+does not guard against it. For two devices start two processes. No display is ever terminated (eglTerminate):
+EGL shares one per device within the process.
 
-Threads. A context is current in one thread at a time, and only that thread can let go of it. So whoever draws has
-it no longer than needed, in one of two ways:
+Threads. A context is current in one thread at a time, and only that thread can let go of it. A thread
+holds it no longer than needed, by one of two calls:
 
     with open_context() as context: ...    # waits its turn, and lets go at the end
     context = get_context()                # to draw by hand: this thread keeps it until `leave`, or its end
 
-Renders take the first way: while the engine is made, then for each step of half a second, so that a live view moves
-while a render goes on in another thread. Between the frames of `render_frames`, and outside of all calls, nobody
-has it. One render at a time is on the device (`rendering`), as each fills its memory.
+Renders use the first: while the engine is made, then for each step of half a second, so that a live view moves
+during a render in another thread. Between the frames of `render_frames`, and outside of all calls,
+it is free. One render at a time is on the device (`rendering`), as each fills its memory.
 
-The second way is for programs of one thread and for exploring. It waits for renders under way; then others who ask
+The second is for programs of one thread and for exploring. It waits for running renders; then others who ask
 are refused, as they might wait for ever. In a notebook they wait for the end of the cell instead, and the next cell
-has the context again. What Python collects in a thread that has not got the context is deleted by whoever has it
-next (`opening.CollectingContext`). An exception, Ctrl-C too, leaves `with` as always.
+has the context again. What Python collects in a thread that has not got the context is deleted by the next thread
+that has it (`opening.CollectingContext`). An exception, Ctrl-C too, leaves `with` as always.
 
-Whoever asks may have each device tried in a process of its own first, as a broken driver can end the process that
+Each device may be tried in a process of its own first, as a broken driver can end the process that
 asks it: renders do so in the kernel of a notebook.
 
 Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, a Python start more where that is tried
@@ -55,7 +55,7 @@ from glpath.system.interactive import around_cells, in_cell
 
 
 class _Kept:
-    """What a thread has while it keeps the context: it is gone with the thread, and collected there."""
+    """A thread's hold of the context: it ends with the thread, and is collected there."""
 
 
 @dataclass
@@ -171,7 +171,7 @@ class Context:
 
     def rendering(self) -> AbstractContextManager[object]:
         """For a render, from its engine to its last step: one at a time. The context itself is had step by step."""
-        # Who has the context does not wait for a render that waits for the context.
+        # The thread that has the context does not wait for a render that waits for the context.
         return nullcontext() if self._turns.mine else self._renders
 
     def drawn(self) -> None:
@@ -294,8 +294,8 @@ def context_of(gl: moderngl.Context) -> Context:
 def release_context() -> None:
     """Destroy the process's context, so that the next `get_context` may take another device.
 
-    Waits for other threads as `open_context` does. Everything made in it is gone with it. Objects that are still
-    referred to must not be used or released by hand any more: their numbers may name objects of the next context.
+    Waits for other threads as `open_context` does. Objects made in it must not be used or released any more: their
+    numbers may name objects of the next context.
     """
     global _context
     context = _context

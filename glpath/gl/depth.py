@@ -1,4 +1,4 @@
-"""A depth texture of 32-bit floats, in which every float in [0, 1] has its own place in the order.
+"""A depth texture of 32-bit floats, which keeps every float in [0, 1] apart.
 
 moderngl makes depth textures of 24-bit fixed point (GL_DEPTH_COMPONENT24) and offers no other. Distances stored in
 those would need a scale, and near ones would become equal.

@@ -16,7 +16,7 @@ from glpath.accel.bvh import build_bvh
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.texel_store import UINTS, make_store, store_glsl
 
-#: What a node's texels hold, and a leaf's.
+#: The contents of a node's texels, and a leaf's.
 LAYOUT: dict[str, dict[str, str]] = {
     "node": {
         "LOWER": "bits of a corner of the box; the node after this one's subtree",

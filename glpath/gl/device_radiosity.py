@@ -1,8 +1,8 @@
 """A radiosity solution on the device, looked up at a point of a triangle [PB A.4].
 
-Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. A point's place in
-it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of its
-element or three of the vertices around.
+Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. A point's position
+in it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of
+its element or three of the vertices around.
 
 Cost:     48 bytes a triangle, 32 bytes an element or vertex, 64 with all light.
 """
@@ -19,18 +19,20 @@ from glpath.errors import SceneError
 from glpath.gl.texel_store import FLOATS, WIDTH, make_store, store_glsl
 from glpath.scene.model import Float64
 
-#: What an entry's texels hold, in order, by section; each is an RGBA float32 texel.
+#: The contents of an entry's texels, in order, by section; each is an RGBA float32 texel.
 LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
         "Y": "the same for y",
         "RANGE": "n; number of the first of its values; width of an element, scene units; number of the first",
     },
-    "radiosity": {"IRRADIANCE": "W m^-2; front and back of a place in turns; how much of direct light is in it"},
+    "radiosity": {
+        "IRRADIANCE": "W m^-2; front and back of an element or vertex in turns; how much of direct light is in it"
+    },
     "all_light": {"IRRADIANCE": "the same, where it is asked for, with all light in it"},
 }
 # A float holds the number of a value.
-_MOST = 1 << 24
+_MAX_ROWS = 1 << 24
 
 
 def radiosity_glsl() -> str:
@@ -39,7 +41,7 @@ def radiosity_glsl() -> str:
 
 
 class Values(Protocol):
-    """What is looked up.
+    """The table to look up.
 
     values       : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
                    triangle
@@ -95,18 +97,18 @@ class DeviceRadiosity:
         all_light: bool = False,
     ) -> None:
         values, direct_share, starts = table.values, table.direct_share, table.starts
-        count, places = len(corners), values.shape[1]
+        count, given = len(corners), values.shape[1]
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
-        most = max(0, min(_MOST, limit // (4 if all_light else 2)))
+        max_rows = max(0, min(_MAX_ROWS, limit // (4 if all_light else 2)))
         elements = divisions.astype(np.int64) ** 2
-        # Of a fine lattice these are twice as many as its vertices, and guides have their numbers.
+        # In a fine lattice these are twice as many as its vertices, and guides have their numbers.
         numbered = int(elements.sum()) if all_light else 0
-        found = max(places, numbered)
-        if found > most:
-            what = "vertices" if interpolated and places >= numbered else "elements"
+        found = max(given, numbered)
+        if found > max_rows:
+            what = "vertices" if interpolated and given >= numbered else "elements"
             raise SceneError(
-                f"radiosity: the solution has {found:,} {what}; this device looks up at most {most:,}",
+                f"radiosity: the solution has {found:,} {what}; this device looks up at most {max_rows:,}",
                 "Solve the scene on a coarser mesh" + (', or take guide "cosine".' if numbered else "."),
             )
         lattice = np.zeros((count, 3, 4))
@@ -116,9 +118,9 @@ class DeviceRadiosity:
         lattice[:, 2, 2] = _element_widths(corners, divisions)
         lattice[:, 2, 3] = np.cumsum(elements) - elements
         irradiance = _sides_in_turns(values, direct_share)
-        everything = _sides_in_turns(table.all_light, np.ones(places)) if all_light else np.zeros((0, 1, 4))
-        most_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
-        self.max_radiance = float((reflectance * most_of_triangle).max(initial=0.0)) / np.pi
+        everything = _sides_in_turns(table.all_light, np.ones(given)) if all_light else np.zeros((0, 1, 4))
+        max_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
+        self.max_radiance = float((reflectance * max_of_triangle).max(initial=0.0)) / np.pi
         tables = {"lattice": lattice, "radiosity": irradiance, "all_light": everything}
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
         self.divisions, self.has_all_light = divisions, all_light
@@ -128,7 +130,7 @@ class DeviceRadiosity:
 
 
 def _sides_in_turns(values: Float64, direct_share: Float64) -> Float64:
-    """(2 N, 1, 4): irradiance (2, N, 3) and share (N,), front and back of a place one behind the other."""
+    """(2 N, 1, 4): irradiance (2, N, 3) and share (N,), front and back of each in turns."""
     rows = np.empty((2 * len(direct_share), 1, 4))
     rows[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
     rows[:, 0, 3] = np.repeat(direct_share, 2)

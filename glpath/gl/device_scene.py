@@ -106,7 +106,7 @@ class DeviceScene(Owner):
             HAS_HIGHLIGHTS=any(bool(np.any(material.specular > 0)) for material in scene.materials),
             HAS_MIRRORS=any(bool(np.any(material.mirror > 0)) for material in scene.materials),
             HAS_MICROFACETS=bool(rough),
-            HAS_BRUSHES=any(material.anisotropy > 0 for material in rough),
+            HAS_ANISOTROPY=any(material.anisotropy > 0 for material in rough),
             HAS_GLASS=any(material.transmission > 0 for material in rough),
             HAS_ENVIRONMENT=isinstance(scene.sky, Environment),
             HAS_DIRECTIONAL_LIGHTS=any(light.kind == "directional" for light in lights),
@@ -126,7 +126,7 @@ class DeviceScene(Owner):
         self.defines |= defined(
             HAS_VERTEX_COLOURS=coloured,
             HAS_UV=bool(np.any(scene.shapes.vertex_uv))
-            or not {"HAS_TEXTURES", "HAS_BRUSHES"}.isdisjoint(self.defines),
+            or not {"HAS_TEXTURES", "HAS_ANISOTROPY"}.isdisjoint(self.defines),
             HAS_NORMALS=smooth,
             HAS_VERTEX_NORMALS=smooth,
             HAS_TRIANGLE_DENSITIES=len(densities) > 0,
@@ -186,9 +186,9 @@ class DeviceScene(Owner):
     def look_as(self, other: DeviceScene) -> None:
         """Have the centre of another scene, and reach as far as either, so that both are seen in one frame."""
         low, high = self.scene.bounds
-        reach = np.maximum(np.abs(np.stack([low, high]) - other.centre).max(axis=0), other.box.max(axis=0))
+        half = np.maximum(np.abs(np.stack([low, high]) - other.centre).max(axis=0), other.box.max(axis=0))
         self.centre = other.centre
-        self.box = np.sign(other.box) * reach
+        self.box = np.sign(other.box) * half
         self.radius = other.radius = max(other.radius, _radius(self.scene, other.centre))
 
     @property
@@ -198,7 +198,7 @@ class DeviceScene(Owner):
 
     @cached_property
     def triangles(self) -> TriangleIndices:
-        """What a rasteriser takes; made when first asked for, as the ray tracers never do."""
+        """The vertex arrays of a rasteriser; made at the first use, as the ray tracers need none."""
         return TriangleIndices(self.gl, self.scene.shapes.faces.astype(np.uint32))
 
     @cached_property
@@ -229,8 +229,8 @@ class DeviceScene(Owner):
 
 
 def _radius(scene: Scene, centre: Float64) -> float:
-    reach = np.linalg.norm(scene.triangles.reshape(-1, 3) - centre, axis=1).max(initial=0.0)
+    half = np.linalg.norm(scene.triangles.reshape(-1, 3) - centre, axis=1).max(initial=0.0)
     if len(scene.spheres):
         extent = np.linalg.norm(scene.spheres[:, :, :3], axis=(1, 2))
-        reach = max(reach, float((np.linalg.norm(scene.spheres[:, :, 3] - centre, axis=1) + extent).max()))
-    return max(float(reach), 1e-30)
+        half = max(half, float((np.linalg.norm(scene.spheres[:, :, 3] - centre, axis=1) + extent).max()))
+    return max(float(half), 1e-30)

@@ -189,8 +189,8 @@ def list_devices() -> list[DeviceProbe]:
     probes += [finish_probe(candidate, process) for candidate, process in running]
 
     able = [p for p in probes if p.info and backend in ("auto", p.backend) and device in (None, p.index)]
-    taken = min(able, key=lambda p: (p.backend == "osmesa", not (p.info and p.info.hardware)), default=None)
-    return [replace(p, auto=True) if p is taken else p for p in probes]
+    selected = min(able, key=lambda p: (p.backend == "osmesa", not (p.info and p.info.hardware)), default=None)
+    return [replace(p, auto=True) if p is selected else p for p in probes]
 
 
 def start_probe(candidate: Candidate) -> subprocess.Popen[str]:
@@ -209,7 +209,7 @@ def start_probe(candidate: Candidate) -> subprocess.Popen[str]:
 
 
 def finish_probe(candidate: Candidate, process: subprocess.Popen[str]) -> DeviceProbe:
-    info, error, place = None, "", f"{candidate.backend} device {candidate.index}"
+    info, error, name = None, "", f"{candidate.backend} device {candidate.index}"
     try:
         output, log = process.communicate(timeout=_PROBE_SECONDS)
         answer = json.loads(output.splitlines()[-1]) if process.returncode == 0 else {}
@@ -220,11 +220,11 @@ def finish_probe(candidate: Candidate, process: subprocess.Popen[str]) -> Device
             if process.returncode < 0:
                 how = f"signal {signal.Signals(-process.returncode).name}"
             last = (log.strip().splitlines() or [""])[-1]
-            error = f"{place}: its driver ended the process that tried it ({how}) {last}".strip()
+            error = f"{name}: its driver ended the process that tried it ({how}) {last}".strip()
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
-        error = f"{place}: no answer in {_PROBE_SECONDS} s"
+        error = f"{name}: no answer in {_PROBE_SECONDS} s"
     except (ValueError, IndexError) as problem:
-        error = f"{place}: an answer that cannot be read ({problem})"
+        error = f"{name}: an answer that cannot be read ({problem})"
     return DeviceProbe(candidate.backend, candidate.index, candidate.node, info, error)

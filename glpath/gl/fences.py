@@ -1,7 +1,7 @@
 """Fences that llvmpipe must not free yet: a remedy for a use after free in Mesa.
 
 For each of its scenes, which is what a framebuffer is drawn until the next one, llvmpipe makes a fence, and its
-threads signal it: lock, count, broadcast, unlock. Whoever draws looks at the count without the lock
+threads signal it: lock, count, broadcast, unlock. The drawing thread looks at the count without the lock
 (lp_fence_signalled) and may free the fence before the unlock, which then writes into freed memory; the process
 crashes seconds or hours later. A GL sync object holds a reference to the fence of the scene that it closes: one for
 each draw, deleted many draws later, keeps it until its threads are through.
@@ -20,14 +20,14 @@ from collections.abc import Callable
 
 _SYNC_GPU_COMMANDS_COMPLETE = 0x9117
 
-#: Draws until a fence may go. llvmpipe has at most 64 scenes under way.
+#: Draws until a fence may go. llvmpipe has at most 64 unfinished scenes.
 HELD = 80
 
 
 def asks_for_one_thread(threads: str | None) -> bool:
     """Does a value of LP_NUM_THREADS ask for one thread?
 
-    With 0 whoever draws does all of it, which is as quick, and needs no fence.
+    With 0 the drawing thread does all of it, which is as quick, and needs no fence.
     """
     return threads is not None and threads.strip().isdigit() and int(threads) == 1
 

@@ -5,7 +5,7 @@ their numbers, into the same buffers: a z-buffer needs no scene in memory [PB 2.
 shading needs of the triangles that a buffer now names is copied into records, one for each of its texels; what a
 later chunk hides is overwritten. So each scan reads each chunk once, and nothing is looked up afterwards.
 
-The chunks that the budget has room for stay on the device; the others take turns in one more place.
+The chunks that the budget has room for stay on the device; the others take turns in one more slot.
 
 Cost:     64 bytes a triangle on the device, a record of 64 bytes a pixel and a texel of the shadow-buffer; some
           1000 bytes a triangle of the chunk that is made ready and drawn. For each chunk a draw, and where records
@@ -66,7 +66,7 @@ class Chunk(NamedTuple):
 
 
 @dataclass
-class _Place:
+class _ChunkSlot:
     """A texture that holds a chunk: corners, three texels a triangle, and from `facet_base` on the planes."""
 
     texture: moderngl.Texture
@@ -103,7 +103,7 @@ class GeometryStream(Owner):
         self.upper = np.concatenate([stream.upper for stream in self._streams])
         self._largest = max(chunk.size for chunk in self.chunks)
         self._records: list[moderngl.Texture] = []
-        self._places: list[_Place] = []
+        self._slots: list[_ChunkSlot] = []
         corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self._largest, self._largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
@@ -128,7 +128,7 @@ class GeometryStream(Owner):
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self._in_records + len(self._places) * self._in_place + self.kept.size
+        return self._in_records + len(self._slots) * self._slot_bytes + self.kept.size
 
     def radius_about(self, centre: Float64) -> float:
         """The distance of the farthest corner. Reads all chunks."""
@@ -139,28 +139,28 @@ class GeometryStream(Owner):
         )
 
     def reserve(self) -> None:
-        """Make the places, when all records are made. Raises UsageError for a budget that has no room for them."""
+        """Make the slots, when all records are made. Raises UsageError for a budget that has no room for them."""
         self._check()
         room = (self._budget << 20) - self._in_records - _IN_THE_MAKING * self._largest
-        count = min(len(self.chunks), room // self._in_place)
-        for _ in range(count - len(self._places)):
+        count = min(len(self.chunks), room // self._slot_bytes)
+        for _ in range(count - len(self._slots)):
             texture = self.gl.texture((WIDTH, self._rows), 4, dtype="f4")
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            self._places.append(_Place(texture))
+            self._slots.append(_ChunkSlot(texture))
 
     def on_device(self, seen: NDArray[np.bool_]) -> Iterator[tuple[int, moderngl.Texture, Uniforms]]:
         """One after the other the index of each chunk that is seen, (N,) bool, its texture and uniforms for it."""
-        if not self._places:
+        if not self._slots:
             self.reserve()
         for index in np.flatnonzero(seen):
-            place = self._places[min(int(index), len(self._places) - 1)]
+            slot = self._slots[min(int(index), len(self._slots) - 1)]
             chunk = self.chunks[index]
-            if place.holds != index:
-                self._fill(place.texture, chunk)
-                place.holds = int(index)
+            if slot.holds != index:
+                self._fill(slot.texture, chunk)
+                slot.holds = int(index)
             yield (
                 int(index),
-                place.texture,
+                slot.texture,
                 {
                     "vertex_base": 0,
                     "facet_base": self._facet_base,
@@ -177,13 +177,13 @@ class GeometryStream(Owner):
         return sum(_TEXEL * texture.width * texture.height for texture in self._records)
 
     @property
-    def _in_place(self) -> int:
+    def _slot_bytes(self) -> int:
         return _TEXEL * WIDTH * self._rows
 
     def _check(self) -> None:
         """Raise UsageError where there is no room for one chunk besides the records."""
         records = self._in_records
-        needed = records + _IN_THE_MAKING * self._largest + self._in_place
+        needed = records + _IN_THE_MAKING * self._largest + self._slot_bytes
         if needed > self._budget << 20:
             raise UsageError(
                 f"geometry_budget: {self._budget} MiB, but {-(-needed // (1 << 20))} are needed at least: "
@@ -205,12 +205,12 @@ class GeometryStream(Owner):
 
 
 class StreamedScan:
-    """A pass over the resident triangles, gone on with over the streamed ones.
+    """A pass over the resident triangles, then over the streamed ones.
 
     name, target, state : of the `Pass` for a chunk, which clears nothing
     shaders  : its vertex and fragment shader, compiled with STREAMED_CHUNK
     parts    : what they include
-    records  : where the triangles that `seen` names are kept, from `stream.records`; None where nobody shades them
+    records  : where the triangles that `seen` names are kept, from `stream.records`; None where they are not shaded
     seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
     paths    : of such a scan, (columns, rows) of its paths; triangles that none of them can meet are not drawn
     """
@@ -231,7 +231,7 @@ class StreamedScan:
         self._stream = stream
         self._cull = None
         (vertex, fragment), generated = shaders, parts.generated
-        # What lets light through is not streamed, so nothing of it is asked for.
+        # Transparent geometry is not streamed, so its data are not needed.
         plain = {name: value for name, value in parts.defines.items() if name != "HAS_ALPHA"} | {
             "STREAMED_CHUNK": 1
         }
@@ -299,8 +299,8 @@ class StreamedScan:
 
 
 def before_planes(lower: Float64, upper: Float64, normals: Float64, offsets: Float64) -> NDArray[np.bool_]:
-    """(N,) bool: which boxes reach into the region normal . x > offset of all planes (P, 3), (P,), as far as each
-    plane alone tells."""
+    """(N,) bool: which boxes reach into the region normal . x > offset of all planes (P, 3), (P,), each
+    plane tested alone."""
     centre, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    reach = centre @ normals.T + half @ np.abs(normals).T
-    return np.asarray((reach > offsets).all(axis=1))
+    farthest = centre @ normals.T + half @ np.abs(normals).T
+    return np.asarray((farthest > offsets).all(axis=1))

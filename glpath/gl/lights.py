@@ -18,7 +18,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
     return {
         "light_kind": LIGHT_KINDS.index(light.kind),
         "light_radiance": tuple(light.radiance),
-        "light_density": light.density,
+        "light_pdf": light.density,
         "light_cone": light.cone,
         "light_quadratic": light.quadratic,
         "light_profile": light.profile - 1,
@@ -26,7 +26,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
 
 
 def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None) -> Uniforms:
-    """What rays see that hit nothing, black without a sky; with its lighting, how densely it is sampled as well."""
+    """Uniforms of the sky, black without one; with its lighting, its sampling density as well."""
     uniforms: Uniforms
     if isinstance(sky, Environment):
         middle, _, up = sky.frame
@@ -38,17 +38,17 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
             "sky_horizon": tuple(sky.horizon if sky else dark),
             "sky_up": tuple(sky.up if sky else dark),
         }
-    return uniforms if lighting is None else uniforms | {"sky_density_scale": lighting.sky_density_scale}
+    return uniforms if lighting is None else uniforms | {"sky_pdf_scale": lighting.sky_pdf_scale}
 
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:
-    """What `shaders/lights/light_sample.glsl` asks for: which kinds of light there are."""
+    """The defines of `shaders/lights/light_sample.glsl`: the kinds of light."""
     return defined(
         HAS_POSITIONAL_LIGHTS=lighting.positional, HAS_DISTANT_LIGHTS=lighting.infinite, HAS_SKY=sky is not None
     )
 
 
-#: Of a light sample in `light_table`.
+#: Rows of a light sample in `light_table`.
 LIGHT_ROWS = 4
 
 

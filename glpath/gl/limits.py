@@ -62,7 +62,7 @@ class Found(NamedTuple):
 
 
 def device_limits(context: Context) -> dict[str, Found]:
-    """Those limits of the device that rendering runs into, by their GL names."""
+    """The device's limits that rendering needs, by their GL names."""
     with context:
         get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
         found = {}

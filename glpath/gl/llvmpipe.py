@@ -1,4 +1,4 @@
-"""What Mesa's llvmpipe (22.3) wants said otherwise in a shader: the same numbers, fetched more cheaply.
+"""Rewrites shaders for Mesa's llvmpipe (22.3): the same numbers, fetched more cheaply.
 
 - It calls a function of some 180 instructions for a texelFetch, and puts a third as many in place for an imageLoad;
   `shaders/gl/texels.glsl` is the GLSL of that.
@@ -21,7 +21,7 @@ from glpath.errors import ShaderError
 from glpath.gl.conditions import Conditions
 
 TEXELS = ("auto", "image", "fetch")
-#: The vertex shader of passes over all texels: of its three vertices nobody counts the outputs.
+#: The vertex shader of passes over all texels: the outputs of its three vertices cost nothing.
 FULLSCREEN = "gl/fullscreen.vert"
 
 _IMAGE = "_as_image"
@@ -34,7 +34,7 @@ _UNIFORM = re.compile(
 
 
 def is_spoken(gl: moderngl.Context) -> bool:
-    """By the renderer, or as GLPATH_TEXELS says, so that tests run both ways."""
+    """By the renderer, or as GLPATH_TEXELS says, so that tests run both."""
     chosen = os.environ.get("GLPATH_TEXELS") or "auto"
     if chosen not in TEXELS:
         raise ShaderError(
@@ -45,7 +45,7 @@ def is_spoken(gl: moderngl.Context) -> bool:
 
 
 def uniform_name(name: str) -> str:
-    """Of a uniform as the driver calls it, the name that the shader's file has."""
+    """The name in the shader's file of a uniform as the driver calls it."""
     return name.removesuffix(_IMAGE).removesuffix(_GIVEN)
 
 
@@ -64,9 +64,9 @@ def fetch_at_start(line: str) -> str:
     if not uniform or uniform["array"] or "u" in uniform["type"]:
         return line
     name, kind = uniform["name"], uniform["type"]
-    least = "-2147483647" if kind.startswith("i") else "-3e38"
+    lowest = "-2147483647" if kind.startswith("i") else "-3e38"
     rest = line[uniform.end() :]
-    return f"uniform {kind} {name}{_GIVEN};\n{kind} {name} = max({name}{_GIVEN}, {least});{rest}"
+    return f"uniform {kind} {name}{_GIVEN};\n{kind} {name} = max({name}{_GIVEN}, {lowest});{rest}"
 
 
 class HandedOn:
@@ -106,11 +106,11 @@ class HandedOn:
         copies = [f"    {name} = {name}{_GIVEN};" for name in self._found]
         return "\n".join(
             [
-                text.replace("void main()", "void place()"),
+                text.replace("void main()", "void shade()"),
                 *outputs,
                 "void main()",
                 "{",
-                "    place();",
+                "    shade();",
                 *copies,
                 "}",
             ]

@@ -1,4 +1,4 @@
-"""What a device has no memory for is named with its size, when it is asked for; OpenGL itself stays silent."""
+"""Errors for what exceeds the device's memory, with its size, where it is allocated; OpenGL gives none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from glpath.errors import ContextError
 
 OUT_OF_MEMORY = (
-    "Render the image in parts (crop=(x, y, width, height), whose .exr have their place in the whole), or fewer\n"
+    "Render the image in parts (crop=(x, y, width, height), whose .exr have their window in the whole), or fewer\n"
     "pixels; take smaller textures or shadow-buffers, or another device."
 )
 

@@ -69,7 +69,7 @@ class MovingScene:
         return replace(self.middle, shapes=Shapes(shapes))
 
     def move_to(self, time: float) -> None:
-        """Go on with another time, seconds."""
+        """Move to another time, seconds."""
         self.pose = Shapes(self.scene.shapes[i].at(time) for i in self.shapes)
 
     def corners(self) -> Float64:
@@ -86,15 +86,15 @@ class MovingScene:
             box = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
             corners = box[np.arange(8)[:, None] >> np.arange(3) & 1, np.arange(3)]
             maps = np.array([shape.motion.at(time) for time in times])
-            places = np.einsum("tnij,kj->tnki", maps[..., :3], corners) + maps[:, :, None, :, 3]
-            steps = np.linalg.norm(np.diff(places, axis=0), axis=-1).max(initial=0.0)
-            low = np.minimum(low, places.min(axis=(0, 1, 2)) - steps)
-            high = np.maximum(high, places.max(axis=(0, 1, 2)) + steps)
+            positions = np.einsum("tnij,kj->tnki", maps[..., :3], corners) + maps[:, :, None, :, 3]
+            steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1).max(initial=0.0)
+            low = np.minimum(low, positions.min(axis=(0, 1, 2)) - steps)
+            high = np.maximum(high, positions.max(axis=(0, 1, 2)) + steps)
         return low, high
 
 
 def _vertex_ranges(shapes: Shapes) -> list[slice]:
-    """Of each shape of triangles its range of vertices, in all its instances."""
+    """The range of vertices of each shape of triangles, in all its instances."""
     counts = [
         len(s.world_from_object) * len(s.geometry.vertices) if isinstance(s.geometry, Mesh) else 0 for s in shapes
     ]

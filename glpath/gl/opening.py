@@ -45,7 +45,7 @@ class CollectingContext(NamingContext):
     """moderngl's context, with objects that free what they have on the device when Python collects them.
 
     Python does so in any thread. In the one where the context is current they are deleted at once; in another the
-    calls would reach no context, so they queue up in `objects`, and whoever has the context next deletes them.
+    calls would reach no context, so they queue up in `objects`, and the next thread with the context deletes them.
 
     holder : the thread where the context is current
     """
@@ -163,14 +163,14 @@ def _attempt(candidate: Candidate, failures: list[str], probe_first: bool) -> Op
 
 def open_device(candidate: Candidate) -> Opened:
     """A context on this device, current nowhere, or a ContextError that names it."""
-    place = f"{candidate.backend} device {candidate.index}"
-    loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _EGLLoader(candidate.index, place)
+    name = f"{candidate.backend} device {candidate.index}"
+    loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _EGLLoader(candidate.index, name)
     try:
         gl = moderngl.create_context(standalone=True, require=REQUIRED_VERSION, context=loader)
     except Exception as error:  # moderngl raises bare Exception, ValueError and its own
         loader.__exit__(None, None, None)
         loader.release()
-        raise ContextError(f"{place}: {error}", INSTALL) from error
+        raise ContextError(f"{name}: {error}", INSTALL) from error
     gl.__class__ = CollectingContext
     assert isinstance(gl, CollectingContext)
     gl.holder = None
@@ -195,9 +195,9 @@ def open_device(candidate: Candidate) -> Opened:
 class _EGLLoader:
     """glcontext's EGL context, current when made, which says when it could not be made current."""
 
-    def __init__(self, index: int, place: str) -> None:
-        self._place = place
-        self._loader = _egl_context(index, place)
+    def __init__(self, index: int, name: str) -> None:
+        self._name = name
+        self._loader = _egl_context(index, name)
         library = ctypes.CDLL(EGL_LIBRARY)
         self._bind_api, self._current, self._error = (
             library.eglBindAPI,
@@ -215,7 +215,7 @@ class _EGLLoader:
         self._bind_api(_EGL_OPENGL_API)  # each thread has its own, OpenGL ES at first
         self._loader.__enter__()
         if self._handle is not None and self._current() != self._handle:
-            raise ContextError(f"{self._place}: cannot be made current in this thread (EGL {self._error():#x})")
+            raise ContextError(f"{self._name}: cannot be made current in this thread (EGL {self._error():#x})")
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -227,7 +227,7 @@ class _EGLLoader:
         self._loader.release()
 
 
-def _egl_context(index: int, place: str) -> Any:
+def _egl_context(index: int, name: str) -> Any:
     """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
     gl_library = next(name for name in GL_LIBRARIES if library_loads(name) or name == EGL_LIBRARY)
     settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
@@ -236,15 +236,15 @@ def _egl_context(index: int, place: str) -> Any:
     except Exception as error:  # glcontext raises bare Exception
         reason = error
     if "eglCreateContext" not in str(reason):
-        raise ContextError(f"{place}: {reason}", INSTALL) from reason
+        raise ContextError(f"{name}: {reason}", INSTALL) from reason
     try:
         older = egl.create_context(glversion=330, **settings)
     except Exception:
-        raise ContextError(f"{place}: {reason}", INSTALL) from reason
+        raise ContextError(f"{name}: {reason}", INSTALL) from reason
     older.__exit__(None, None, None)
     older.release()
     raise ContextError(
-        f"{place}: its driver has OpenGL 3.3 or a little more, but 4.3 is needed ({reason})",
+        f"{name}: its driver has OpenGL 3.3 or a little more, but 4.3 is needed ({reason})",
         "Use a newer driver or another device (`glpath devices`).",
     ) from reason
 

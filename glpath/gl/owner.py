@@ -1,4 +1,4 @@
-"""What engines, buffers and scenes on the device have in common: they own GL objects, and can let go of them."""
+"""Owners of GL objects, which can release them: engines, buffers and scenes on the device."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Owner:
     """
 
     def close(self) -> None:
-        """Let go of everything; what nobody else has is freed at once, where this thread has the context.
+        """Release everything; unshared objects are freed at once, where this thread has the context.
 
-        Nothing can be done with the object any more. What it was given, a `DeviceScene`, stays with whoever has it.
+        The object is unusable then. What it was given, a `DeviceScene`, stays with its other owners.
         """
         vars(self).clear()
 

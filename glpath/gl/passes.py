@@ -106,7 +106,7 @@ class Pass:
                with `elements`, else four
     points   : draw squares of gl_PointSize pixels about the vertices, not triangles; see `largest_point`
     buffers  : storage buffers by their binding, for the fragment shader alone, as OpenGL 4.3 promises none to a
-               vertex shader; whoever uses them next may do so at once
+               vertex shader; the next pass may use them at once
     """
 
     name: str
@@ -178,7 +178,7 @@ class Pass:
 
 @dataclass
 class PixelDispatch:
-    """A compute shader in the place of a pass: an invocation for each pixel of an area, 8 x 8 in a group.
+    """A compute shader instead of a pass: an invocation for each pixel of an area, 8 x 8 in a group.
 
     written : images among the textures that it writes; it reads the others
     area    : (x, y, width, height), the uniform of that name
@@ -224,7 +224,7 @@ class Dispatch:
     """One run of a compute shader and all it reads and writes.
 
     name    : the paper's word for the stage
-    buffers : by their binding; whoever reads them next may do so at once
+    buffers : by their binding; the next pass may read them at once
     """
 
     name: str

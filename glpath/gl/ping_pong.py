@@ -1,4 +1,4 @@
-"""What alternates: a pass reads one of two and writes the other, then they change places."""
+"""Ping-pong: a pass reads one of two and writes the other, then they are swapped."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class PingPong(Generic[T]):
         return self._both[1 - self._turn]
 
     def swap(self) -> None:
-        """What was written is read from now on."""
+        """Swap: what was written is read from now on."""
         self._turn = 1 - self._turn
 
     def each(self, make: Callable[[T, T], P]) -> InTurn[P]:
-        """What depends on which of the two is read: made for both, by `make(read, write)`."""
+        """A pair for both states, each made by `make(read, write)`."""
         first, second = self._both if self._turn == 0 else self._both[::-1]
         made = make(first, second), make(second, first)
         return InTurn(self, made if self._turn == 0 else made[::-1])

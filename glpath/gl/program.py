@@ -48,7 +48,7 @@ def shader_folder() -> Path:
     )
 
 
-#: Programs that a context keeps for whoever asks next. An engine has 3 to 12, which it keeps as long as it lives;
+#: Programs that a context keeps for later use. An engine has 3 to 12, which it keeps as long as it lives;
 #: llvmpipe takes some 5 MB for each.
 MAX_PROGRAMS = 32
 
@@ -116,8 +116,8 @@ class Source:
             self.read[path] = _stamp(path)
             text = path.read_text()
         except (FileNotFoundError, IsADirectoryError):
-            place = f"{included_from}: " if included_from else ""
-            raise ShaderError(f"{place}no shader file {name} in {self._folder}") from None
+            prefix = f"{included_from}: " if included_from else ""
+            raise ShaderError(f"{prefix}no shader file {name} in {self._folder}") from None
         self._seen.add(name)
         return self._lines(name, text)
 
@@ -264,7 +264,7 @@ def load_program(
 
     Raises
     ------
-    ShaderError : with the driver's log, in which each place is a file and line of the shader folder
+    ShaderError : with the driver's log, in which each position is a file and line of the shader folder
     """
     stages = {"vertex_shader": vertex, "fragment_shader": fragment, "compute_shader": compute}
     stages = {stage: name for stage, name in stages.items() if name}

@@ -1,4 +1,4 @@
-"""What a program has of the things that its shaders include: a scene, a tree of boxes, a radiosity solution."""
+"""The parts of a program that its shaders include: a scene, a BVH, a radiosity solution."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Part(Protocol):
 
 @dataclass
 class ProgramParts:
-    """All that a program and its pass are told, part by part; itself one."""
+    """The includes, defines, textures and uniforms of a program's parts; itself a part."""
 
     uniforms: dict[str, object] = field(default_factory=dict)
     textures: dict[str, moderngl.Texture] = field(default_factory=dict)

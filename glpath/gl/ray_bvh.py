@@ -25,7 +25,7 @@ from glpath.gl.moving import Refitting
 from glpath.gl.texel_store import UINTS, StoreRows, make_store, store_glsl
 from glpath.scene.model import Scene
 
-#: What a node's texel holds, and an item's. All are integers, coordinates as the bits of floats.
+#: The contents of a node's texel, and an item's. All are integers, coordinates as the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
     "ray_node": {
         "BOX": "x, y, z: lower corner in the low 16 bits, upper in the high ones; w: the node after its subtree, "
@@ -88,12 +88,12 @@ class RayBvh:
             self._moving = _MovingItems(texture, bases, tree, items, item_table, grid, octants, paths > 0)
 
     def move_to(self, triangles: NDArray[np.float64]) -> None:
-        """Go on with the triangles (T, 3, 3) as they stand at another time; see `glpath.gl.moving`."""
-        self._moving.place(triangles)
+        """Move the triangles (T, 3, 3) to another time; see `glpath.gl.moving`."""
+        self._moving.move(triangles)
 
 
 class _MovingItems:
-    """What of the texture changes when triangles move, and where it lies."""
+    """The rows of the texture that change when triangles move."""
 
     def __init__(
         self,
@@ -114,17 +114,19 @@ class _MovingItems:
         self._fit = Refitting(tree.lower, tree.upper, tree.skip, leaf_item, moved[items[:, 0]])
         base = int(bases["ray_node_base"])  # type: ignore[call-overload]
         nodes = self._fit.nodes
-        self._places = [base + octant * len(tree) + _places(tree, octant)[nodes] for octant in range(octants)]
+        self._row_numbers = [
+            base + octant * len(tree) + _row_numbers(tree, octant)[nodes] for octant in range(octants)
+        ]
         links = _node_table(tree, np.zeros((len(tree), 3), np.uint32), octants).reshape(-1, 4)
-        self._links = [links[places - base, 3] for places in self._places]
+        self._links = [links[rows - base, 3] for rows in self._row_numbers]
         self._item_base = int(bases["ray_item_base"])  # type: ignore[call-overload]
 
-    def place(self, triangles: NDArray[np.float64]) -> None:
+    def move(self, triangles: NDArray[np.float64]) -> None:
         fit, which = self._fit, self._fit.items
         fit.refit(*_item_boxes(triangles, self._items[which]))
         boxes = self._grid.steps(fit.lower[fit.nodes], fit.upper[fit.nodes])
-        for places, links in zip(self._places, self._links, strict=True):
-            self._rows.put(places, np.column_stack([boxes, links]))
+        for rows, links in zip(self._row_numbers, self._links, strict=True):
+            self._rows.put(rows, np.column_stack([boxes, links]))
         table = _item_table(triangles, self._items[which])
         table[:, 2, 3] = self._table[which, 2, 3]
         numbers = self._item_base + 3 * which[:, None] + np.arange(3)
@@ -151,7 +153,7 @@ class _Grid:
 
     @classmethod
     def of(cls, tree: Bvh, bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> _Grid:
-        """Of a tree, and of all that its items are moved through."""
+        """The grid of a tree, and of all that its items are moved through."""
         if not len(tree):
             return cls(np.zeros(3), np.ones(3), np.zeros(3))
         lower, upper = tree.lower[0], tree.upper[0]
@@ -178,10 +180,10 @@ def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[n
     leaf = tree.count > 0
     size = tree.skip - np.arange(count)
     for octant in range(octants):
-        place = octant * count + _places(tree, octant)
-        table[place, 0, :3] = boxes
-        table[place, 0, 3] = place + size
-        table[place[leaf], 0, 3] = _LEAF_BIT | tree.order[tree.first[leaf]].astype(np.uint32)
+        row = octant * count + _row_numbers(tree, octant)
+        table[row, 0, :3] = boxes
+        table[row, 0, 3] = row + size
+        table[row[leaf], 0, 3] = _LEAF_BIT | tree.order[tree.first[leaf]].astype(np.uint32)
     return table
 
 
@@ -226,7 +228,7 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = Non
         if paths is not None:
             lacks[:-1][paths[:-1] != paths[1:]] = -1
     pairs = lacks >= 0
-    # Of a run of triangles that are each a parallelogram with the next one, every other begins one.
+    # In a run of triangles that are each a parallelogram with the next one, every other begins one.
     run = np.arange(count) - np.maximum.accumulate(np.where(pairs, -1, np.arange(count)))
     begins = pairs & (run % 2 == 1)
     ends = np.concatenate([[False], begins[:-1]])
@@ -253,13 +255,13 @@ def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     return build_bvh(lower, upper, leaf_size=1)
 
 
-def _places(tree: Bvh, octant: int) -> NDArray[np.int64]:
+def _row_numbers(tree: Bvh, octant: int) -> NDArray[np.int64]:
     """(M,): where nodes lie when of two children the one comes first that a direction of these signs meets first.
 
     octant : bit k set: component k of the direction is negative
     """
     count = len(tree)
-    place = np.zeros(count, np.int64)
+    row = np.zeros(count, np.int64)
     size = tree.skip.astype(np.int64) - np.arange(count)
     sign = np.array([-1.0 if octant >> k & 1 else 1.0 for k in range(3)])
     middle = 0.5 * (tree.lower + tree.upper)
@@ -272,8 +274,8 @@ def _places(tree: Bvh, octant: int) -> NDArray[np.int64]:
         axis = np.argmax(np.abs(apart), axis=1)
         swapped = np.take_along_axis(apart * sign, axis[:, None], axis=1)[:, 0] < 0
         first, second = np.where(swapped, right, left), np.where(swapped, left, right)
-        place[first] = place[level] + 1
-        place[second] = place[first] + size[first]
+        row[first] = row[level] + 1
+        row[second] = row[first] + size[first]
         children = np.concatenate([left, right])
         level = children[tree.count[children] == 0]
-    return place
+    return row

@@ -27,7 +27,7 @@ from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene
 
-#: What an entry's texels hold, in order, by section.
+#: The contents of an entry's texels, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "vertex": {"POSITION": "world space"},
     "shading": {"NORMAL": "of a vertex, where the scene has smooth normals: unit, world space; 0 for none"},
@@ -51,7 +51,7 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "U": "its product with the vector from there is u",
         "V": "and this one's is v",
     },
-    "emission": {"RADIANCE": "of a shape; the density per area of a light point on it, 0 where none is drawn"},
+    "emission": {"RADIANCE": "of a shape; the density per area of a light sample on it, 0 where none is drawn"},
     "emitter": {"DENSITIES": "the same of four triangles, where those of a shape differ"},
     "material": {
         "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
@@ -309,7 +309,7 @@ def _emission(scene: Scene, lighting: Lighting) -> Float64:
 
 
 def triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
-    """(ceil(T / 4), 1, 4): densities of light points of all triangles; none where a shape's are alike."""
+    """(ceil(T / 4), 1, 4): densities of light samples of all triangles; none where a shape's are alike."""
     density = lighting.triangle_density
     alike = all(
         shape.primitive != "triangle" or not shape.count or np.all(density[part] == density[part.start])
@@ -323,7 +323,7 @@ def triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
 
 
 def _materials(scene: Scene) -> Float64:
-    # What is unlit shows its emission alone.
+    # Unlit materials show their emission alone.
     rows = [
         [
             [*m.reflectance * lit, m.two_sided],

@@ -17,8 +17,8 @@ from glpath.gl.program import load_program
 _NAMES = ("sum_low", "sum_high")
 
 
-class Taken(NamedTuple):
-    """What was summed.
+class Readback(NamedTuple):
+    """Sums that were read back.
 
     radiance : (h, w, 3) float64, row 0 at the top; multiples of one power of two
     low, high : (h, w) uint32, the events that were counted along
@@ -47,7 +47,7 @@ class PixelSums:
     """Two sets of sums: a pass reads the one and writes the other, with what it adds.
 
     max_radiance : radiance that has 36 bits; a little of 2**24 times that may still be added
-    split        : direct light is summed by itself as well: a pass writes what a sample has of it, in quanta, and
+    split        : direct light is summed apart as well: a pass writes what a sample has of it, in quanta, and
                    `path_set_added` takes it to the sums
 
     Attributes
@@ -87,10 +87,10 @@ class PixelSums:
             self._direct.sets.swap()
 
     def take_direct(self) -> NDArray[np.float64] | None:
-        """The sums of direct light, which are then empty, as `Taken.radiance` is; None where it isn't split."""
+        """The sums of direct light, which are then empty, as `Readback.radiance` is; None where it isn't split."""
         return None if self._direct is None else self._direct.take().radiance
 
-    def take(self) -> Taken:
+    def take(self) -> Readback:
         """The sums, which are then empty."""
         width, height = self.size
         textures = self.sets.read.textures
@@ -100,7 +100,7 @@ class PixelSums:
         for texture in textures.values():
             texture.write(bytes(16 * width * height))
         quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]
-        return Taken(quanta / self.quanta, low[..., 3], high[..., 3])
+        return Readback(quanta / self.quanta, low[..., 3], high[..., 3])
 
 
 def _new_sums(gl: moderngl.Context, size: tuple[int, int], of_sample: Mapping[str, moderngl.Texture]) -> Sums:

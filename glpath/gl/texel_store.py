@@ -20,12 +20,12 @@ from glpath.errors import SceneError
 WIDTH = 4096
 _SHIFT = WIDTH.bit_length() - 1
 
-#: What the texels of an entry hold, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
+#: The contents of the texels of an entry, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
 Layout = Mapping[str, Mapping[str, str]]
 
 
 class Kind(NamedTuple):
-    """What a texel's four components are."""
+    """The type of a texel's four components."""
 
     dtype: type[np.generic]
     gl: str  # moderngl's name
@@ -115,7 +115,7 @@ def make_store(
             f'"{largest}"; this device holds at most {limit:,}',
             "Simplify the meshes, or render on a device with a larger texture limit.",
         )
-    # Of a single row, only what is used: most scenes are small.
+    # In a single row, only what is used: most scenes are small.
     width = min(WIDTH, max(1, total))
     store = np.zeros((max(1, -(-total // width)), width, 4), kind.dtype)
     flat, start = store.reshape(-1, 4), 0

@@ -2,7 +2,7 @@
 
 A texture lies on the device once, however many slots show it, and not at all where none does. Images of bytes lie
 in a store of bytes, with a quarter of what those of floats take; both are decoded and filtered texel by texel in
-`scene/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' places in a pixel,
+`scene/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' positions in a pixel,
 and what paths see over their directions.
 """
 
@@ -19,7 +19,7 @@ from glpath.scene.geometry import Mesh
 from glpath.scene.material import SLOTS, Texture, TextureSlot, Wrap
 from glpath.scene.model import Scene
 
-#: What `slot_texel(n, SLOT_IMAGE).w` tells: bits, and where two bits of a wrap mode begin.
+#: The bits of `slot_texel(n, SLOT_IMAGE).w`, and where two bits of a wrap mode begin.
 IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}
 #: By their numbers in GLSL.
 WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
@@ -29,7 +29,7 @@ MAX_TEXTURE_BYTES = 2 << 30
 
 
 class TextureImages:
-    """What shaders read of textures.
+    """The textures of a scene for shaders.
 
     of_materials : (materials, 2, 4) int64, section "slots"
     slots        : (slots, 1, 4) int64, section "slot"
@@ -117,11 +117,11 @@ class TextureImages:
 
     def _wide_enough(self, scene: Scene) -> int:
         """Texels of a row of the store of bytes, a power of two; each image begins a row."""
-        most, width = int(self._gl.info["GL_MAX_TEXTURE_SIZE"]), WIDTH
-        while sum(_rows(t, width) for t in self._bytes) > most:
+        max_size, width = int(self._gl.info["GL_MAX_TEXTURE_SIZE"]), WIDTH
+        while sum(_rows(t, width) for t in self._bytes) > max_size:
             width *= 2
-            if width > most:
-                raise _too_much(scene, self._bytes, most * most * 4)
+            if width > max_size:
+                raise _too_much(scene, self._bytes, max_size * max_size * 4)
         return width
 
 

@@ -1,7 +1,7 @@
 """Whose turn it is: a lock for what one thread at a time may use, given in the order of asking.
 
-Python's own locks are not given in order: whoever lets go and asks again at once, as a render does between its
-steps, has it again before anybody else woke up.
+Python's own locks are not given in order: a thread that releases one and asks again at once, as a render does
+between its steps, has it again before another wakes up.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ class _Waiting:
 
 
 class Turns:
-    """A reentrant lock. Who has it may `keep` it; others are refused then, as it may never come back.
+    """A reentrant lock. Its holder may `keep` it; others are refused then, as it may never come back.
 
-    thread : identifier of who has it, None while it is free
+    thread : identifier of the holder, None while it is free
     """
 
     def __init__(self, refusal: Callable[[int], Exception]) -> None:
-        """refusal : the error for whoever asks while the thread of that identifier keeps it"""
+        """refusal : the error for a request while the thread of that identifier keeps it"""
         self.thread: int | None = None
         self._refusal = refusal
         self._entered = 0
@@ -100,7 +100,7 @@ class Turns:
             self._waiting.clear()
 
     def drop(self) -> None:
-        """No longer keep it; it goes on once all that was entered is left."""
+        """No longer keep it; others have it once all that was entered is left."""
         with self._changing:
             self._kept = False
             if not self._entered:

@@ -1,4 +1,4 @@
-"""What shaders are compiled with: the variants of a program, and the numbers that are part of its text.
+"""The defines of shaders: the variants of a program, and the numbers in its text.
 
 A variant leaves out what a scene lacks, or says what a program is for. `defined` makes the defines of variants,
 `load_program` refuses what is not declared here. docs/developing.md has the table, which `.ci/tables.py` writes.
@@ -25,7 +25,7 @@ _LIGHTS, _RAYS, _STAGES = "gl.lights", "integrators.ray_paths", "integrators.pat
 _SCANS, _WHITTED, _T_BUFFER = "buffers.path_buffer", "integrators.whitted", "buffers.t_buffer"
 
 VARIANTS: dict[str, Variant] = {
-    # What a scene has.
+    # Contents of a scene.
     "HAS_SPHERES": Variant("the scene has spheres", _SCENE),
     "HAS_ELLIPSOIDS": Variant("the scene has ellipsoids", _SCENE),
     "HAS_TRIANGLES": Variant("the scene has triangles", _SCENE),
@@ -33,7 +33,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_HIGHLIGHTS": Variant("a material has a Phong highlight", _SCENE),
     "HAS_MIRRORS": Variant("a material is a mirror in part", _SCENE),
     "HAS_MICROFACETS": Variant("a material has a roughness", _SCENE),
-    "HAS_BRUSHES": Variant("a rough material is anisotropic", _SCENE),
+    "HAS_ANISOTROPY": Variant("a rough material is anisotropic", _SCENE),
     "HAS_GLASS": Variant("a rough material transmits", _SCENE),
     "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _RAYS),
     "HAS_LOBES": Variant("a material has lobes: HAS_MICROFACETS or HAS_MIRRORS", "shaders"),
@@ -57,7 +57,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_WRAPS": Variant("a texture does otherwise than repeat", _TEXTURES),
     "HAS_BYTE_IMAGES": Variant("an image has eight bits", _TEXTURES),
     "HAS_FLOAT_IMAGES": Variant("an image has floats", _TEXTURES),
-    "HAS_POSITIONAL_LIGHTS": Variant("light comes from places", _LIGHTS),
+    "HAS_POSITIONAL_LIGHTS": Variant("light comes from positions", _LIGHTS),
     "HAS_DISTANT_LIGHTS": Variant("light comes from infinitely far", _LIGHTS),
     "HAS_SKY": Variant("rays that hit nothing see light", _LIGHTS),
     # Where paths start.
@@ -68,14 +68,14 @@ VARIANTS: dict[str, Variant] = {
     "START_SHADING": Variant("points have normals to shade with", "integrators.start_points"),
     "START_VERTEX": Variant("the first vertex of a path is made here", "shaders"),
     # Paths with rays of their own.
-    "COMPUTE": Variant("a compute shader in place of a fragment shader", _RAYS),
+    "COMPUTE": Variant("a compute shader instead of a fragment shader", _RAYS),
     "GATHER": Variant("paths end by looking up a radiosity solution", _RAYS),
     "GUIDED": Variant("directions are chosen by guides", "integrators.path_guide"),
     "GUIDES_SHARED": Variant("elements share guides", "integrators.path_guide"),
     "ALL_LIGHT": Variant("what is looked up has direct light in it, for guides", "integrators.path_guide"),
     "INTERPOLATED": Variant("the solution is interpolated over an element", "gl.device_radiosity"),
     "OWN_LIGHT_SAMPLES": Variant("paths draw light samples of their own", "gl.light_draws"),
-    "LAMP_EDGES": Variant("lamps' edges are seen apart", _RAYS),
+    "EMITTER_SILHOUETTES": Variant("emitter silhouettes are antialiased apart", _RAYS),
     # The path-buffer.
     "PACKED": Variant("depth and triangle share a float", _SCANS),
     "NEAREST": Variant("the first of two scans: the depth alone", _SCANS),
@@ -85,9 +85,9 @@ VARIANTS: dict[str, Variant] = {
     "LAST_VERTEX": Variant("paths end here", _STAGES),
     "TO_SUMS": Variant("and their light goes to the sums", _STAGES),
     "STREAMED_CHUNK": Variant("what is drawn is a chunk of streamed triangles", "gl.geometry_stream"),
-    "OF_PATHS": Variant("records are of what paths have met; else of an eye", "gl.geometry_stream"),
+    "OF_PATHS": Variant("records are of what paths have hit; else of an eye", "gl.geometry_stream"),
     # Shadow-buffers.
-    "FULL_CUBE": Variant("the light point sees all around", "buffers.hemicube_shadow_buffer"),
+    "FULL_CUBE": Variant("the light sample sees all around", "buffers.hemicube_shadow_buffer"),
     "SHADOW_CUBE": Variant("a cube; else a sphere", "buffers.shadow_buffer"),
     "SHADOW_IDENTITY": Variant("the paper's rule: by the object", "buffers.shadow_buffer"),
     "SHADOW_BUFFERS": Variant("lights have shadow-buffers; else shadow rays", _WHITTED),
@@ -103,7 +103,7 @@ VARIANTS: dict[str, Variant] = {
     "LIGHT_SAMPLES": Variant("surfaces and the sky shine; how many samples a path set has", _WHITTED),
     "REFLECTIONS": Variant("rays are reflected", _WHITTED),
     # The film.
-    "SPLIT_LIGHT": Variant("direct light is summed by itself", "gl.sums"),
+    "SPLIT_LIGHT": Variant("direct light is summed apart", "gl.sums"),
     **{
         name: Variant(f"{group.meaning}; the number of their first output", "film.aovs")
         for name, group in GROUPS.items()
@@ -124,14 +124,14 @@ VALUES: dict[str, str] = {
     "EYE_FORMAT": "of the texture of what the eye sees",
     "GUIDE_LEVELS": "levels of a guide's tree",
     "GUIDE_NODES": "nodes of a guide's tree",
-    "GUIDE_PLACES": "points on the elements of a guide",
+    "GUIDE_POINTS": "points on the elements of a guide",
     "GUIDE_RAYS": "rays from a guide through each of its cells",
     "ID_BITS": "bits of a triangle's number in a packed float",
     "LIGHTS": "light samples of a path set",
     "LIGHT_ROWS": "texels of a light sample",
     "NOTHING_FOUND": "what a cell holds where nothing was found",
     "PARTS": "parts of all lights, of each of which a vertex looks at a sample",
-    "PLACES": "places in a pixel where lamps' edges are looked for",
+    "SUBSAMPLES": "samples of a pixel in which a lamp ends",
     "RECTANGLES_WIDTH": "rectangles in a row of their table",
     "SHADOW_TAPS": "cells across that a lookup asks",
     "SQUARES_WIDTH": "squares in a row of their table",
@@ -147,8 +147,8 @@ def defined(**variants: bool) -> dict[str, object]:
 
 
 def check_declared(defines: dict[str, object]) -> None:
-    """Refuse what no table declares, and a variant that is told to be absent: #ifdef does not ask for its value."""
+    """Refuse undeclared names, and variants set to false: #ifdef does not ask for the value."""
     unknown = defines.keys() - VARIANTS.keys() - VALUES.keys()
     assert not unknown, f"{sorted(unknown)}: neither a variant nor a value"
     absent = [name for name, value in defines.items() if value is False or value is None]
-    assert not absent, f"{absent}: defined, and said to be absent"
+    assert not absent, f"{absent}: defined, but false"

@@ -6,7 +6,7 @@ of quanta, exact in any order; which shapes are seen is counted on the CPU, as m
 Cost:     a draw over the pixels for each path set: albedo and normal, or depth and position, or ids, add some 3 %
           of processor time to a set of `cornell-box-36`, all AOVs with direct light 14 %. Nothing where none is
           asked for.
-Poor at:  mirrors and glass, which show what others are: they have their own colour, normal, place and name here.
+Poor at:  mirrors and glass, which show what others are: they have their own colour, normal, position and name here.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal of the first hit.
 """
 
@@ -34,9 +34,9 @@ Uniforms = dict[str, object]
 
 # A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
 # they are (`shaders/film/aov.glsl`).
-_QUANTA, _MOST_PATH_SETS = 1 << 20, (1 << 11) - 1
-# Places have so many bits: those of a float, and how far beyond the scene surfaces may be seen (of endless planes).
-_PLACE_BITS = 36
+_QUANTA, _MAX_PATH_SETS = 1 << 20, (1 << 11) - 1
+# Positions have so many bits: those of a float, and how far beyond the scene endless planes are seen.
+_POSITION_BITS = 36
 #: In extents of the scene about the origin of the world.
 FARTHEST = 1024
 # Texture coordinates of a tiled floor reach this far.
@@ -48,7 +48,7 @@ _SETS_READ = 8
 def light_aovs(
     settings: IntegratorSettings, sums: PixelSums, dropped: NDArray[np.integer[Any]]
 ) -> dict[str, NDArray[np.float64]]:
-    """What `Film.add` takes of the AOVs that are of light, when radiance has been taken.
+    """The sums of the AOVs of light for `Film.add`, when radiance has been taken.
 
     dropped : (h, w) samples that were not finite
     """
@@ -59,17 +59,17 @@ def light_aovs(
 
 @dataclass(frozen=True)
 class Seen:
-    """What every pixel of a window sees first.
+    """The first hit of every pixel of a window.
 
     buffer  : (w, h) uint, the primitive + 1, 0 for none; of two components: and the bits of its t
-    defines : of whoever sees, see `gl.camera.camera_defines`
-    met     : records of streamed triangles, by the name in GLSL, where the scene has such
+    defines : of the sensor, see `gl.camera.camera_defines`
+    hit_records : records of streamed triangles, by the name in GLSL, where the scene has such
     """
 
     scene: DeviceScene
     buffer: moderngl.Texture
     defines: Mapping[str, object]
-    met: Mapping[str, moderngl.Texture] = field(default_factory=dict)
+    hit_records: Mapping[str, moderngl.Texture] = field(default_factory=dict)
 
 
 class EyeAovs:
@@ -84,19 +84,19 @@ class EyeAovs:
         groups = {name: group for name, group in GROUPS.items() if not self._names.isdisjoint(group.aovs)}
         sums = [name for group in groups.values() for name in group.sums]
         # From the scene alone, so that films by several cameras, and crops, have one quantum.
-        reach = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
-        self._place_quanta = 2.0 ** min(_PLACE_BITS - int(np.ceil(np.log2(reach))), 120)
+        extent = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
+        self._position_quanta = 2.0 ** min(_POSITION_BITS - int(np.ceil(np.log2(extent))), 120)
         self._uniforms = {
             **scene.uniforms,
             **sky_uniforms(scene.scene.sky),
-            "place_quanta": self._place_quanta,
-            "place_extent": 2.0**_PLACE_BITS / self._place_quanta,
-            "uv_quanta": 2.0**_PLACE_BITS / _UV_EXTENT,
+            "position_quanta": self._position_quanta,
+            "position_extent": 2.0**_POSITION_BITS / self._position_quanta,
+            "uv_quanta": 2.0**_POSITION_BITS / _UV_EXTENT,
             "uv_extent": _UV_EXTENT,
         }
         components = {name: 1 if name == "sum_nearest" else 4 for name in sums}
         self._sums = PingPong(*({name: self._texture(n) for name, n in components.items()} for _ in range(2)))
-        textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.met}
+        textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.hit_records}
         self._pass: InTurn[Pass] | None = None
         if groups:
             # The first output of each group, and the second: GLSL 4.30 adds none up.
@@ -120,8 +120,8 @@ class EyeAovs:
             self._make_shape_passes(seen, textures)
         self._path_sets = 0
         self._unread = 0  # path sets whose shapes are on the device
-        self._taken: dict[str, NDArray[np.float64]] = {}
-        self._taken_shapes: list[NDArray[np.uint32]] = []
+        self._aov_sums: dict[str, NDArray[np.float64]] = {}
+        self._shape_sets: list[NDArray[np.uint32]] = []
         self._begin()
         self._empty()
 
@@ -135,7 +135,7 @@ class EyeAovs:
     def add(self, eye: Uniforms) -> None:
         """One more path set, whose eye buffer is filled."""
         if self._pass is not None:
-            if self._path_sets == _MOST_PATH_SETS:
+            if self._path_sets == _MAX_PATH_SETS:
                 self._collect()
             self._pass.now.run(self._uniforms | eye)
             self._sums.swap()
@@ -147,51 +147,51 @@ class EyeAovs:
             self._unread += 1
 
     def take(self) -> dict[str, NDArray[np.float64] | NDArray[np.uint32]]:
-        """What `Film.add` takes of them, over the path sets since the last call."""
+        """Their sums for `Film.add`, over the path sets since the last call."""
         self._collect()
         found: dict[str, NDArray[np.float64] | NDArray[np.uint32]] = {
-            name: sums for name, sums in self._taken.items() if name in self._names
+            name: sums for name, sums in self._aov_sums.items() if name in self._names
         }
         if self._shapes:
             self._read_shapes()
-            found[SHAPES] = np.stack(self._taken_shapes, axis=2) if self._taken_shapes else self._no_shapes()
+            found[SHAPES] = np.stack(self._shape_sets, axis=2) if self._shape_sets else self._no_shapes()
         self._begin()
         return found
 
     def _begin(self) -> None:
         height, width = self._size[::-1]
-        self._taken = {
+        self._aov_sums = {
             name: np.zeros((height, width, AOV_KINDS[name].numbers))
             for group in GROUPS.values()
             for name in group.aovs
             if name in self._names
         }
-        self._taken_shapes = []
+        self._shape_sets = []
 
     def _collect(self) -> None:
         """Add what the device has to what was taken, and begin anew there."""
         sums = {name: self._read(texture) for name, texture in self._sums.read.items()}
         if "sum_first" in sums:
             first, second = (sums[name].astype(np.float64) for name in ("sum_first", "sum_second"))
-            # What was not finite is not in the sum, so the 1 isn't either.
+            # Samples that were not finite are not in the sum, so the 1 isn't either.
             normal = np.concatenate([first[..., 3:], second[..., :2]], axis=2) / _QUANTA
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))
         if "sum_low" in sums:
             words, hits = _joined(sums["sum_low"], sums["sum_high"])
-            place = words / self._place_quanta
-            self._add("position", np.concatenate([place[..., :3], hits], axis=2))
-            self._add("depth", np.concatenate([place[..., 3:], hits], axis=2))
+            position = words / self._position_quanta
+            self._add("position", np.concatenate([position[..., :3], hits], axis=2))
+            self._add("depth", np.concatenate([position[..., 3:], hits], axis=2))
         if "sum_uv_low" in sums:
             uv, hits = _joined(sums["sum_uv_low"], sums["sum_uv_high"])
-            self._add("uv", np.concatenate([uv[..., :2] * _UV_EXTENT / 2.0**_PLACE_BITS, hits], axis=2))
+            self._add("uv", np.concatenate([uv[..., :2] * _UV_EXTENT / 2.0**_POSITION_BITS, hits], axis=2))
         if "sum_nearest" in sums:
             self._add("depth_min", sums["sum_nearest"].astype(np.float64))
         self._empty()
 
     def _add(self, name: str, sums: NDArray[np.float64]) -> None:
-        if name in self._taken:
-            add_aov(name, self._taken[name], sums)
+        if name in self._aov_sums:
+            add_aov(name, self._aov_sums[name], sums)
 
     def _empty(self) -> None:
         for texture in self._sums.read.values():
@@ -213,7 +213,7 @@ class EyeAovs:
         ]
 
     def _read_shapes(self) -> None:
-        self._taken_shapes += [self._read(texture)[..., 0] for texture in self._shapes[: self._unread]]
+        self._shape_sets += [self._read(texture)[..., 0] for texture in self._shapes[: self._unread]]
         self._unread = 0
 
     def _no_shapes(self) -> NDArray[np.uint32]:

@@ -15,7 +15,7 @@ from glpath.gl.context import context_of
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Stopwatch
-from glpath.gl.sums import PixelSums, Taken
+from glpath.gl.sums import PixelSums, Readback
 from glpath.integrators.aovs import EyeAovs, light_aovs
 from glpath.integrators.settings import IntegratorSettings
 from glpath.sampling.points import PathSetSampler
@@ -28,8 +28,8 @@ Window = tuple[int, int, int, int]
 class Engine(Owner, ABC):
     """The path sets of one window of the image.
 
-    Constructors take what they are given; `prepare` makes what is needed on the device, and everything else comes
-    after it. Whoever derives from it writes `prepare` and `trace_path_set`.
+    Constructors store their arguments; `prepare` allocates on the device, before all other calls. Subclasses define
+    `prepare` and `trace_path_set`.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Engine(Owner, ABC):
         self.stopwatch = Stopwatch(gl, context_of(gl).info.hardware, timings)
         self._size = window[2:]
         self._dropped = 0
-        self._taken_aovs: dict[str, NDArray[Any]] = {}
+        self._aov_sums: dict[str, NDArray[Any]] = {}
 
     @abstractmethod
     def prepare(self) -> Self:
@@ -70,7 +70,7 @@ class Engine(Owner, ABC):
         """Add one sample to every pixel; which, the index says alone."""
 
     def look_at(self, window: Window) -> None:
-        """Go on with another window of the same size."""
+        """Look at another window of the same size."""
         assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
         self.window = window
 
@@ -85,19 +85,19 @@ class Engine(Owner, ABC):
 
         Multiples of one power of two, so that float64 adds them without rounding.
         """
-        taken = self._sums.take()
-        dropped = taken.high >> DROPPED_SHIFT
+        readback = self._sums.take()
+        dropped = readback.high >> DROPPED_SHIFT
         self._dropped += int(dropped.sum())
-        self._taken_aovs = light_aovs(self.settings, self._sums, dropped)
-        self._count(taken)
-        return taken.radiance
+        self._aov_sums = light_aovs(self.settings, self._sums, dropped)
+        self._count(readback)
+        return readback.radiance
 
     def take_aovs(self) -> dict[str, NDArray[Any]]:
-        """What `Film.add` takes of the AOVs that the settings ask for, over the path sets of the last `take`."""
-        return self._taken_aovs if self._aovs is None else self._taken_aovs | self._aovs.take()
+        """The sums of the AOVs for `Film.add`, over the path sets of the last `take`."""
+        return self._aov_sums if self._aovs is None else self._aov_sums | self._aovs.take()
 
     def statistics(self) -> dict[str, object]:
-        """What was counted in the path sets taken so far.
+        """The counts of the path sets taken so far.
 
         dropped_samples : not finite, and counted as 0
         stage_ms        : milliseconds by stage, where timed
@@ -112,19 +112,18 @@ class Engine(Owner, ABC):
         self._dropped = 0
         self.stopwatch.milliseconds.clear()
 
-    # What frames are made of.
+    # The parts of frames.
 
     def _add_aovs(self, eye: Uniforms) -> None:
-        """The surfaces that the eye sees, where the film has AOVs of them."""
         if self._aovs is not None:
             with self.stopwatch.stage("AOVs"):
                 self._aovs.add(eye)
 
-    def _count(self, taken: Taken) -> None:
+    def _count(self, readback: Readback) -> None:
         """Count what else an engine's shaders count along with the sums."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """What programs and passes are made for."""
+        """The kind of sensor that programs and passes are made for."""
         return (*sensor.kind, None)
 
 
@@ -142,5 +141,5 @@ def _kind_in_words(kind: tuple[object, ...]) -> str:
     if kind[0] == "points":
         return "points"
     projection, lens, moves, shutter = kind
-    told = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
-    return told if shutter is None else f"{told}, with a shutter of {shutter}"
+    text = f"{projection}{' with a lens' if lens else ''}{', moving' if moves else ''}"
+    return text if shutter is None else f"{text}, with a shutter of {shutter}"

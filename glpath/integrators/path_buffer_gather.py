@@ -10,11 +10,11 @@ What is done otherwise than in the paper, which looks up all light there:
 - Direct light at the second vertex has the set's shadow-buffer, so that no element smears a shadow's edge; close to
   a lamp, whose 1/r^2 has no bound, it is the solution's (`glpath.radiosity.lookup`).
 - A path that comes back from nearer than an element is wide would show the element itself, in corners and at
-  contacts. It goes on to a third vertex instead, the more often the nearer, so that no seam shows. (To cast them in
-  one set of four, with four times the weight, has three times the variance.)
+  contacts. It continues to a third vertex instead, the more often the nearer, so that no seam shows. (To cast
+  them in one set of four, with four times the weight, has three times the variance.)
 
 Cost:     a path set of depth three; whatever the solver took. A camera that moves needs no new solution.
-Poor at:  highlights, which shared directions meet by chance.
+Poor at:  highlights, which shared directions seldom hit.
 Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively participating media; Reichert 1992,
           A two-pass radiosity method driven by lights and viewer position. The random distance is that of
           LuxCoreRender's PhotonGI cache.
@@ -100,7 +100,7 @@ class PathBufferGather(PathBufferStages):
     ) -> None:
         """Direct light, emission found, and radiosity reflected at the vertex that the scan found; then the sums.
 
-        Not `last`: paths that ended near by go on instead.
+        Not `last`: paths that ended near by continue instead.
         """
         goes_on = depth < self._bounces()
         uniforms = {

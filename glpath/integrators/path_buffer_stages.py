@@ -1,6 +1,6 @@
-"""The stages that a path set is made of, whoever puts them in order [PB 3, appendix B].
+"""The stages of a path set, for any order [PB 3, appendix B].
 
-A path set is one path for every pixel. Its paths share their directions and one light point, so that a bounce is
+A path set is one path for every pixel. Its paths share their directions and one light sample, so that a bounce is
 one scan of the path-buffer and direct light one shadow-buffer. `PathBufferTracer` and `PathBufferGather` are frames
 made of these stages; they differ in what becomes of a path's last vertex.
 
@@ -17,8 +17,8 @@ What is done otherwise than in the paper, and why:
 - An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
   so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
   alone, as in the paper's equation 5.
-- Where there is one direction, a path that leaves at a flat angle goes on with a chance of the cosine, else it
-  would crowd the cells. So it is with surfaces that parallel light grazes.
+- Where there is one direction, a path that leaves at a flat angle continues with the probability of the cosine,
+  or it would crowd the cells. So do paths at surfaces that parallel light grazes.
 - Point lights see all around, by a cube instead of a hemicube; the shadow of parallel light and of the sky is one
   scan of a path-buffer along its direction, for the vertices of all paths.
 """
@@ -54,7 +54,7 @@ from glpath.sampling.points import (
 )
 from glpath.scene.simplify import density_of, simplified
 
-# Of a simpler surface's deviation: how near to its start a path from the eye's surface meets nothing. It may leave
+# In a simpler surface's deviation: how near to its start a path from the eye's surface hits nothing. It may leave
 # at a flat angle.
 _SKIPPED = 4.0
 
@@ -65,7 +65,7 @@ _STATE = ("path_position", "path_beta", "path_radiance")
 class PathStates:
     """The paths of a set after one of their vertices.
 
-    position : place, and in w the direction code; see path_buffer/path_state.glsl
+    position : world space, and in w the direction code; see path_buffer/path_state.glsl
     light    : what the paths have gathered: radiance, and where it is split direct light
     target   : framebuffer of a pass that makes the next vertex of each
     textures : of a pass that reads them
@@ -81,7 +81,7 @@ class PathStates:
 class VertexPasses:
     """One stage of the frame.
 
-    inner : from states to states; None where no path goes on
+    inner : from states to states; None where no path continues
     last  : from states, by turns of these, to the sums, by turns of theirs; None where no path ends
     unlit : the last ones leave states too, as their light from infinity is still to come
     """
@@ -104,7 +104,7 @@ class SetLight:
 
 
 class PathBufferStages(PathSetEngine):
-    """The stages of one window of the image; whoever derives from it writes `trace_path_set`.
+    """The stages of one window of the image; subclasses define `trace_path_set`.
 
     See `PathSetEngine` for the parameters.
     """
@@ -123,7 +123,7 @@ class PathBufferStages(PathSetEngine):
         cells = _cells(settings.cell_share * views**-0.5, size)
         self._deep = deep = self._scene_of_bounces()
         simpler = deep is not scene
-        self.path_buffer = PathBuffer(gl, deep, size, cells, views, self._met.get("met_records"), simpler)
+        self.path_buffer = PathBuffer(gl, deep, size, cells, views, self._hit_textures.get("hit_records"), simpler)
         lights = self.lighting
         self.shadow_buffer = HemicubeShadowBuffer(gl, scene, settings.light_resolution, full=lights.positional)
         self._deep_shadows = (
@@ -142,7 +142,7 @@ class PathBufferStages(PathSetEngine):
         self._constant = self._constant_uniforms()
 
     def look_at(self, window: Window) -> None:
-        """Go on with another window of the same size."""
+        """Look at another window of the same size."""
         super().look_at(window)
         self._constant = self._constant_uniforms()
 
@@ -156,7 +156,7 @@ class PathBufferStages(PathSetEngine):
         if light is NO_LIGHT or light.distant:
             frame = self.shadow_buffer.frame(self.scene.centre, light.direction, roll)
             return SetLight(light, uniforms | frame.uniforms)
-        # What a point light sees is turned anew for each set, so that the texels' edges average out.
+        # A point light's cube is turned anew for each set, so that the texels' edges average out.
         axis = uniform_sphere(u[1:]) if light.kind == "point" else light.direction
         frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided=light.kind == "area")
         with self.stopwatch.stage("shadow-buffer"):
@@ -232,10 +232,10 @@ class PathBufferStages(PathSetEngine):
                 assert passes.inner is not None, "made with every light from infinity"
                 passes.inner.now.run(self._distant_scan | vertex)
 
-    # What the frame is made of.
+    # The stages of the frame.
 
     def _scene_of_bounces(self) -> DeviceScene:
-        """What paths meet from their second vertex on: the scene, or a simpler one [PB 6.1].
+        """The scene for paths from their second vertex on, which may be a simpler one [PB 6.1].
 
         All that concerns those vertices is of it: scans, shadows and surfaces.
         """
@@ -260,7 +260,7 @@ class PathBufferStages(PathSetEngine):
         return self.settings.path_length - 1
 
     def _plays_roulette(self, depth: int) -> bool:
-        """Do paths end by chance at vertex number `depth`, the one that the eye sees being 0?"""
+        """Does Russian roulette end paths at vertex `depth`, the one that the eye sees being 0?"""
         return False
 
     def _run_vertex(
@@ -281,7 +281,7 @@ class PathBufferStages(PathSetEngine):
             self._end_paths(passes, uniforms)
             return
         directions = self._directions(sample, depth)
-        assert passes.inner is not None, "a stage after which paths go on"
+        assert passes.inner is not None, "a stage after which paths continue"
         passes.inner.now.run(
             self._constant
             | uniforms
@@ -317,7 +317,7 @@ class PathBufferStages(PathSetEngine):
         self._textures = {
             **self.scene.textures,
             **self.shadow_buffer.textures,
-            **self._met,
+            **self._hit_textures,
             "eye_buffer": self._eye_buffer,
             **self.path_buffer.textures,
             **(self._points.textures if self._points is not None else {}),
@@ -382,11 +382,11 @@ class PathBufferStages(PathSetEngine):
         unlit = lit and self._distant_buffer is not None
         beyond = ProgramParts() if parts is None else ProgramParts.of(parts)
         own = {**own, **beyond.textures}
-        going_on: InTurn[Pass] | None = None
+        continuing: InTurn[Pass] | None = None
         ending: InTurn[InTurn[Pass]] | None = None
         if inner:
             program = self._program(fragment, beyond, scene)
-            going_on = self._states.each(
+            continuing = self._states.each(
                 lambda read, write: Pass(name, self.gl, program, write.target, textures={**own, **read.textures})
             )
         if last:
@@ -403,7 +403,7 @@ class PathBufferStages(PathSetEngine):
                     )
                 )
             )
-        return VertexPasses(going_on, ending, unlit)
+        return VertexPasses(continuing, ending, unlit)
 
     def _distant_light_passes(self, buffer: PathBuffer) -> VertexPasses:
         """From what the scan along the light's direction found to the paths' radiance, or to the sums."""

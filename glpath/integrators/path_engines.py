@@ -45,7 +45,7 @@ def path_engine(
     sensor    : where paths start; the scene's camera, where it is not given
     radiosity : of a gather, and of guided paths: the solution, of the scene's own triangles
     """
-    assert (radiosity is not None) == settings.needs_solution, "a solution for whoever has no use for it, or none"
+    assert (radiosity is not None) == settings.needs_solution, "a solution that the engine does not use, or none"
     if settings.by_path_buffer:
         _check_shared(scene.scene)
         if isinstance(sensor, PointSensor) and scene.stream is not None:

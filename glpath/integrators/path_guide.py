@@ -1,6 +1,6 @@
 """Path guiding by a radiosity solution: where light comes to a surface from, known before a path is traced.
 
-A gather's error is nearly all that of its first bounce: most directions lead to dull walls, few to the bright ones.
+A gather's error is nearly all that of its first bounce: most directions lead to dark walls, few to bright ones.
 The solution knows which. Elements that are neighbours with a common normal share a guide: the root mean square of
 the radiance that comes to them from each of 16 x 16 cells of directions, alike under the cosine; some is added to
 all, so that nothing that it does not know of is rare. A path's two numbers are moved down a tree of the cells,
@@ -33,15 +33,15 @@ from glpath.scene.model import Float64, Scene
 Int64 = NDArray[np.int64]
 
 _LEVELS = 4
-_MOST = 2048  # guides
-_PLACES = 16  # of a guide, where its rays start
-# Rays of a cell at least; at most it has one from each place. Of all guides they take as long as a path set or two.
+_MAX_GUIDES = 2048
+_POINTS = 16  # of a guide, where its rays start
+# Rays of a cell at least; at most one from each point. Those of all guides take as long as a path set or two.
 # Four times as many take a tenth off the squared error of `room`, whose guides are shared, half of that off
 # the box's; four times the guides, with as many rays in all, do no better.
-_LEAST_RAYS, _LEAST_BUDGET, _RAYS_A_PIXEL = 2, 1 << 19, 8
+_MIN_RAYS, _MIN_BUDGET, _RAYS_A_PIXEL = 2, 1 << 19, 8
 _TESTS_A_RAY = 100
-# Share of the density that is the cosine's alone. The less of it, the more weighs what no ray of a guide has met
-# where a path finds it.
+# Share of the density that is the cosine's alone. The less of it, the more weighs what a path hits
+# and no ray of a guide has hit.
 _UNGUIDED = 0.3
 
 _LAYOUT = {
@@ -51,7 +51,7 @@ _LAYOUT = {
         "then above"
     },
 }
-_PLACES_LAYOUT = {"guide_place": {"POINT": "world space; number of its triangle"}}
+_POINTS_LAYOUT = {"guide_point": {"POSITION": "world space; number of its triangle"}}
 
 
 def path_guide_glsl() -> str:
@@ -79,14 +79,14 @@ class PathGuide:
         rays: ProgramParts,
     ) -> None:
         begun = time.perf_counter()
-        budget = max(_LEAST_BUDGET, _RAYS_A_PIXEL * pixels)
-        guide_of, places = guide_places(scene.scene, radiosity.divisions)
-        count = len(places)
-        table = places.reshape(-1, 1, 4)
-        place_texture, bases = make_store(gl, FLOATS, _PLACES_LAYOUT, {"guide_place": table}, "path guides")
+        budget = max(_MIN_BUDGET, _RAYS_A_PIXEL * pixels)
+        guide_of, points = guide_points(scene.scene, radiosity.divisions)
+        count = len(points)
+        table = points.reshape(-1, 1, 4)
+        point_texture, bases = make_store(gl, FLOATS, _POINTS_LAYOUT, {"guide_point": table}, "path guides")
         side, across = 1 << _LEVELS, max(1, int(np.ceil(np.sqrt(count))))
-        rays_each = _LEAST_RAYS
-        while rays_each < _PLACES and 2 * rays_each * side * side * count <= budget:
+        rays_each = _MIN_RAYS
+        while rays_each < _POINTS and 2 * rays_each * side * side * count <= budget:
             rays_each *= 2
         size = (side * across, side * max(1, -(-count // across)))
         target = gl.texture(size, 1, dtype="f4")
@@ -95,16 +95,16 @@ class PathGuide:
             gl,
             vertex="gl/fullscreen.vert",
             fragment="path/path_guide.frag",
-            generated={**rays.generated, "GUIDE_PLACES_STORE": store_glsl("guide_places", FLOATS, _PLACES_LAYOUT)},
+            generated={**rays.generated, "GUIDE_POINTS_STORE": store_glsl("guide_points", FLOATS, _POINTS_LAYOUT)},
             defines={
                 **rays.defines,
                 "ALL_LIGHT": 1,
                 "GUIDE_LEVELS": _LEVELS,
-                "GUIDE_PLACES": _PLACES,
+                "GUIDE_POINTS": _POINTS,
                 "GUIDE_RAYS": rays_each,
             },
         )
-        textures = {**rays.textures, "guide_places": place_texture}
+        textures = {**rays.textures, "guide_points": point_texture}
         drawn = Pass("path guides", gl, program, framebuffer, textures=textures)
         known = {**rays.uniforms, **bases, "guide_count": count, "guides_across": across, "random_seed": 0}
         run_in_areas(drawn, draw_areas(size, rays_each * _TESTS_A_RAY), known)
@@ -126,7 +126,7 @@ class PathGuide:
 def guide_nodes(light: Float64) -> NDArray[np.uint8]:
     """(G, N, 4): the nodes of each guide's tree, level by level, row by row, from (G, 2^k, 2^k) of its cells.
 
-    The second axis is the distance from the normal, the last the angle about it, or the other way round.
+    The second axis is the distance from the normal, the last the angle about it, or in the reverse order.
     """
     # Few rays a cell: what its neighbours have says much of it. Angles go round.
     around = np.roll(light, 1, 1) + 2.0 * light + np.roll(light, -1, 1)
@@ -145,20 +145,20 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
     return np.asarray(np.rint(shares).clip(1, 255), np.uint8)
 
 
-def guide_places(scene: Scene, divisions: NDArray[np.int32]) -> tuple[Int64, Float64]:
-    """The guide of each element of the triangles' lattices (E,), and places on each guide (G, P, 4).
+def guide_points(scene: Scene, divisions: NDArray[np.int32]) -> tuple[Int64, Float64]:
+    """The guide of each element of the triangles' lattices (E,), and points on each guide (G, P, 4).
 
-    A place is a point, world space, and the number of its triangle. Where elements are few, each has a guide of its
-    own, of the same number.
+    A point has its position, world space, and the number of its triangle. Where elements are few, each
+    has a guide of its own, of the same number.
     """
     from glpath.radiosity.mesh.mesh import Elements
 
     elements = Elements.of_lattices(divisions.astype(np.int64))
     count = len(elements.triangle)
     corners = elements.points(scene, np.eye(3)) if count else np.zeros((0, 3, 3))
-    guide_of = np.arange(count) if count <= _MOST else _groups(corners)
+    guide_of = np.arange(count) if count <= _MAX_GUIDES else _groups(corners)
     guides = int(guide_of.max(initial=-1)) + 1
-    # Places even by area over the elements of a guide, one behind the other.
+    # Points even by area over the elements of a guide, one behind the other.
     order = np.argsort(guide_of, kind="stable")
     along = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.maximum(np.linalg.norm(along, axis=1), 1e-300)[order]
@@ -166,7 +166,7 @@ def guide_places(scene: Scene, divisions: NDArray[np.int32]) -> tuple[Int64, Flo
     last = np.searchsorted(guide_of[order], np.arange(guides), side="right") - 1
     stop = ends[last]
     start = np.concatenate([[0.0], stop[:-1]])
-    shares = (np.arange(_PLACES) + 0.5) / _PLACES
+    shares = (np.arange(_POINTS) + 0.5) / _POINTS
     at = start[:, None] + shares * (stop - start)[:, None]
     chosen = order[np.minimum(np.searchsorted(ends, at), max(0, count - 1))]
     # Within an element, a sequence of the golden ratio's; what lies beyond the diagonal is folded back.
@@ -178,7 +178,7 @@ def guide_places(scene: Scene, divisions: NDArray[np.int32]) -> tuple[Int64, Flo
 
 
 def _groups(corners: Float64) -> Int64:
-    """(E,) numbers from 0 on, at most _MOST: of elements (E, 3, 3) near each other whose normals are alike."""
+    """(E,) group numbers, at most _MAX_GUIDES: of elements (E, 3, 3) near each other with similar normals."""
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
@@ -186,13 +186,13 @@ def _groups(corners: Float64) -> Int64:
     facing = np.concatenate([np.rint(1.5 * normal) + 2.0, normal[:, 2:].astype(np.float32) < 0], axis=1)
     facing_key = facing.astype(np.int64) @ (1, 5, 25, 125)
     lower, extent = middle.min(axis=0), float(np.ptp(middle, axis=0).max())
-    place = (middle - lower) / max(extent, 1e-300)
+    unit = (middle - lower) / max(extent, 1e-300)
     best = np.zeros(len(corners), np.int64)
     # Cells of a grid, ever smaller, until there are too many.
     for steps in range(4 * 16):
-        cell = np.floor(place * 2.0 ** (steps / 4)).astype(np.int64)
+        cell = np.floor(unit * 2.0 ** (steps / 4)).astype(np.int64)
         _, found = np.unique(cell @ (1, 1 << 18, 1 << 36) * 256 + facing_key, return_inverse=True)
-        if found.max() >= _MOST:
+        if found.max() >= _MAX_GUIDES:
             break
         best = found
     return best

@@ -1,4 +1,4 @@
-"""What the engines of path sets have in common: where paths start, by a camera's eye or at points."""
+"""The base of engines with path sets: where paths start, at a camera's eye or at points."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.gl.ray_bvh import RayBvh
-from glpath.gl.sums import PixelSums, Taken
+from glpath.gl.sums import PixelSums, Readback
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
 from glpath.integrators.settings import PathSetSettings
@@ -68,8 +68,8 @@ class PathSetEngine(Engine):
         self._eye_defines = camera_defines(scene.scene.camera, self.own_lens)
         self._cast = self._lost = 0  # rays of paths, and how many of them lost the collision in their cell
         self._bvh: RayBvh | None = None  # where rays are cast
-        self._met: dict[str, moderngl.Texture] = {}  # records of streamed triangles, where the scene has such
-        self._eye_of: object = None  # sensor and window of `_eye`, what is told of the camera for all path sets
+        self._hit_textures: dict[str, moderngl.Texture] = {}  # records of streamed triangles
+        self._eye_of: object = None  # sensor and window of `_eye`, the camera's uniforms for all path sets
         self._eye: Uniforms = {}
         self._camera = scene.scene.camera
         self._eye_constant: Uniforms = scene.uniforms
@@ -86,7 +86,7 @@ class PathSetEngine(Engine):
             self._eye_defines = self._points.defines
         else:
             self._see_by_scan()
-        self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._met))
+        self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._hit_textures))
         self._prepare_stages()
         if scene.stream is not None:
             scene.stream.reserve()
@@ -117,11 +117,11 @@ class PathSetEngine(Engine):
         super().forget_statistics()
         self._cast = self._lost = 0
 
-    def _count(self, taken: Taken) -> None:
-        self._cast += int(taken.low.sum(dtype=np.int64))
-        self._lost += int((taken.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
+    def _count(self, readback: Readback) -> None:
+        self._cast += int(readback.low.sum(dtype=np.int64))
+        self._lost += int((readback.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
 
-    # What the frame is made of.
+    # The parts of the frame.
 
     def move_to(self, index: int) -> None:
         """Put what moves where it is at the time of a path set; the eye goes by its own uniforms."""
@@ -156,12 +156,12 @@ class PathSetEngine(Engine):
             self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
-        """What the eye's rays, or points, need: their place in each pixel, and of which path set they are."""
-        seed, place = self.settings.seed, (float(pixel[0]), float(pixel[1]))
+        """The uniforms of the eye's rays, or points: their position in each pixel, and the path set's number."""
+        seed, sample = self.settings.seed, (float(pixel[0]), float(pixel[1]))
         own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
         if self._points is not None:
             assert isinstance(self.sensor, PointSensor), "of the same kind"
-            return self._points.at(self.sensor, self.window, place[0]) | own
+            return self._points.at(self.sensor, self.window, sample[0]) | own
         assert isinstance(self.sensor, CameraSensor), "of the same kind"
         of = (self.sensor, self.window)
         if self._eye_of != of:
@@ -169,12 +169,12 @@ class PathSetEngine(Engine):
             self._eye = self._seen_by(self._camera.at())
         camera = self._camera
         if not (camera.moves or camera.aperture_radius > 0):
-            return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, place)}
+            return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, sample)}
         lens = self._sampler.eye(index)[:2]
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         if self.own_lens:
-            return self._seen_by(camera, place) | own | lens_uniforms(camera, lens, counter_hash(seed, 14))
-        return self._seen_by(camera, place, lens) | own
+            return self._seen_by(camera, sample) | own | lens_uniforms(camera, lens, counter_hash(seed, 14))
+        return self._seen_by(camera, sample, lens) | own
 
     def _seen_by(
         self,
@@ -189,7 +189,7 @@ class PathSetEngine(Engine):
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """What programs and passes are made for."""
+        """The kind of sensor that programs and passes are made for."""
         moving = self.scene.moving is not None
         return (*sensor.kind, sensor.shutter if moving else None)
 
@@ -213,8 +213,8 @@ class PathSetEngine(Engine):
             textures=scene.textures,
         )
         if scene.stream is not None:
-            # Of what eye rays and then paths have met.
-            self._met_records = scene.stream.records(size)
+            # Records of the hits of eye rays, then of paths.
+            self._hit_records = scene.stream.records(size)
             self._eye_stream = StreamedScan(
                 "eye",
                 scene.stream,
@@ -222,10 +222,10 @@ class PathSetEngine(Engine):
                 ProgramParts.of(scene),
                 self._eye_pass.target,
                 depth=True,
-                records=self._met_records,
+                records=self._hit_records,
                 seen=self._eye_buffer,
             )
-            self._met = {"met_records": self._met_records}
+            self._hit_textures = {"hit_records": self._hit_records}
 
     def _look_by_rays(self) -> None:
         """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""

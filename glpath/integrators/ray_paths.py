@@ -1,18 +1,17 @@
 """The integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
 
-A path set is one path for every pixel, as with the path-buffer, but paths share nothing but the position in their
-pixels: each has its own directions, by the cosine of its surface or, where there is a radiosity solution, by the
-light that comes from there (`path_guide`), and its own choice among a sample of each light, by what it would send.
-A gather's path parts at its first vertex: its branches, of which nearly all of the error is, share the eye's ray
-and the light there, 0.4 of what a set with one takes.
-So no ray is lost in a crowded cell, the error is grain and no streaks, and a ray costs the logarithm of the number
-of triangles, where a scan costs their number. docs/accuracy-and-speed.md has what that is worth.
+A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
+Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the light from there
+(`path_guide`). It selects one of a sample of each light, by its contribution. A gather's path branches at its first
+vertex, which has nearly all of the error: branches share the eye's ray and the light there, 0.4 of a set's cost.
+No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
+triangles, a scan their number. docs/accuracy-and-speed.md has measurements.
 
-A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`); on a
-graphics card a compute shader does, with the same bits, as some of these shade pixels in few of their cores.
+A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`). On a
+graphics card a compute shader does, bit-identical, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
-Poor at:  caustics, which directions find by chance; scenes lit through small openings; geometry that does not
+Poor at:  caustics, which directions seldom find; scenes lit through small openings; geometry that does not
           fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
           global illumination.
@@ -36,8 +35,8 @@ from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.gl.ray_bvh import RayBvh
 from glpath.gl.sums import Sums
+from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
 from glpath.integrators.engine import Uniforms, Window
-from glpath.integrators.lamp_edges import LampEdges
 from glpath.integrators.path_guide import PathGuide
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathSettings
@@ -49,12 +48,12 @@ from glpath.sensors.sensor import PointSensor, Sensor
 
 #: Light samples of a path set at most, for its paths to choose from.
 LIGHTS = 16
-# What all lights are divided into at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
+# Parts of all lights at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
 # for the shadow of one.
 _PARTS = 8
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
-_MOST_BOUNCES = 14
+_MAX_BOUNCES = 14
 #: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is
 #: 1e-7 of the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
 CEILING = 1 << 14
@@ -110,20 +109,20 @@ class RayPathEngine(PathSetEngine):
         pixel = self._sampler[index].pixel
         self.move_to(index)  # what moves, to the set's time
         eye = self._eye_uniforms(pixel, index)
-        self.see_lamp_edges(index, pixel, eye)  # the light of the pixels where a lamp ends
+        self.see_silhouettes(index, pixel, eye)  # the light of the pixels where a lamp ends
         self._see(eye)  # the triangle of each pixel
         self.follow_paths(index, eye)  # each to its end, and into the sums
 
-    def see_lamp_edges(self, index: int, place: NDArray[np.float64], eye: Uniforms) -> None:
+    def see_silhouettes(self, index: int, sample: NDArray[np.float64], eye: Uniforms) -> None:
         """The light of the pixels where a lamp ends; which these are is found at a window's first path set."""
-        if self._lamp_edges is None:
+        if self._silhouettes is None:
             return
-        with self.stopwatch.stage("lamp edges"):
+        with self.stopwatch.stage("emitter silhouettes"):
             of = (self.window, self.sensor)
             if self._edges_of != of:
-                self._lamp_edges.find(self._seen_from)
+                self._silhouettes.find(self._seen_from)
                 self._edges_of = of
-            self._lamp_edges.see(index, place, eye)
+            self._silhouettes.see(index, sample, eye)
 
     def follow_paths(self, index: int, eye: Uniforms) -> None:
         """All rays of all paths; see path/path_rays.glsl."""
@@ -132,19 +131,19 @@ class RayPathEngine(PathSetEngine):
             run_in_areas(self._paths.now, self._areas, uniforms)
         self._sums.path_set_added()
 
-    # What it is made of.
+    # Its parts.
 
     def _prepare_stages(self) -> None:
         gl, scene, settings = self.gl, self.scene, self.settings
         hardware = context_of(gl).info.hardware
-        self._bounces = min(max(2, settings.path_length), _MOST_BOUNCES)
+        self._bounces = min(max(2, settings.path_length), _MAX_BOUNCES)
         self._branches = settings.branches
         # One goes ahead of the other, and a sampler holds the numbers of but few sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
-        # Of the numbers that say which light: a part is a light, or an eighth of them all.
+        # Bounds of the numbers that select a light: a part is a light, or an eighth of them all.
         self._light_edges = _light_edges(self.lighting)
         self._parts = len(self._light_edges) - 1
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
@@ -157,7 +156,7 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Of paths that only chance ends, few have more vertices.
+        # Few paths that only roulette ends have more vertices.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
         # llvmpipe runs both on all cores, and sooner as pixels.
@@ -165,7 +164,6 @@ class RayPathEngine(PathSetEngine):
         self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))
 
     def _program_parts(self, bvh: RayBvh) -> ProgramParts:
-        """All that the shader of the paths includes."""
         gl, scene, radiosity = self.gl, self.scene, self._radiosity
         parts = ProgramParts.of(scene, bvh)
         parts.uniforms |= self._constant_uniforms()
@@ -182,17 +180,17 @@ class RayPathEngine(PathSetEngine):
             "LIGHT_ROWS": LIGHT_ROWS,
             **self._sums.defines,
         }
-        # What is measured at points is also their mean: with light samples that all share, all would err alike.
+        # Measurements at points are also averaged: with shared light samples all errors would be alike.
         self._draws: LightDraws | None = None
         if isinstance(self.sensor, PointSensor) and self.sensor.independent:
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)
             parts.add(self._draws)
         if any(material.is_thin_dielectric for material in scene.scene.materials):
             parts.defines["HAS_THIN_DIELECTRICS"] = 1
-        self._lamp_edges = self._new_lamp_edges(bvh)
-        if self._lamp_edges is not None:
-            parts.defines["LAMP_EDGES"] = 1
-            parts.textures |= self._lamp_edges.textures
+        self._silhouettes = self._new_silhouettes(bvh)
+        if self._silhouettes is not None:
+            parts.defines["EMITTER_SILHOUETTES"] = 1
+            parts.textures |= self._silhouettes.textures
         if radiosity is not None:
             parts.add(radiosity)
             if self.settings.looks_up:
@@ -203,13 +201,15 @@ class RayPathEngine(PathSetEngine):
                 parts.add(self.guide)
         return parts
 
-    def _new_lamp_edges(self, bvh: RayBvh) -> LampEdges | None:
-        scene, settings, camera = self.scene, self.settings, self.scene.scene.camera
-        # What is out of focus or moves has an edge that is wide, and no search at a few places finds it.
+    def _new_silhouettes(self, bvh: RayBvh) -> EmitterSilhouettes | None:
+        scene, camera = self.scene, self.scene.scene.camera
+        # Edges out of focus or in motion are wide: no search at a few positions finds them.
         wide = camera.aperture_radius > 0 or camera.moves or scene.moving
-        if self._points is not None or wide or not LampEdges.are_in(scene):
+        if self._points is not None or wide or not EmitterSilhouettes.are_in(scene):
             return None
-        return LampEdges(self.gl, scene, self._size, bvh, settings.seed, settings.sampling, self._eye_defines)
+        return EmitterSilhouettes(
+            self.gl, scene, self._size, bvh, self.settings.seed, self.settings.sampling, self._eye_defines
+        )
 
     def _pass(self, read: Sums, write: Sums, parts: ProgramParts) -> Pass:
         program = load_program(
@@ -232,18 +232,18 @@ class RayPathEngine(PathSetEngine):
         textures = {**parts.textures, **read.textures, **written}
         return PixelDispatch("paths", self.gl, program, textures, frozenset(written))
 
-    def _seen_from(self, place: NDArray[np.float64]) -> NDArray[np.int64]:
-        """`seen` by rays through a place of the pixels."""
-        self._look(self._eye_uniforms(place))
+    def _seen_from(self, position: NDArray[np.float64]) -> NDArray[np.int64]:
+        """`seen` by rays through a position in the pixels."""
+        self._look(self._eye_uniforms(position))
         return self.seen()
 
     def statistics(self) -> dict[str, object]:
-        """As of every engine; nothing is lost in a cell. `paths_cut`: at a length that only chance should end."""
+        """As of every engine; nothing is lost in a cell. `paths_cut`: at a length that only roulette should end."""
         counts = super().statistics()
         cut = counts.pop("paths_lost")
         return counts | ({"paths_cut": cut} if cut else {})
 
-    # What the draw is told.
+    # The uniforms of the draw.
 
     def _of_set(self, index: int) -> Uniforms:
         seed = self.settings.seed
@@ -262,7 +262,7 @@ class RayPathEngine(PathSetEngine):
     def _light_uniforms(self, index: int) -> Uniforms:
         if self._draws is None:
             return {"light_table": self._light_table(index)}
-        return {"light_point": tuple(map(int, _words(self._sampler[index].light)))}
+        return {"sequence_point": tuple(map(int, _words(self._sampler[index].light)))}
 
     def _light_table(self, index: int) -> bytes:
         """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.
@@ -271,7 +271,7 @@ class RayPathEngine(PathSetEngine):
         """
         # Where lamps move, each set's are elsewhere.
         size = 1 if self.scene.moving and self.scene.moving.lamps else _LIGHT_BLOCK
-        block, place = divmod(index, size)
+        block, index_in_block = divmod(index, size)
         if self._light_block != block:
             sets = range(block * size, (block + 1) * size)
             points = _words(np.array([self._sampler[i].light for i in sets]))
@@ -285,7 +285,7 @@ class RayPathEngine(PathSetEngine):
             rows = light_rows(lights, np.tile(share, size))
             self._light_tables = [each.tobytes() for each in np.split(rows, size)]
             self._light_block = block
-        return self._light_tables[place]
+        return self._light_tables[index_in_block]
 
     def _constant_uniforms(self) -> Uniforms:
         settings = self.settings

@@ -43,11 +43,11 @@ DEEPEST = 1000
 _ALL_BOUNCES: Mapping[str, Any] = {"max_depth": DEEPEST, "roulette": 4}
 _NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
-# A gather's paths that mirrors and glass send on end by chance from this vertex on.
+# Russian roulette ends a gather's paths by mirrors and glass from this vertex on.
 _MIRRORED = 6
-# What a film of points may hold besides: light has them for its end, not for a surface that an eye sees.
+# AOVs of a film of points: those of light, not of the surfaces that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
-# Of a gather, by how it casts rays.
+# Options of a gather, by how it casts rays.
 _OF_BVH = ("guide", "branches")
 _OF_PATH_BUFFER = ("directions", "light_resolution", "cell_share", "cosine_roulette")
 _OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
@@ -62,14 +62,14 @@ class Solution(Protocol):
 
 @dataclass(frozen=True)
 class IntegratorSettings(ABC):
-    """What decides the image besides the scene, the sensor and the path sets; each integrator has its own.
+    """The options that decide the image; each integrator has its own.
 
     integrator  : the name that users know it by
-    default_spp : path sets where it is not said how many
+    default_spp : path sets by default
     noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
-    any_scene   : whether an engine goes on with another scene; else with another sensor alone
+    any_scene   : whether an engine takes another scene; else another sensor alone
     all_bounces : options with which chance alone ends paths, so that all of the light is there
-    remedies    : what to do in place of an option that another integrator has
+    remedies    : what to do instead of an option that another integrator has
     """
 
     integrator: ClassVar[str]
@@ -91,7 +91,7 @@ class IntegratorSettings(ABC):
     def recorded(self) -> dict[str, Any]:
         """The settings by name, as a film's metadata has them: films merge where these are equal.
 
-        Without the AOVs, which are beside the image.
+        Without the AOVs, which are not part of the image.
         """
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "aovs"}
 
@@ -102,7 +102,7 @@ class IntegratorSettings(ABC):
 
     @property
     def splits_light(self) -> bool:
-        """Whether direct light is summed by itself."""
+        """Whether direct light is summed apart."""
         return "direct" in self.aovs or "indirect" in self.aovs
 
     def check_points(self) -> None:
@@ -134,8 +134,8 @@ Roulette = Annotated[
     Meta(
         ge=1,
         le=DEEPEST,
-        description="from this vertex on, paths end by chance, without bias. With a max-depth of 1000, the most, "
-        'nothing else ends those of "path"',
+        description="from this vertex on, Russian roulette ends paths, without bias. With a max-depth of 1000, the "
+        'most, nothing else ends those of "path"',
         extra={"metavar": "DEPTH", "unset": "never"},
     ),
 ]
@@ -162,7 +162,7 @@ LightResolution = Annotated[
 
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
-    """What the integrators of path sets have in common: "path", "path-buffer" and "gather"."""
+    """The options of all integrators with path sets: "path", "path-buffer" and "gather"."""
 
     default_spp = 256
     noisy = True
@@ -237,7 +237,7 @@ class PathSettings(PathSetSettings):
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 
-    # Of what a gather has a choice: guides are of the solution as it is looked up there; a path has no branches.
+    # Only a gather has this choice: its guides are of the solution that it looks up; a path has no branches.
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
     branches: ClassVar[int] = 1
@@ -260,7 +260,7 @@ class PathSettings(PathSetSettings):
         return self.roulette is not None and self.max_depth == DEEPEST
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on paths end by chance."""
+        """The vertex from which on Russian roulette ends paths."""
         return self.roulette
 
     def lookup_uniforms(self) -> dict[str, object]:
@@ -348,7 +348,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
     }
 
-    # What paths have and a gather does not: its solution is of the scene itself, and has light of all bounces.
+    # Not for a gather: its solution is of the scene itself, and has light of all bounces.
     bounce_lod: ClassVar[None] = None
     ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
 
@@ -393,8 +393,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
             ge=0,
             le=1000,
             description="a path that would look up nearer to where it came from than a random share of so many "
-            "widths of an element goes on to a further vertex, with rays of its own to a second one where that is "
-            "near as well; 0: none does, as in the paper",
+            "widths of an element continues to a further vertex, with rays of its own to a second one where that "
+            "is near as well; 0: none does, as in the paper",
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
@@ -426,7 +426,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on paths end by chance: those by mirrors and glass alone, as others are short."""
+        """The vertex from which on roulette ends paths: those by mirrors and glass alone, as others are short."""
         return _MIRRORED if mirrored else None
 
     def lookup_uniforms(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Points where paths start, in place of what an eye sees: the first vertex of each is a white receiver there.
+"""Points where paths start, instead of what an eye sees: the first vertex of each is a white receiver there.
 
 Points are uploaded for a window, and which triangle each lies on is found by a short ray, once where they stay:
 rays from there do not meet it, and guides are those of its element.
@@ -46,7 +46,7 @@ class StartPoints:
         names = ["start_positions", "start_normals"]
         if sensor.smooth:
             names.append("start_shading")
-            # Of scenes without any, too, where somebody else has made some.
+            # Also for scenes without any, where other code has made some.
             self.defines |= {"START_SHADING": 1, "HAS_NORMALS": 1}
         self.textures = {name: gl.texture(size, 4, dtype="f4") for name in names}
         for texture in self.textures.values():
@@ -68,7 +68,7 @@ class StartPoints:
         )
 
     def at(self, sensor: PointSensor, window: tuple[int, int, int, int], u: float) -> Uniforms:
-        """Go on with the points of a window, of the table that a number from 0 to 1 chooses; what shaders need."""
+        """Take the points of a window, of the table that a number from 0 to 1 chooses; returns the uniforms."""
         table = min(int(u * sensor.tables), sensor.tables - 1)
         of = (sensor, window, table)
         if self._of != of:

@@ -1,14 +1,14 @@
 """Recursive ray tracing: the classical algorithm, and the T-buffer's [TB].
 
-One path set is one ray through every pixel, all at the same place of their pixels, and all that follows from it.
-The frame is `WhittedTracer.trace_path_set`. Primary rays go by the classical algorithm or by the T-buffer, light to
-a surface by shadow rays or by shadow-buffers, reflections by the classical algorithm, as in the paper, or by a
-BVH, as its section VI hopes. The routines of intersection and shading are the same for all.
+One path set is one ray through every pixel, all at the same position in their pixels, and all that follows from it.
+The frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorithm or the T-buffer, light shadow
+rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, as its section VI hopes.
+The routines of intersection and shading are the same for all.
 
-What the paper lacks: shapes that emit, and the sky where there is no ambient light, light a path set by some points
-of theirs, shared by all pixels, as those of the path-buffer are [PB 3.3]; their shadows are rays.
+Added to the paper: emitting shapes, and the sky without ambient light, send light samples to a path set, shared by
+all pixels as in the path-buffer [PB 3.3]. Their shadows are rays.
 
-Poor at: light that comes by way of other surfaces (it is one number, `ambient`); refraction; soft shadows from few
+Poor at: indirect light (it is one number, `ambient`); refraction; soft shadows from few
 path sets, as they are sums of hard ones.
 """
 
@@ -31,14 +31,14 @@ from glpath.gl.lights import sky_uniforms
 from glpath.gl.passes import Pass, draw_areas, run_in_areas
 from glpath.gl.ping_pong import InTurn
 from glpath.gl.program import load_program
-from glpath.gl.sums import PixelSums, Taken
+from glpath.gl.sums import PixelSums, Readback
 from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
 from glpath.integrators.settings import WhittedSettings
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import LIGHT_KINDS
-from glpath.sampling.points import PathSetSampler, counter_hash, pixel_place
+from glpath.sampling.points import PathSetSampler, counter_hash, pixel_sample
 from glpath.scene.model import Scene
 from glpath.sensors.sensor import CameraSensor
 
@@ -76,7 +76,7 @@ class WhittedTracer(Engine):
         return self
 
     def change_scene(self, scene: Scene) -> None:
-        """Go on with another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
+        """Take another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
         self._count_shadow_buffer()
         same = self.scene.geometry_digest
         self._moving = scene if scene.moving_shapes else None
@@ -97,7 +97,7 @@ class WhittedTracer(Engine):
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
-        objects, pixel = self.scene, pixel_place(self.settings.seed, index)
+        objects, pixel = self.scene, pixel_sample(self.settings.seed, index)
         # An endless plane may be nearer than what has a size.
         ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
         eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
@@ -122,7 +122,7 @@ class WhittedTracer(Engine):
             self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:
-        """What the lights see; nothing to do where it was filled before and neither light nor object has moved."""
+        """Fill the shadow-buffers, unless they are and neither light nor object has moved."""
         if self.shadow_buffer is None:
             return
         with self.stopwatch.stage("shadow-buffer"):
@@ -144,18 +144,18 @@ class WhittedTracer(Engine):
         self._sums.path_set_added()
 
     def take(self) -> NDArray[np.float64]:
-        taken = super().take()
+        readback = super().take()
         if self._moving is not None:
-            taken = self._held + taken
+            readback = self._held + readback
             self._held[:] = 0.0
-        return taken
+        return readback
 
     def take_aovs(self) -> dict[str, NDArray[Any]]:
         found, self._held_aovs = self._with_held(), {}
         return found
 
     def _with_held(self) -> dict[str, NDArray[Any]]:
-        """What is on the device of them, and what was held when objects moved."""
+        """The objects on the device, with what was held when objects moved."""
         found = super().take_aovs()
         for name, held in self._held_aovs.items():
             if name == SHAPES:  # a picture for each path set
@@ -177,10 +177,9 @@ class WhittedTracer(Engine):
         super().forget_statistics()
         self._tests = _no_tests()
 
-    # What the frame is made of.
+    # The parts of the frame.
 
     def _light_samples(self, index: int) -> Uniforms:
-        """The light points of a path set, which shaders/lights/light_samples.glsl reads."""
         lighting, n = self._area_lighting, self.settings.light_samples
         if lighting.dark:
             return {}
@@ -270,7 +269,7 @@ class WhittedTracer(Engine):
             shadow_rays += settings.light_samples
         return settings.max_depth * (1 + shadow_rays) * loop
 
-    def _count(self, taken: Taken) -> None:
+    def _count(self, readback: Readback) -> None:
         if not self.count_tests:
             return
         assert self._ray_tests is not None, "made where tests are counted"
@@ -299,11 +298,11 @@ def _check_shadows(scene: Scene) -> None:
     if blended:
         raise SceneError(
             f'{scene.source or scene.name}: the materials {", ".join(blended)} have alpha = "blend", which is '
-            "there by chance; a shadow-buffer is filled once for all path sets.",
+            "stochastic; a shadow-buffer is filled once for all path sets.",
             'Take shadows "rays", or alpha = "mask".',
         )
 
 
 def _air(scene: Scene) -> Uniforms:
-    """What is there without any object: ambient light and the sky."""
+    """The radiance without any object: ambient light and the sky."""
     return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky)}

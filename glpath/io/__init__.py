@@ -1,4 +1,4 @@
-"""Readers and writers of scenes and models, and the scenes that ship: what stands between files and the model."""
+"""Readers and writers of scenes and models, and the scenes that ship: all between files and the model."""
 
 from glpath.io.description import scene_schema
 from glpath.io.from_python import AnyScene

@@ -54,7 +54,7 @@ class Assets:
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
-    _said: set[str] = field(default_factory=set)
+    _reported: set[str] = field(default_factory=set)
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
@@ -109,8 +109,8 @@ class Assets:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
             for note in model.notes:
                 text = f"{model.source}: not used: {note}"
-                if text not in self._said:
-                    self._said.add(text)
+                if text not in self._reported:
+                    self._reported.add(text)
                     warn(text)
             self._read[path, time] = _Read(model, len(self.materials))
             first = len(self.textures)

@@ -1,6 +1,6 @@
 """From the typed data of a scene file to the `Scene`: shapes become primitives, names become indices.
 
-What the types cannot say is checked here, each with the place: materials that do not exist, quads that are not
+What the types cannot say is checked here, each with its location: materials that do not exist, quads that are not
 planar, boxes turned inside out, triangles without area.
 """
 
@@ -29,10 +29,10 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 
-# Of a quad's diameter; more than the rounding of coordinates written with three digits.
+# In quads' diameters; more than the rounding of coordinates written with three digits.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
-# Of cameras that have none; what a perspective one has by default.
+# The aspect of cameras without one, the default of a perspective one.
 _FOV = 40.0
 
 
@@ -194,7 +194,7 @@ def _plane(given: description.Plane, location: SourceLocation) -> Float64:
             raise location.field("u").wrong(
                 given.u,
                 f"a direction in the plane, not along its normal {shown(given.normal)}",
-                "It is the way in which the texture coordinate u grows.",
+                "It is the direction in which the texture coordinate u grows.",
             )
     across = np.cross(normal, along)
     world = _world(given, location)
@@ -221,7 +221,7 @@ def _stream(
 ) -> Stream:
     if not isinstance(given.emission, UnsetType):
         raise location.field("emission").error(
-            "makes a stream a light, but light points are drawn from triangles in memory.",
+            "makes a stream a light, but light samples are drawn from triangles in memory.",
             "Make the parts that shine a mesh, or several.",
         )
     if material.needs_uv or material.alpha != "opaque":
@@ -321,7 +321,7 @@ def _check_quad(corners: Float64, location: SourceLocation) -> None:
     bad = np.flatnonzero(turns <= FLAT * diameter**2)
     if len(bad):
         raise location.error(
-            f"is not convex: the outline does not turn the same way at corner {bad[0]} as at the others.",
+            f"is not convex: the outline does not turn in the same sense at corner {bad[0]} as at the others.",
             "List the corners around the outline, not crosswise; split an outline with a dent into several shapes.",
         )
 

@@ -1,4 +1,4 @@
-"""What a scene gets that does not say it: a camera that sees everything, and light from all around."""
+"""Defaults of a scene without camera or light: a camera that sees everything, and light from all around."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from glpath.scene.source_location import shown
 RESOLUTION = (512, 512)
 #: Stands in until a scene has its own.
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
-#: What of a scene has no part in what is done with it.
+#: Unused parts of a scene.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
 
@@ -64,7 +64,7 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     emitters = [shape for shape in scene.shapes if shape.emits]
     lamps = emitters if glow_is_light else [shape for shape in emitters if not _glows(scene, shape)]
     is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0) or lamps)
-    # What is unlit all over is seen without light.
+    # A scene of unlit materials alone is seen without light.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     if needs_light and not is_lit:
         scene = replace(scene, sky=uniform_sky(assumed=True))

@@ -1,4 +1,4 @@
-"""Materials, colours and lights of trimesh's objects. trimesh is not imported here: who has one has done so.
+"""Materials, colours and lights of trimesh's objects. trimesh is not imported here: the caller has done so.
 
 Its colours of 8 bits are sRGB's, but for those of `PBRMaterial` and what comes with it, which are linear as glTF's
 are. What a `PBRMaterial` does not say is glTF's default: of metal, and all rough.
@@ -64,7 +64,7 @@ def _rgba(colours: Any, *, srgb: bool) -> Float64:
 
 @dataclass
 class Surfaces:
-    """Those of meshes of trimesh, and their textures, each made once."""
+    """The materials of meshes of trimesh, and their textures, each made once."""
 
     textures: list[Texture] = field(default_factory=list)
     _surfaces: dict[tuple[int, bool, bool], Surface] = field(default_factory=dict)
@@ -109,7 +109,7 @@ class Surfaces:
         return Surface(material, np.asarray(emission, np.float64)[:3])
 
     def _phong(self, given: Any, with_colours: bool) -> Surface:
-        """Of a `SimpleMaterial`; any other of trimesh's has a main colour."""
+        """The material of a `SimpleMaterial`; any other of trimesh's has a main colour."""
         texture = self._slot(getattr(given, "image", None), srgb=True)
         diffuse = np.asarray(getattr(given, "diffuse", given.main_color))
         base, opacity = decode_srgb(phong.share(diffuse[:3] / 255)), float(diffuse[3] / 255)
@@ -147,7 +147,7 @@ def _share(value: Any) -> float:
 
 
 def lights(scene: Any) -> tuple[list[Light], list[str]]:
-    """Those that a `trimesh.Scene` was given, in cd and lx as those of glTF; and names of others.
+    """The lights that a `trimesh.Scene` was given, in cd and lx as glTF has them; and names of others.
 
     They look along -z of their nodes.
     """

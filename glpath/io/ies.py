@@ -9,8 +9,8 @@
     0                          C: 0 alone, or to 90, 180 or 360: the rest follows by symmetry
     1000 700 0                 candela, gamma by gamma, for each C
 
-Taken are candela times multiplier, ballast factor and ballast lamp factor. The size of the luminaire is not: it is
-a point. Numbers may be parted by commas, and break lines anywhere.
+The values are candela times multiplier, ballast factor and ballast lamp factor. The size of the luminaire is not
+used: it is a point. Numbers may be parted by commas, and break lines anywhere.
 
 Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for what files in use look like.
 """
@@ -70,7 +70,7 @@ class _Reader:
     """The numbers of a file, one after another, with the line of each."""
 
     def __init__(self, text: str, path: Path | str, location: SourceLocation) -> None:
-        self._path, self._place = path, location
+        self._path, self._location = path, location
         self._lines = text.splitlines()
         self._line = 0  # of the last number, from 1
         self._numbers: list[tuple[str, int]] = []
@@ -130,14 +130,14 @@ class _Reader:
         return tilt
 
     def _skip_tilt(self) -> None:
-        self._number("the lamp's place in the luminaire")
+        self._number("the lamp's position in the luminaire")
         count = self._count("tilt", 1)
         for _ in range(count):
             self._number("an angle of tilt")
         factors = [self._number("a factor of tilt", 0.0) for _ in range(count)]
         if any(factor != 1 for factor in factors):
             warn(
-                f"{self._place}: the light of {self._path} depends on how its lamp is tilted (TILT=INCLUDE); "
+                f"{self._location}: the light of {self._path} depends on how its lamp is tilted (TILT=INCLUDE); "
                 "it is taken as measured."
             )
 
@@ -163,14 +163,14 @@ class _Reader:
         self._next += 1
         return word
 
-    def _number(self, what: str, least: float = -math.inf) -> float:
+    def _number(self, what: str, minimum: float = -math.inf) -> float:
         word = self._word(what)
         try:
             number = float(word)
         except ValueError:
             self._wrong(f"{word[:20]!r} where {what} is expected")
-        if not math.isfinite(number) or number < least:
-            self._wrong(f"{word[:20]} where {what} is expected{'' if least < 0 else ', 0 or more'}")
+        if not math.isfinite(number) or number < minimum:
+            self._wrong(f"{word[:20]} where {what} is expected{'' if minimum < 0 else ', 0 or more'}")
         return number
 
     def _factor(self, what: str) -> float:
@@ -179,17 +179,17 @@ class _Reader:
             self._wrong(f"0 as {what}: no light")
         return number
 
-    def _count(self, what: str, least: int) -> int:
+    def _count(self, what: str, minimum: int) -> int:
         number = self._number(f"the number of {what} angles")
-        if not (number.is_integer() and least <= number <= MAX_ANGLES):
-            self._wrong(f"{number:g} {what} angles; expected {least} to {MAX_ANGLES}")
+        if not (number.is_integer() and minimum <= number <= MAX_ANGLES):
+            self._wrong(f"{number:g} {what} angles; expected {minimum} to {MAX_ANGLES}")
         # Each is a word of the file.
         if number > len(self._numbers) - self._next:
             self._wrong(f"{number:g} {what} angles, but only {len(self._numbers) - self._next} words follow")
         return int(number)
 
     def _wrong(self, found: str, remedy: str = "") -> NoReturn:
-        raise self._place.error(
+        raise self._location.error(
             f"names {self._path}, which cannot be used: line {self._line} has {found}.",
             remedy or "Take a whole file of the maker's, or open it in a viewer of photometric files.",
         )
@@ -233,11 +233,11 @@ def _on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfi
     return LightProfile(np.ascontiguousarray(grid), span)
 
 
-def _steps(angles: Float64, span: float, most: int) -> int:
+def _steps(angles: Float64, span: float, max_steps: int) -> int:
     """Into how many equal parts a span of angles is divided, so that each of them is at an end of one."""
     parts = np.rint(np.diff(angles) * _PARTS).astype(np.int64)
     if np.allclose(np.cumsum(parts) / _PARTS, angles[1:] - angles[0], rtol=0, atol=1e-6) and np.all(parts > 0):
         steps = round(span * _PARTS) // int(np.gcd.reduce(parts))
-        if steps <= most:
+        if steps <= max_steps:
             return int(steps)
-    return most
+    return max_steps

@@ -34,7 +34,7 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
-#: Of the files that are scenes.
+#: Suffixes of scene files.
 SCENE_SUFFIXES = (".toml", *MODEL_FORMATS)
 
 
@@ -57,10 +57,10 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  parameter's type
 
     What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
-    white sky; a SceneWarning says so, and one each what of a model is not used. The picture of a model's camera has
+    white sky; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has
     its aspect and 512 pixels on the longer side, any other 512 x 512.
 
-    Raises SceneError, which names the file, the place in it, what was found and what is allowed. Warns with
+    Raises SceneError, which names the file, the location in it, what was found and what is allowed. Warns with
     SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
     """
     if isinstance(scene, Scene):
@@ -164,7 +164,7 @@ def furnace(
 
     Every wall emits `radiance` to the inside and reflects `reflectance`, so that the radiance anywhere, in any
     direction, is the geometric series radiance * (1 + reflectance + reflectance² + ...); with a maximum depth of d
-    the terms up to reflectance^d. The shape does not matter as long as it is closed. The camera is inside and
+    the terms up to reflectance^d. Any closed shape will do. The camera is inside and
     off-centre.
     """
     emission = {"radiance": radiance}
@@ -199,7 +199,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 def _made(
     make: Callable[..., _Made], location: SourceLocation, parameters: Mapping[str, object], *given: Path
 ) -> _Made:
-    """What `make` makes of parameters that may be text, which its hints describe, after the arguments `given`."""
+    """Call `make` with the arguments `given`, then parameters, which may be text, converted by its hints."""
     known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
     values = {}

@@ -27,7 +27,7 @@ MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 def lights(
     given: Sequence[AnyLight], location: SourceLocation, folder: Path, camera_up: Float64, scene_unit: Unit
 ) -> tuple[Light, ...]:
-    """Those of the file, in the unit of the scene. Raises SceneError.
+    """The lights of the file, in the unit of the scene. Raises SceneError.
 
     location, folder : of their list; where relative paths start
     """

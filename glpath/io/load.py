@@ -1,6 +1,6 @@
 """A scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
 
-msgspec says what is wrong and where; here its errors get the words of the scene format: the place as
+msgspec says what is wrong and where; here its errors get the words of the scene format: the location as
 `file: shapes[3].material`, what was found, what is allowed, and the description of the field as the remedy.
 """
 
@@ -302,7 +302,7 @@ def _in_words(
 
 
 def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
-    """What to do about a field that there is not: what it is called here, or which type has it."""
+    """The remedy for an unknown field: its name here, or the type that has it."""
     if name.lower() in _LIGHT and "reflectance" in allowed:
         return "Light is of shapes: emission = { radiance = [r, g, b] } in a [[shapes]] table."
     if meant := meant_by(name, allowed):

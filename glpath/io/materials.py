@@ -37,7 +37,7 @@ FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 def materials(
     given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], location: SourceLocation
 ) -> tuple[Material, ...]:
-    """Those of the file; `location` is their table's. Raises SceneError."""
+    """The materials of the file; `location` is their table's. Raises SceneError."""
     return tuple(_material(name, each, texture_number, location.field(name)) for name, each in given.items())
 
 
@@ -125,7 +125,7 @@ def _slot(
 
 
 class _Use(NamedTuple):
-    """What materials do with a texture: look through its alpha; take it for colours; take it for light alone."""
+    """Uses of a texture by materials: its alpha; colours; light alone."""
 
     alpha: bool
     colour: bool
@@ -139,7 +139,9 @@ def textures(
     folder: Path,
     heights: Collection[str] = (),
 ) -> tuple[Texture, ...]:
-    """Those of the file; `location` is their table's, `folder` where relative paths start. Raises SceneError.
+    """The textures of the file; `location` is their table's, `folder` the base of relative paths.
+
+    Raises SceneError.
 
     used_by : materials by name: those that look through alpha, and those that read what is no colour
     heights : names of those that displace surfaces

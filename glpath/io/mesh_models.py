@@ -55,9 +55,9 @@ class _Reader:
         ):  # which trimesh hands out from the last to the first
             number, mesh = self._number(loaded), mesh_of_loaded(loaded, self.path)
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
-                told = which(self.path, self.location)
+                prefix = which(self.path, self.location)
                 raise self.location.error(
-                    f"{told}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
+                    f"{prefix}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Choose a larger unit of length.",
                 )
             if plain is not None and number >= 0:
@@ -88,7 +88,7 @@ class _Reader:
         )
 
     def _number(self, loaded: Any) -> int:
-        """Of its material in an OBJ; -1 without."""
+        """The number of its material in an OBJ; -1 without."""
         name = str(getattr(getattr(loaded.visual, "material", None), "name", ""))
         return int(name) if self.file.obj is not None and name.isdecimal() else -1
 
@@ -108,7 +108,7 @@ class _Reader:
         return replace(surface, material=material)
 
     def _plain(self, mesh: Mesh, loaded: Any) -> tuple[Mesh, Surface]:
-        """What has no material is grey, or of its colours, or of the texture of a PLY."""
+        """A mesh without a material is grey, or has its colours, or the texture of a PLY."""
         mesh = coloured(mesh, loaded)
         # Colours beside a texture are the same again, as scanners' programs write them.
         if self.file.texture is not None:

@@ -39,14 +39,14 @@ _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
 _SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
-#: What describes the geometry of a mesh in a dictionary.
+#: Keys of the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
 
 def inline_mesh(
     vertices: list[tuple[float, float, float]], faces: list[list[int]], location: SourceLocation
 ) -> Mesh:
-    """Of vertices, and faces of three or four of them; `location` is the shape's. Raises SceneError."""
+    """The mesh of vertices, and faces of three or four of them; `location` is the shape's. Raises SceneError."""
     for name, given in (("vertices", vertices), ("faces", faces)):
         if not given:
             raise location.field(name).error("is empty, but a mesh needs three vertices and one face.")
@@ -104,7 +104,7 @@ def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
 def mesh_of_arrays(
     vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, location: SourceLocation
 ) -> Mesh:
-    """Of vertices (V, 3), faces (F, 3) or (F, 4) and texture coordinates (V, 2). Raises SceneError.
+    """The mesh of vertices (V, 3), faces (F, 3) or (F, 4), texture coordinates (V, 2). Raises SceneError.
 
     Faces of four are split along the line from the first vertex to the third. `location` is the shape's.
     """
@@ -175,7 +175,7 @@ def _joined(parts: list[Float64 | None]) -> Float64 | None:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """What trimesh makes of a file.
+    """A file as trimesh loads it.
 
     meshes   : objects of trimesh, each with faces
     obj      : the file in plain form, where it is an OBJ
@@ -192,7 +192,7 @@ class MeshFile:
 
 
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
-    """What a file holds. `location` and errors as of `read_mesh`.
+    """The contents of a file. `location` and errors as of `read_mesh`.
 
     colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
     """
@@ -230,7 +230,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
 
 
 def which(path: Path, location: SourceLocation) -> str:
-    """How a sentence about a file begins where `location` names it: with its name, but not of a model by itself."""
+    """How a sentence about a file begins where `location` names it: with its name, but not of a model alone."""
     return "" if location == SourceLocation(str(path)) else f"names {path}, which "
 
 
@@ -253,10 +253,10 @@ def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
 
 
 def _given_normals(mesh: Any) -> Any:
-    """Those of the vertices of a mesh of trimesh, which it was given; None without.
+    """The vertex normals that a mesh of trimesh was given; None without.
 
     The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
-    exporters ask in this way).
+    exporters ask so).
     """
     return mesh.vertex_normals if "vertex_normals" in mesh._cache else None
 

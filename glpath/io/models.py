@@ -26,7 +26,7 @@ from glpath.scene.check import check_camera
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 
-#: Of the files that are read as models.
+#: Suffixes of files that are read as models.
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
 
 

@@ -16,7 +16,7 @@ from glpath.scene.source_location import SourceLocation
 
 
 def camera_keys(given: description.View) -> tuple[CameraKey, ...]:
-    """Of a camera; `check_camera` judges them."""
+    """The keys of a camera; `check_camera` judges them."""
 
     def of(key: description.CameraKey, name: str) -> Float64:
         own = getattr(key, name)

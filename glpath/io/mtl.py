@@ -4,7 +4,7 @@ Colours are linear, as Blender writes them. What the statements become:
 
     Kd map_Kd             reflectance and its texture
     Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
-    Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, in place of Ks and Ns; map_Pr and map_Pm multiply
+    Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, instead of Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended
     illum 4, 6, 7, 9      glass of index Ni and colour Tf, where d or Tf lets light through (6 and 7: always); that
                           of 6 and 7 refracts. Sharp, as in the ray tracers that these were made for
@@ -31,7 +31,7 @@ from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import check_file
 
-#: Of one material library.
+#: In one material library.
 MAX_BYTES = 2**28
 _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
 # How many words follow an option of a texture; -o, -s and -t have one to three numbers.
@@ -125,8 +125,6 @@ class Library:
 
 @dataclass
 class _Reader:
-    """One material."""
-
     library: Library
     name: str
     written: dict[str, list[str]]
@@ -184,7 +182,7 @@ class _Reader:
             white = np.full(size, 255, np.uint8)
             # As glTF has them: roughness in green, metal in blue.
             channels = [white, *(white if each is None else resized(_grey(each), size) for each in (rough, metal))]
-            self._same_place(rough, metal, "map_Pr and map_Pm")
+            self._same_slot(rough, metal, "map_Pr and map_Pm")
             key = ("surface", *(None if each is None else (each.name, each.channel) for each in (rough, metal)))
             fields["surface_texture"] = self.library.slot(key, np.stack(channels, axis=2), given, False)
         return fields
@@ -195,7 +193,7 @@ class _Reader:
             return _number(values[0], 1.0)
         transparency = self._number("tr", 0.0)
         if transparency == 1:
-            # Some programs write opacity as Tr. Nobody means a surface that is not there.
+            # Some programs write opacity as Tr. An invisible surface is never meant.
             self.library.notes["Tr of 1 without d, by which a surface would not be there: it is opaque."] = None
             return 1.0
         return 1.0 - transparency
@@ -230,7 +228,7 @@ class _Reader:
             colours = np.full((*coverage.shape, 3), 255, np.uint8)
         else:
             colours = _bytes(base.image)[..., :3]
-            self._same_place(base, alpha, "map_Kd and map_d")
+            self._same_slot(base, alpha, "map_Kd and map_d")
         image = np.dstack([colours, resized(coverage, colours.shape[:2])])
         key = (None if base is None else base.name, "alpha", alpha.name, alpha.channel)
         return self.library.slot(key, image, base or alpha, True)
@@ -251,12 +249,11 @@ class _Reader:
     def _slot(self, given: _Map | None, *, srgb: bool) -> TextureSlot | None:
         return None if given is None else self.library.slot((given.name,), given.image[..., :3], given, srgb)
 
-    def _same_place(self, first: _Map | None, second: _Map | None, names: str) -> None:
+    def _same_slot(self, first: _Map | None, second: _Map | None, names: str) -> None:
         if first is not None and second is not None and not np.array_equal(first.matrix, second.matrix):
             self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
 
     def _map(self, keyword: str) -> _Map | None:
-        """The texture of a statement with its options."""
         words = list(self.written.get(keyword, ()))
         scale, offset = np.ones(2), np.zeros(2)
         clamped, channel, multiplier = False, None, 1.0

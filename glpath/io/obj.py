@@ -17,7 +17,7 @@ from glpath.scene.source_location import SourceLocation
 _USED = {"v": 3, "vt": 2, "vn": 3}
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
-# What trimesh is given beside them and faces.
+# Statements for trimesh beside vertices and faces.
 _KEPT = ("o", "g", "usemtl")
 
 
@@ -80,7 +80,7 @@ def plain(content: bytes, source: str) -> Plain:
 
 
 class NamesOnly:
-    """What trimesh asks for material libraries: the numbers of `Plain.materials`, so that it tells them apart.
+    """A resolver for trimesh's material libraries: the numbers of `Plain.materials`, so that it keeps them apart.
 
     With it trimesh opens no file, whatever the OBJ names.
     """

@@ -1,4 +1,4 @@
-"""What other programs and formats call the fields of a scene file, for the remedy of an error."""
+"""Other programs' and formats' names of a scene file's fields, for the remedy of an error."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def patch_surface(
 ) -> PatchSurface:
     """The surface of a shape's table. Raises SceneError.
 
-    camera : which decides how finely it is divided, where that is said in pixels
+    camera : which decides how finely it is divided, where that is given in pixels
     world  : (3, 4) world_from_shape
     """
     patches = _control(given, location)
@@ -116,17 +116,17 @@ def _control(given: description.Patches, location: SourceLocation) -> Patches:
 def _heights(given: description.Patches, location: SourceLocation, textures: Sequence[Texture]) -> Heights | None:
     if isinstance(given.displacement, UnsetType):
         return None
-    said = given.displacement
+    displacement = given.displacement
     found = {texture.name: texture for texture in textures}
-    if said.texture not in found:
+    if displacement.texture not in found:
         raise unknown(
             "texture",
-            said.texture,
+            displacement.texture,
             list(found),
             location.field("displacement").field("texture"),
             'file = "height.png"',
         )
-    return TextureHeights(found[said.texture], said.scale, said.offset)
+    return TextureHeights(found[displacement.texture], displacement.scale, displacement.offset)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from glpath.scene.model import Float64
 
-#: Of glass of index 1.5 at normal incidence, which `Material.specular_colour` multiplies.
+#: Reflectance of glass of index 1.5 at normal incidence, which `Material.specular_colour` multiplies.
 F0 = 0.04
 
 

@@ -19,9 +19,9 @@ from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.system.files import check_file, reason_of
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
-# Of Pillow's names; its other formats are seldom textures, and some of them run other programs.
+# Pillow's names; its other formats are seldom textures, and some of them run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
-#: Of all pictures of a model together.
+#: For all pictures of a model together.
 MAX_BYTES = 2**33
 _WINDOWS_DRIVE = re.compile(r"[A-Za-z]:")
 
@@ -51,7 +51,7 @@ def inside(folder: Path, name: str) -> Path:
 
 @dataclass
 class Pictures:
-    """Those of one model, each read once."""
+    """The pictures of one model, each read once."""
 
     folder: Path
     _known: dict[Path, Image | UnusableError] = field(default_factory=dict)

@@ -7,7 +7,7 @@ import numpy as np
 from glpath.errors import warn
 from glpath.scene.geometry import Float64
 
-#: Of the diagonal of what a file holds: a larger step between neighbouring numbers is told.
+#: In diagonals of a file's geometry: a larger step between neighbouring numbers is reported.
 COARSE = 1e-4
 
 
@@ -17,12 +17,12 @@ def step_at(low: Float64, high: Float64) -> float:
 
 
 def warn_of_steps(source: object, step: float, low: Float64, high: Float64) -> None:
-    """Warn where a step is coarse beside the box between two corners (3,); `source` names the file."""
+    """Warn where a step is coarse compared with the box between two corners (3,); `source` names the file."""
     if not step > COARSE * float(np.linalg.norm(high - low)):
         return
     farthest = max((*low, *high), key=abs)
     warn(
         f"{source} its vertices are numbers of 32 bits, which are {step:g} apart at {farthest:,.0f}, so far "
-        f"from the origin: surfaces are out of place by up to {0.5 * step:g} scene units. Write the file nearer "
+        f"from the origin: surfaces are off by up to {0.5 * step:g} scene units. Write the file nearer "
         "to it (glTF: with a translation of a node), or in a format with more digits: OBJ, or PLY of doubles."
     )

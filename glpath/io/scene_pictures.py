@@ -20,15 +20,15 @@ def stored_picture(
     path: Path,
     what: str,
     formats: Sequence[str],
-    most_pixels: int,
+    max_pixels: int,
     location: SourceLocation,
     read: Callable[[Path], _Picture],
 ) -> _Picture:
-    """What `read` has of a picture that a scene file names. Raises SceneError.
+    """A picture that a scene file names, by `read`. Raises SceneError.
 
     what        : "a texture", "an environment map"
     formats     : the suffixes that it may have
-    most_pixels : in all
+    max_pixels : in all
     read        : of `glpath.film.image`, which raises ImageError
     """
     if path.suffix.lower() not in formats:
@@ -42,10 +42,10 @@ def stored_picture(
         )
     try:
         width, height = picture_size(path)
-        if max(width, height) > MAX_TEXTURE_SIDE or width * height > most_pixels:
+        if max(width, height) > MAX_TEXTURE_SIDE or width * height > max_pixels:
             raise location.error(
                 f"names the picture {path} of {width:,} x {height:,} pixels, but {what} has at most "
-                f"{MAX_TEXTURE_SIDE:,} pixels a side and {most_pixels:,} in all.",
+                f"{MAX_TEXTURE_SIDE:,} pixels a side and {max_pixels:,} in all.",
                 "Make the picture smaller, or cut out what is needed.",
             )
         return read(path)

@@ -26,7 +26,7 @@ CHUNK = 1 << 15
 
 
 class Chunks(Protocol):
-    """Who makes triangles when asked, in pieces that fit into memory; the same ones each time.
+    """A source of triangles in pieces that fit into memory; the same ones each time.
 
     `chunk(i)` is the corners (F, 3, 3) of piece i, or vertices (V, 3) and faces (F, 3) that share them, as numpy
     arrays, in the shape's own space; counter-clockwise seen from the front.
@@ -129,7 +129,7 @@ class _Placed:
 
 
 def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, location: SourceLocation) -> Stream:
-    """The stream of chunks that a map (3, 4) places. Raises SceneError.
+    """The stream of chunks under a map (3, 4). Raises SceneError.
 
     reverse : turn the fronts to the other side
     location   : the shape's, for errors

@@ -25,7 +25,7 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
 
 
 def mirrors(matrix: Float64) -> bool:
-    """Whether a triangle's corners run the other way round after it, so that its front would be its back.
+    """Whether it reverses the order of a triangle's corners, so that its front would be its back.
 
     Not by LAPACK, which divides by pivots however small a rotation makes them.
     """

@@ -1,4 +1,4 @@
-"""Colours, directions and file names of a scene file: what its types cannot check, with the place in the file."""
+"""Colours, directions and file names of a scene file: what its types cannot check, with the location."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from glpath.errors import SceneError
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
-# What a GPU can still square in 32 bits without overflow, and far from what anybody means.
+# The largest number that a GPU squares in 32 bits without overflow, far beyond sensible ones.
 LARGEST = 1e15
 # And without underflow.
 SMALLEST = 1e-15
@@ -61,7 +61,7 @@ def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation
 
 
 def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
-    """What lies where a file of these suffixes was not found, the most alike first; `kind` begins the sentence."""
+    """The files of these suffixes beside one not found, the most alike first; `kind` begins the sentence."""
     if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]

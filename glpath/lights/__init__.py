@@ -1,1 +1,1 @@
-"""All lights of a scene asked in one way: samples, densities, what each sends."""
+"""All lights of a scene asked through one interface: samples, densities, what each sends."""

@@ -1,4 +1,4 @@
-"""All the light of a scene, asked in one way: a light sample, its density, and what punctual lights send.
+"""The light of a scene, asked through one interface: a light sample, its density, and what punctual lights send.
 
 Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
 the sky. A light is chosen by the power that it sends towards the scene, or, half of the time, as any other; a point
@@ -55,7 +55,7 @@ class Lighting:
 
     cdf              : (L + 1,) cumulated probability of the lights: emitting sides, punctual lights, the sky; (1,)
                        for a scene without light
-    triangle_density : (T,) per area, of a light point on the triangle (on either side, where both emit); 0: dark
+    triangle_density : (T,) per area, of a light sample on the triangle (on either side, where both emit); 0: dark
     centre, radius   : a sphere about the scene, towards which lights are weighed
     """
 
@@ -89,7 +89,7 @@ class Lighting:
         power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        # What reaches the whole scene says little of what is seen of it: a lamp over a wide ground under the sky,
+        # Power sent to the whole scene says little about what is seen: a lamp over a wide ground under the sky,
         # which lights all that is looked at, sends a hundredth of the power. So no light is more than twice as rare
         # as if all were alike, nor than by its power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
@@ -135,7 +135,7 @@ class Lighting:
         return any(light.kind != "directional" for light in self.punctual)
 
     @property
-    def sky_density_scale(self) -> float:
+    def sky_pdf_scale(self) -> float:
         """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
         if self.sky is None:
             return 0.0
@@ -148,7 +148,7 @@ class Lighting:
     def samples(self, u: ArrayLike) -> LightSamples:
         """Light samples from u (N, 3) in [0, 1): u[:, 0] chooses the light, the others a point or direction of it.
 
-        Within a shape, a primitive is chosen by area with the same random number that then places the point, so
+        Within a shape, a primitive is chosen by area with the same random number that then positions the point, so
         that a quad keeps a two-dimensional stratification.
         """
         assert not self.dark, "no light to sample"
@@ -177,7 +177,7 @@ class Lighting:
     def sky_density(self, directions: ArrayLike) -> Float64:
         """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
-        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_density_scale)
+        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_pdf_scale)
 
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
         """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""
@@ -242,7 +242,7 @@ def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float6
 
 
 def max_radiance(scene: Scene) -> float:
-    """Radiance of bright places: lamps, the sky, and white surfaces half of which are nearer to a light.
+    """Radiance of bright surfaces: lamps, the sky, and white surfaces half of which are nearer to a light.
 
     For the quantum of sums, which have room above it.
     """
@@ -253,8 +253,8 @@ def max_radiance(scene: Scene) -> float:
         square = 1.0
         if light.kind != "directional" and light.falloff == "quadratic":
             square = _typical_distance(scene, light.position) ** 2
-        most = 1.0 if light.profile is None else light.profile.max
-        values.append(most * float(light.intensity.max()) / (np.pi * square))
+        peak = 1.0 if light.profile is None else light.profile.max
+        values.append(peak * float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
 
 
@@ -329,7 +329,7 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
             radiance = np.asarray(own @ each / area)
             if not np.any(radiance > 0):
                 continue
-            # What the points of the means have missed is not as dark as it seems.
+            # Parts that the points of the means have missed are not as dark as they seem.
             power = own * each.mean(axis=1)
             weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
         cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])

@@ -1,4 +1,4 @@
-"""Samples of light, whatever they are of, and what a punctual light sends: the words in which `lighting` answers.
+"""Samples of light, whatever they are of, and what a punctual light sends: the types of `lighting`'s results.
 
 Source:   PB 3.3 and A.3.
 """
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from glpath.scene.model import Float64, Light, Scene
 
 Kind = Literal["point", "spot", "directional", "area", "sky"]
-#: Their numbers in GLSL are their places here.
+#: Their numbers in GLSL are their indices here.
 LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
 
 
@@ -24,14 +24,14 @@ class LightSample:
 
     kind      : of the light
     position  : (3,) of an area light's point, a point light and a spot; of no meaning for the others
-    direction : (3,) unit, the way the light goes: the normal of the side that emits, a spot's axis, the parallel
+    direction : (3,) unit, in which light travels: the normal of the side that emits, a spot's axis, the parallel
                 light of a directional light or of this part of the sky; of no meaning for a point light
     radiance  : (3,) W sr^-1 m^-2 of area light and sky; else `Light.intensity`, W sr^-1 or W m^-2
     density   : the probability of the light, times the density per area of an area light's point, or per solid
                 angle of the sky's direction
     cone      : of a spot, the cosines of the angles of full light and of its end
     quadratic : light of a point or spot falls off with the square of the distance
-    profile   : of a point light with a profile its place in `profiled_lights` + 1; 0 without
+    profile   : of a point light with a profile its index in `profiled_lights` + 1; 0 without
     """
 
     kind: Kind
@@ -60,7 +60,7 @@ class LightSample:
 class LightSamples:
     """N light samples, the fields of `LightSample` as arrays; `samples[i]` is one of them.
 
-    kind                        : (N,) places in LIGHT_KINDS
+    kind                        : (N,) indices in LIGHT_KINDS
     position, direction, radiance : (N, 3) float64
     density                     : (N,) float64
     cone                        : (N, 2) float64
@@ -86,14 +86,14 @@ class LightSamples:
 
     @classmethod
     def dark(cls, n: int) -> LightSamples:
-        """Of a scene without light: black points."""
+        """The samples of a scene without light: black points."""
         samples = cls.empty(n)
         samples.kind[:] = LIGHT_KINDS.index("area")
         samples.direction[:] = (0.0, 0.0, 1.0)
         return samples
 
     def put_punctual(self, which: NDArray[np.intp], light: Light, chance: float, profile: int) -> None:
-        """The same punctual light at all these places; profile: as of `LightSample`."""
+        """The same punctual light for all these samples; profile: as of `LightSample`."""
         self.kind[which] = LIGHT_KINDS.index(light.kind)
         self.position[which] = light.position
         self.direction[which] = light.direction
@@ -143,21 +143,21 @@ def profiled_lights(scene: Scene) -> tuple[Light, ...]:
 
 
 def profile_number(scene: Scene, light: Light) -> int:
-    """Of one of the scene's lights its place in `profiled_lights` + 1; 0 without a profile."""
+    """The index of one of the scene's lights in `profiled_lights` + 1; 0 without a profile."""
     if light.profile is None:
         return 0
     return 1 + next(i for i, other in enumerate(profiled_lights(scene)) if other is light)
 
 
 def incident(light: Light, positions: Float64) -> Incident:
-    """What a punctual light sends to positions (N, 3). `shaders/lights/punctual.glsl` is the same for the GPU."""
+    """The light of a punctual light at positions (N, 3). `shaders/lights/punctual.glsl` is the same for the GPU."""
     n = len(positions)
     if light.kind == "directional":
         wi = np.broadcast_to(-light.direction, (n, 3))
         return Incident(wi, np.full(n, np.inf), np.broadcast_to(light.intensity, (n, 3)))
-    way = light.position - positions
-    distance = np.linalg.norm(way, axis=1)
-    wi = way / np.maximum(distance, np.finfo(float).tiny)[:, None]
+    to_light = light.position - positions
+    distance = np.linalg.norm(to_light, axis=1)
+    wi = to_light / np.maximum(distance, np.finfo(float).tiny)[:, None]
     strength = np.ones(n)
     if light.falloff == "quadratic":
         strength /= np.maximum(distance, np.finfo(float).tiny ** 0.5) ** 2

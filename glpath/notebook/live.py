@@ -2,7 +2,7 @@
 
 While the camera moves, path sets of an image of half or a quarter of the pixels along a side are traced, as many as
 the time for a frame holds and never so few that single shadows show. When it rests the whole image is traced from
-its first path set on, and takes the coarse one's place when it has as many.
+its first path set on, and replaces the coarse one when it has as many.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _STILL_SECONDS = 1 / 4
 _RESTS_AFTER = 0.25
 #: By how much the sides of a moving image may be shorter.
 _REDUCTIONS = (1, 2, 4)
-#: Path sets of a moving image, at least: each has one light point and one pair of directions for all pixels.
+#: Path sets of a moving image, at least: each has one light sample and one pair of directions for all pixels.
 _MOVING_SETS = 6
 
 
@@ -59,10 +59,10 @@ class _Level:
         self.film = Film.empty(self.film.metadata)
         self.camera = camera
 
-    def trace(self, seconds: float, least: int, stop: int) -> None:
-        """As many path sets more as fit into the time, `least` at least, up to the number `stop`."""
+    def trace(self, seconds: float, min_sets: int, stop: int) -> None:
+        """As many path sets more as fit into the time, at least `min_sets`, up to the number `stop`."""
         done = self.film.path_sets
-        count = max(1, least - done, int(seconds / max(self.seconds, 1e-6)))
+        count = max(1, min_sets - done, int(seconds / max(self.seconds, 1e-6)))
         begun, end = time.perf_counter(), min(done + count, stop)
         if end <= done:
             return
@@ -120,7 +120,7 @@ class LiveImage:
 
     @property
     def film(self) -> Film:
-        """What has been rendered from the present camera."""
+        """The film from the present camera."""
         level = self._level(1)
         sensor = CameraSensor.of(self.camera)
         job = replace(self.job, sensor=sensor)
@@ -143,7 +143,7 @@ class LiveImage:
         return time.perf_counter() - self._moved_at < _RESTS_AFTER
 
     def look_from(self, camera: Camera) -> None:
-        """Go on with another camera of the same resolution."""
+        """Look from another camera of the same resolution."""
         if not self._moves:
             self._reduction = self._quick_enough()
         self.camera = camera
@@ -189,7 +189,7 @@ class LiveImage:
 
     @property
     def _moving_sets(self) -> int:
-        # Samples of the ray tracers differ only in their place in the pixel.
+        # Samples of the ray tracers differ only in their position in the pixel.
         return min(_MOVING_SETS, self.job.spp) if self.job.integrator.noisy else 1
 
     def _quick_enough(self) -> int:

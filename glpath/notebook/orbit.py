@@ -1,4 +1,4 @@
-"""A camera that goes about its target, by pixels of a pointer's way."""
+"""A camera that goes about its target, by pixels of a pointer's motion."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def shifted(camera: Camera, right: float, down: float) -> Camera:
 
 
 def nearer(camera: Camera, notches: float) -> Camera:
-    """The camera on its way to the target (notches < 0), or back; it never arrives.
+    """The camera nearer to the target (notches < 0), or farther; it never arrives.
 
     Of parallel rays, which come no nearer, the image is of less.
     """

@@ -38,11 +38,11 @@ def faces(planes: Float64) -> list[Float64]:
 
 def _face(unit: Float64, i: int) -> Float64:
     """A large square in the plane, cut by all others [Sutherland and Hodgman 1974]."""
-    normal, reach = unit[i, :3], 1e3
+    normal, half = unit[i, :3], 1e3
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
     v = np.cross(normal, u)
-    polygon = [-unit[i, 3] * normal + reach * (x * u + y * v) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    polygon = [-unit[i, 3] * normal + half * (x * u + y * v) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     for j, plane in enumerate(unit):
         if j == i or not polygon:
             continue
@@ -63,7 +63,7 @@ def _face(unit: Float64, i: int) -> Float64:
 
 
 def volume(planes: Float64) -> float:
-    """Of what lies inside of all planes: pyramids from the origin over each face."""
+    """The volume inside of all planes, by pyramids from the origin over each face."""
     total = 0.0
     for plane, face in zip(planes, faces(planes), strict=True):
         if len(face):
@@ -76,19 +76,19 @@ def volume(planes: Float64) -> float:
 def farthest_gap(points: Float64, centres: Float64, steps: int = 400) -> Float64:
     """(N,) how far each centre (N, 3) is from the convex hull of points (P, 3), from below; 0 inside.
 
-    A point of the hull comes nearer step by step [Gilbert 1966]. From the way between the two follows a plane that
+    A point of the hull comes nearer step by step [Gilbert 1966]. The vector between the two gives a plane that
     has all of the hull on one side: the distance of the centre from the best such plane is what is returned, so it
     is never too large.
     """
     nearest = np.repeat(points.mean(axis=0, keepdims=True), len(centres), axis=0)
     best = np.zeros(len(centres))
     for _ in range(steps):
-        way = centres - nearest
-        length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
-        along = way @ points.T
+        to_centre = centres - nearest
+        length = np.maximum(np.linalg.norm(to_centre, axis=1), 1e-300)
+        along = to_centre @ points.T
         support = points[along.argmax(axis=1)]
-        best = np.maximum(best, ((centres - support) * way).sum(axis=1) / length)
+        best = np.maximum(best, ((centres - support) * to_centre).sum(axis=1) / length)
         step = support - nearest
-        share = (way * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
+        share = (to_centre * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
         nearest = nearest + np.clip(share, 0, 1)[:, None] * step
     return best

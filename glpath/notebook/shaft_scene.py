@@ -1,4 +1,4 @@
-"""Who can stand between two shapes of a scene: a picture of the shaft and its candidates [SC], for notebooks."""
+"""Occluders between two shapes of a scene: a picture of the shaft and its candidates [SC], for notebooks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Candidates:
-    """What the shaft between two shapes has to look at.
+    """The candidates of the shaft between two shapes.
 
     shaft    : between the boxes of the two
     nodes    : (n,) int32 of the candidate list: polygons, and boxes that stay closed

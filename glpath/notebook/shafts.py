@@ -59,7 +59,6 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
             each.observe(self._chosen, names="value")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and for pages without a kernel its image."""
         png = bytes(self.picture.value)
         return with_picture(super()._repr_mimebundle_(**options), png, f"<ShaftExplorer: {self._described()}>")
 

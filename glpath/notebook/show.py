@@ -1,4 +1,4 @@
-"""What a widget shows besides itself: a picture where there is no kernel, and errors that would be lost."""
+"""Pictures of widgets for pages without a kernel, and errors that would be lost."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def message_html(*lines: str, wrong: bool = False) -> str:
 
 
 def error_html(error: Exception) -> str:
-    """What was wrong and the remedy, of a user's mistake; of one of ours, all of the traceback."""
+    """A user's mistake as message and remedy; one of ours with its traceback."""
     if isinstance(error, GlpathError):
         return message_html(error.message, error.remedy, wrong=True)
     return message_html("".join(traceback.format_exception(error)), wrong=True)

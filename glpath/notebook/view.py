@@ -4,7 +4,7 @@ JupyterLab from 4.4 on hands what a widget's browser half says to a thread of th
 ipykernel 7), so that widgets live while a cell runs; older ones to the main thread, where cells run. So all that
 changes a view holds its lock, and all that is drawn is drawn in the event loop in which its browser is heard. The
 OpenGL context is asked for before the lock, never after, so no two threads wait for each other for ever. It is had
-for a moment at a time, in turns with whoever renders.
+for a moment at a time, in turns with renders.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from glpath.system.interactive import in_notebook
 
 UInt8 = NDArray[np.uint8]
 
-#: Seconds of path sets in the first image, which pages without a kernel go on to show.
+#: Seconds of path sets in the first image, which pages without a kernel keep.
 _FIRST_SECONDS = 0.5
 #: Seconds between two words on how far it is.
 _WORD_SECONDS = 0.25
@@ -51,7 +51,7 @@ _WORD_SECONDS = 0.25
 _PIXELS_PER_KEY = 25
 #: To where an arrow drags the scene: right, down.
 _ARROWS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowUp": (0, -1), "ArrowDown": (0, 1)}
-#: Of the wheel, by the key, with and without Shift as keyboards have them.
+#: Notches of the wheel, by the key, with and without Shift as keyboards have them.
 _NOTCHES = {"+": -1, "=": -1, "-": 1, "_": 1}
 _KEYS_HELP = "Arrow keys turn it, with Shift they shift it; + and - go nearer and back; R resets it."
 _SCRIPT = Path(__file__).with_name("canvas.js")
@@ -78,9 +78,9 @@ def view(
     Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
     double click, or Reset, goes back to the scene's camera. Keys do the same after a click or Tab: arrows turn,
     with shift they shift; + and - go nearer and back; R resets. Stop holds the image. Save writes it as PNG into
-    the present folder, with a moment's path sets where it has none yet. `view(...).scene` is the scene as it is
-    seen now, to be rendered, `view(...).film` what has been rendered of it. What moves by itself stands as when the
-    shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
+    the present folder, after a first path set. `view(...).scene` is the scene as it is
+    seen now, to be rendered, `view(...).film` what has been rendered of it. What moves in the scene stands as
+    when the shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         self._home = live.scene
         self._grip: tuple[float, float] | None = None  # where the pointer was, while it is down
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._told_at = -np.inf
+        self._reported_at = -np.inf
 
         width, height = live.camera.resolution
         what = f"{live.scene.name}, {width} x {height} pixels, by {live.job.integrator.integrator}"
@@ -204,7 +204,6 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             return self._toned(live.first(_FIRST_SECONDS))
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and for pages without a kernel its image."""
         png = image.encode_png(self.picture())
         width, height = self._image.camera.resolution
         sets = f"{self.path_sets} of {self.spp} path sets"
@@ -218,7 +217,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             raise UsageError("view: is closed", "Make another one.")
         return self._live
 
-    # What the browser says, in the widget's thread. Whatever goes wrong is shown: nobody else would hear of it.
+    # Events of the browser, in the widget's thread. Errors are shown: they would be lost otherwise.
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
         """Turn, shift, come nearer, go back: by an event of jupyter_rfb; called by the widget."""
@@ -281,14 +280,14 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
     # Drawing.
 
     def _redraw(self) -> None:
-        """Ask for a frame, in the event loop that hears the browser, whoever asks."""
+        """Ask for a frame, in the event loop that hears the browser."""
         if self._loop is None:
             return  # it is heard first when it shows the widget
         with suppress(RuntimeError):  # closed: the page was loaded anew, and is heard when it is there
             self._loop.call_soon_threadsafe(self._canvas.request_draw)
 
     def draw(self) -> None:
-        """Go on for a moment, and send an image where there is a new one; called by the widget."""
+        """Render for a moment, and send an image where there is a new one; called by the widget."""
         live = self._live
         if live is None:
             return
@@ -298,7 +297,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             radiance = live.step()
             if radiance is not None:
                 self._canvas.send_frame(self._toned(radiance))
-            self._tell(live)
+            self._report(live)
             if not live.idle:
                 self._canvas.request_draw()
 
@@ -310,15 +309,15 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             self.exposure = image.auto_exposure(radiance)
         return self.exposure
 
-    def _tell(self, live: LiveImage) -> None:
+    def _report(self, live: LiveImage) -> None:
         now = time.perf_counter()
-        if live.idle or now - self._told_at > _WORD_SECONDS:
-            self._told_at = now
+        if live.idle or now - self._reported_at > _WORD_SECONDS:
+            self._reported_at = now
             self._word.value = f"{live.path_sets} of {live.job.spp} path sets"
 
     @contextmanager
     def _shown(self, ends: bool = True) -> Iterator[None]:
-        """An error is shown in the view's place, where it is to end it, or below; the buttons stay."""
+        """An error is shown instead of the view, where it is to end it, or below; the buttons stay."""
         try:
             yield
         except Exception as error:
@@ -354,7 +353,7 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self._owner.handle_event(event)
 
     def _forget_lost_frames(self) -> None:
-        """A page that was loaded anew shows none of the frames that were on their way to the one before.
+        """A page that was loaded anew shows none of the frames sent to the one before.
 
         Without word of them the library sends no others; and a draw that waited for that word in the event loop of
         the old page counts as asked for, so that no other is.

@@ -31,7 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    Settings.of(config)  # wrong usage is told before anything runs
+    Settings.of(config)  # wrong usage is reported before anything runs
     config.addinivalue_line(
         "markers",
         "render_regression(mode=None, limits=None, baseline_path=None): how glpath compares the pictures of a "

@@ -1,4 +1,4 @@
-"""What a whole pytest run has compared, on the controller as well as on the workers of pytest-xdist."""
+"""The comparisons of a whole pytest run, on the controller as well as on the workers of pytest-xdist."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from glpath.pytest_plugin.places import baseline_folder, baseline_name, id_in_file, results_root
+from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, results_root
 from glpath.pytest_plugin.settings import chosen
 
 # Outcomes of a comparison that the summary counts one by one, and what it calls them.
-_SAID = {"written": "baseline written", "updated": "baseline replaced", "missing": "baseline missing"}
+_REPORTED = {"written": "baseline written", "updated": "baseline replaced", "missing": "baseline missing"}
 
 
 class Gathering:
@@ -55,9 +55,9 @@ class Gathering:
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
-        told = getattr(node, "workeroutput", {}).get("glpath", {})
-        self.collected.update(told.get("collected", {}))
-        self.partly.update(told.get("partly", ()))
+        output = getattr(node, "workeroutput", {}).get("glpath", {})
+        self.collected.update(output.get("collected", {}))
+        self.partly.update(output.get("partly", ()))
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
@@ -91,10 +91,10 @@ class Gathering:
         if self.records:
             line = f"{_count(len(self.records), 'picture')} compared, {len(failures)} failed"
             self.lines.append(f"{line}, {expected} expected to" if expected else line)
-        for outcome, words in _SAID.items():
+        for outcome, words in _REPORTED.items():
             files = [record["baseline"] for record in self.records if record["outcome"] == outcome]
             self.lines += [f"{words}: {shown_path(file)}" for file in sorted(files)]
-        self.lines += list(self._told_of_unused(unused))
+        self.lines += list(self._report_unused(unused))
         kinds = {asked} if asked else {"html"} if failures else set()
         if (results / "report.html").exists():
             kinds.add("html")  # left standing it would speak of failures that are gone
@@ -105,7 +105,7 @@ class Gathering:
             except GlpathError as error:
                 self.lines.append(f"the report is not written: {error}")
 
-    def _told_of_unused(self, unused: list[Path]) -> Iterator[str]:
+    def _report_unused(self, unused: list[Path]) -> Iterator[str]:
         """A line for each, which is deleted where that is asked for."""
         from glpath.pytest_plugin.regression import delete_baseline, is_baseline, shown_path
 
@@ -131,11 +131,13 @@ class Gathering:
         used = {record["baseline"].rpartition(".")[0] for record in self.records}
         folders: dict[Path, list[str]] = {}  # to the names that may be asked for by tests that did not pass
         for test_file, ids in self.collected.items():
-            places = {baseline_folder(self.config, Path(test_file))}
-            places |= {Path(record["baseline"]).parent for record in self.records if record["file"] == test_file}
+            used_folders = {baseline_folder(self.config, Path(test_file))}
+            used_folders |= {
+                Path(record["baseline"]).parent for record in self.records if record["file"] == test_file
+            }
             unsure = [baseline_name(id_in_file(nodeid)) for nodeid in ids if nodeid in self.others]
             complete = test_file not in self.partly and set(ids) <= self.passed | self.others
-            for folder in places:
+            for folder in used_folders:
                 folders[folder] = unsure if complete else [""]
         # The folder of a file of tests is named after it.
         for test_file in self.collected:

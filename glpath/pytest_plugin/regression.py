@@ -26,13 +26,13 @@ from glpath.compare import (
     default_mode,
     difference_image,
     flip_picture,
-    most_different,
+    max_difference_pair,
     read_limits,
     read_picture,
 )
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.image import read_exr_channels, write_png
-from glpath.pytest_plugin.places import baseline_folder, baseline_name, id_in_file, results_folder
+from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
 
@@ -41,13 +41,13 @@ _INCOMPARABLE = 1e9
 
 _MARKER = "render_regression"
 
-# What a PNG that stands beside an EXR has in its header, and what a baseline says of whose it is.
+# Header keys of the PNG beside an EXR, and of a baseline's test.
 PREVIEW = "glpath.preview"
 _TEST, _NAME = "glpath.test", "glpath.picture"
 
 
 class RenderRegression:
-    """What the fixture `render_regression` is: call it with a picture, and it fails the test or does not.
+    """The fixture `render_regression`: call it with a picture, and it fails the test or does not.
 
     figures : matplotlib's, as they came, to be closed after the test
     """
@@ -80,8 +80,8 @@ class RenderRegression:
                   709, or sRGB where it is uint8 or uint16; an image of Pillow; a figure of matplotlib; the path
                   or the bytes of an image file; or a function without parameters that returns one of these
         name    : of the picture, where a test has several
-        mode    : "exact", "fuzzy", "stat" or "flip"; by itself what the marker `render_regression` of the test, its
-                  class or its module says, else what `glpath_mode` says, else "stat" for path-traced films and
+        mode    : "exact", "fuzzy", "stat" or "flip"; by default what the marker `render_regression` of the test,
+                  class or module says, else what `glpath_mode` says, else "stat" for path-traced films and
                   "fuzzy" for all else
         limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`. Those that are not given come
                   from the marker, else from `glpath_limits`
@@ -105,7 +105,7 @@ class RenderRegression:
         pytest.fail(reason)
 
     def _marked(self) -> dict[str, Any]:
-        """What the markers of the test, its class and its module say, the nearest last and foremost."""
+        """The settings of the markers of the test, its class and its module; the nearest wins."""
         found: dict[str, Any] = {"mode": None, "limits": {}, "baseline_path": None}
         for marker in reversed(list(self._item.iter_markers(_MARKER))):
             unknown = [repr(value) for value in marker.args] + [key for key in marker.kwargs if key not in found]
@@ -223,7 +223,6 @@ class RenderRegression:
         pytest.fail("\n".join(lines))
 
     def _commands(self, record: Mapping[str, Any], results: Path, limits: Mapping[str, float]) -> dict[str, str]:
-        """What to type to compare the two again, and to accept the new one."""
         commands, missing = {}, record["outcome"] == "missing"
         if not missing:
             given = "".join(f" --limit {name}={value:g}" for name, value in limits.items())
@@ -238,20 +237,19 @@ class RenderRegression:
 
 
 def shown_path(path: str | Path) -> str:
-    """A path as short as it can be said from here."""
+    """A path, relative to here where that is below."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith(os.pardir) else relative
 
 
 def _is_expected_to_fail(item: pytest.Item) -> bool:
-    """Whether a marker xfail holds for the test, as pytest itself sees it; its public interface does not tell."""
+    """Whether a marker xfail holds for the test, as pytest itself sees it; no public interface has it."""
     from _pytest.skipping import evaluate_xfail_marks
 
     return not item.config.getoption("runxfail", False) and evaluate_xfail_marks(item) is not None
 
 
 def _existing(folder: Path, stem: str, picture: Picture) -> Path:
-    """The baseline that is there, or the one to be."""
     exr, png = folder / f"{stem}.exr", folder / f"{stem}.png"
     if exr.exists():
         return exr
@@ -277,9 +275,9 @@ def _load(baseline: Path, picture: Picture, record: dict[str, Any]) -> Picture |
     ours, theirs = ((p.provenance.get(_TEST), p.provenance.get(_NAME, "")) for p in (picture, reference))
     stems = [baseline_name(test or "", name).lower() for test, name in (ours, theirs)]
     if theirs[0] is not None and theirs != ours and stems[0] == stems[1]:
-        said = [f"{test}, picture {name!r}" if name else test for test, name in (theirs, ours)]
+        tests = [f"{test}, picture {name!r}" if name else test for test, name in (theirs, ours)]
         raise UsageError(
-            f"{shown_path(baseline)}: is the baseline of {said[0]}; {said[1]} has the same file name.",
+            f"{shown_path(baseline)}: is the baseline of {tests[0]}; {tests[1]} has the same file name.",
             "Rename one of them.",
         )
     return reference
@@ -308,7 +306,7 @@ def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str
     """Write it beside `path`, as .png or .exr, and return where. What is only looked at comes first: should it
     fail, the old baseline, which counts, is still whole.
 
-    What does not even pass beside itself, as it is too noisy, never becomes a baseline: UsageError.
+    A picture too noisy to pass compared with itself never becomes a baseline: UsageError.
     """
     verdict = compare(picture, picture, mode, **limits)
     if not verdict.passed:
@@ -325,7 +323,7 @@ def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str
 def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dict[str, Any]) -> dict[str, str]:
     """Write what there is to see into the folder of this picture's results; kind to path.
 
-    Where the system refuses, the summary of the record says so: the difference is what the test fails by.
+    Where the system refuses, the summary of the record has the reason: the difference is what the test fails by.
     """
     files: dict[str, str] = {}
     try:
@@ -337,7 +335,7 @@ def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dic
                 side.save_png(folder / f"{kind}.png")
                 files[kind] = str(folder / f"{kind}.png")
         if reference is not None and reference.mean.shape == picture.mean.shape:
-            a, b = (side.mean for side in most_different(picture, reference))
+            a, b = (side.mean for side in max_difference_pair(picture, reference))
             shown = {"difference": difference_image(a, b)[0]}
             with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
                 shown["flip"] = flip_picture(a, b)
@@ -359,8 +357,8 @@ def _forget(folder: Path) -> None:
 
 
 def is_baseline(file: Path) -> bool | None:
-    """Whether glpath has written it: a baseline, or the picture to look at beside one. None of what is no picture
-    that can be read: nobody can tell."""
+    """Whether glpath has written it: a baseline, or the picture to look at beside one. None for unreadable
+    pictures."""
     try:
         if file.suffix == ".exr":
             return Picture.is_baseline(read_exr_channels(file)[1])

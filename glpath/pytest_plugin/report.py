@@ -15,7 +15,7 @@ from typing import Any
 from glpath.system.files import whole_file
 from glpath.system.versions import versions
 
-_PLACE = "/*RECORDS*/"
+_RECORDS = "/*RECORDS*/"
 
 
 def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], unused: Sequence[str]) -> Path:
@@ -41,7 +41,7 @@ def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], 
         content["records"] = [{**record, "pictures": _embedded(record["files"])} for record in ordered]
         page = resources.files(__package__).joinpath("report.html").read_text(encoding="utf-8")
         # "<" would let a name like "</script>" end the script.
-        text = page.replace(_PLACE, json.dumps(content, allow_nan=False).replace("<", "\\u003c"))
+        text = page.replace(_RECORDS, json.dumps(content, allow_nan=False).replace("<", "\\u003c"))
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path

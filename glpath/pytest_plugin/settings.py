@@ -34,8 +34,7 @@ OPTIONS = (
     ),
     Option(
         "mode",
-        "How pictures are compared where a test does not say. By itself: stat for path-traced films, fuzzy for all "
-        "else.",
+        "How pictures are compared where a test does not say. By default: stat for path-traced films, else fuzzy.",
         metavar="MODE",
     ),
     Option(
@@ -46,7 +45,7 @@ OPTIONS = (
     Option(
         "baseline-path",
         "Where baselines are; a relative one is beside each test file. Default: baseline. Write folders with a =, "
-        "as pytest takes one that stands alone for a place of tests.",
+        "as pytest takes one that stands alone for a folder of tests.",
         metavar="DIR",
     ),
     Option(
@@ -78,7 +77,7 @@ def add_options(parser: pytest.Parser) -> None:
 
 
 def chosen(config: pytest.Config, name: str) -> str | None:
-    """What the command line says, else the ini-file, else None."""
+    """The value of the command line, else of the ini-file, else None."""
     given = config.getoption(f"--glpath-{name}") or config.getini(_ini(name)).strip()
     return str(given) if given else None
 

@@ -1,4 +1,4 @@
-"""What `render_regression` takes, as a picture."""
+"""The subjects of `render_regression`, as pictures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from glpath.scene import Scene
 Subject = AnyScene | Film | ArrayLike | bytes | Callable[[], Any]
 
 
-#: What has such a method is no picture, but has one.
+#: Objects with such a method are no picture, but have one.
 _HINTS = {
     "get_figure": "Of matplotlib's Axes, hand in the figure: axes.figure.",
     "screenshot": "Of PyVista's Plotter, hand in its picture: Plotter(off_screen=True).screenshot().",

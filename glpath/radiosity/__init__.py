@@ -5,16 +5,16 @@ from glpath.radiosity.shafts.clusters import cluster
 from glpath.radiosity.shafts.ends import Emitter, Receivers, facing
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import PAPER, ShaftOptions, Statistics
-from glpath.radiosity.shafts.shaft import Place, Shaft, Strategy, candidate_list
+from glpath.radiosity.shafts.shaft import Containment, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.visibility import Visibility, visible
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
 
 __all__ = [
     "PAPER",
+    "Containment",
     "Emitter",
     "Occluders",
-    "Place",
     "RadiosityInterrupted",
     "RadiosityProgress",
     "RadiositySolution",

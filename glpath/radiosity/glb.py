@@ -105,14 +105,14 @@ def _lattices(
 
     Beside them the triangle (V,) of each vertex and its barycentric coordinates there (V, 2).
     """
-    points, faces, places, first = [], [], [], 0
+    points, faces, barycentric, first = [], [], [], 0
     for t in triangles:
         n = int(solution.divisions[t])
         corners = scene.triangles[t]
         b = lattice.vertex_barycentrics(n)
-        places.append(b)
+        barycentric.append(b)
         points.append(corners[0] + b @ (corners[1:] - corners[0]))
         faces.append(first + lattice.element_vertices(n))
         first += len(b)
-    triangle = np.repeat(np.array(triangles, np.int64), [len(b) for b in places])
-    return np.concatenate(points), np.concatenate(faces), triangle, np.concatenate(places)
+    triangle = np.repeat(np.array(triangles, np.int64), [len(b) for b in barycentric])
+    return np.concatenate(points), np.concatenate(faces), triangle, np.concatenate(barycentric)

@@ -1,8 +1,8 @@
-"""What a gather finds in a solution: a table of irradiance for the places of its lattice.
+"""A solution for a gather's look-ups: a table of irradiance for the points of its lattice.
 
 Indirect light alone is looked up where the gather traces direct light itself. Close to a lamp it does not: there
-a light sample's 1/r^2 knows no bound, and where all paths of a set share the light point, it would be a bright spot
-in the picture. So a place has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest
+a light sample's 1/r^2 has no bound, and where all paths of a set share the light sample, it would be a bright spot
+in the picture. So a point has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest
 is traced.
 """
 
@@ -22,11 +22,11 @@ from glpath.sampling.points import owen_scrambled
 from glpath.sampling.sobol import sobol_points
 from glpath.scene.model import Float64, Scene
 
-# What a light sample is to a place, in units of what a surface gets under a sky of the lamp's radiance: from the
+# What a light sample sends to a point, in units of what a surface gets under a sky of the lamp's radiance: from the
 # first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
-_LIGHT_POINTS = 512
-_CHUNK = 1024  # of places at once, 12 MB
+_LIGHT_SAMPLES = 512
+_CHUNK = 1024  # of points at once, 12 MB
 
 
 class LookupTable(NamedTuple):
@@ -51,29 +51,29 @@ def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, t
     count = lattice.vertex_count if interpolated else lattice.element_count
     share = np.ones(parts.shape[2])
     if traced:
-        share = near_lamps(Lighting.of(scene), _places(scene, solution.divisions, interpolated))
+        share = near_lamps(Lighting.of(scene), _lattice_points(scene, solution.divisions, interpolated))
     direct = parts[DIRECT].astype(np.float64)
     values = parts[INDIRECT] + share[:, None] * direct
     return LookupTable(values, share, lattice.starts(count(solution.divisions))[:-1], parts[INDIRECT] + direct)
 
 
-def near_lamps(lighting: Lighting, places: Float64) -> Float64:
-    """(N,) from 0 to 1: how near places (N, 3) are to shapes that emit, beside the size of these."""
-    closeness = np.zeros(len(places))
+def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
+    """(N,) from 0 to 1: how near points (N, 3) are to shapes that emit, compared with their size."""
+    closeness = np.zeros(len(receivers))
     if not lighting.sides:
         return closeness
-    u = owen_scrambled(sobol_points(0, _LIGHT_POINTS, 3), np.arange(3, dtype=np.uint32))
+    u = owen_scrambled(sobol_points(0, _LIGHT_SAMPLES, 3), np.arange(3, dtype=np.uint32))
     samples = lighting.samples(u)
     on_shapes = samples.kind == LIGHT_KINDS.index("area")
-    points, least = samples.position[on_shapes], np.pi * samples.density[on_shapes]
-    for start in range(0, len(places), _CHUNK):
-        apart = places[start : start + _CHUNK, None] - points
-        square = np.einsum("npi,npi->np", apart, apart) * least
+    points, scale = samples.position[on_shapes], np.pi * samples.density[on_shapes]
+    for start in range(0, len(receivers), _CHUNK):
+        apart = receivers[start : start + _CHUNK, None] - points
+        square = np.einsum("npi,npi->np", apart, apart) * scale
         closeness[start : start + _CHUNK] = 1.0 / np.maximum(square.min(axis=1, initial=np.inf), 1e-9)
     return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
 
 
-def _places(scene: Scene, divisions: NDArray[np.int32], interpolated: bool) -> Float64:
+def _lattice_points(scene: Scene, divisions: NDArray[np.int32], interpolated: bool) -> Float64:
     """(N, 3): the vertices of all triangles' lattices, or the middles of the elements."""
     if not interpolated:
         return Elements.of_lattices(divisions.astype(np.int64)).points(scene, np.full((1, 3), 1 / 3))[:, 0]

@@ -35,7 +35,7 @@ def picture_of(solution: RadiositySolution, scene: Scene, lookup: Lookup = "inte
 
 @dataclass(frozen=True)
 class EyeHits:
-    """What rays through a picture meet: k x k of them in every pixel, at the middles of its k x k parts.
+    """The hits of rays through a picture: k x k of them in every pixel, at the middles of its k x k parts.
 
     triangle    : (H, W, k * k) int64, -1 for nothing
     barycentric : (H, W, k * k, 2) float64, b1 and b2
@@ -55,10 +55,10 @@ class EyeHits:
         width, height = camera.resolution
         fine = replace(camera, resolution=(width * k, height * k))
         parts = (height, k, width, k, 3)
-        starts, ways = (r.reshape(parts).swapaxes(1, 2).reshape(-1, 3) for r in (fine.origins(), fine.rays()))
-        hit, found = np.empty(len(ways), np.int64), np.zeros((len(ways), 3))
-        _first_hits(rays_of(triangles), starts, ways, hit, found)
-        back = (np.sum(triangles.normals[hit] * ways, axis=1) > 0) & (hit >= 0)
+        starts, directions = (r.reshape(parts).swapaxes(1, 2).reshape(-1, 3) for r in (fine.origins(), fine.rays()))
+        hit, found = np.empty(len(directions), np.int64), np.zeros((len(directions), 3))
+        _first_hits(rays_of(triangles), starts, directions, hit, found)
+        back = (np.sum(triangles.normals[hit] * directions, axis=1) > 0) & (hit >= 0)
         shape = (height, width, k * k)
         return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
 
@@ -114,11 +114,11 @@ class EyeHits:
 
 
 def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
-    """Those whose neighbours are of them too: a render's rays go nearer to a pixel's edge than those here."""
+    """The pixels whose neighbours are among them: a render's rays go nearer to a pixel's edge than those here."""
     return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))
 
 
 @kernel
-def _first_hits(rays: Any, origins: Any, ways: Any, hit: Any, found: Any) -> None:
-    for i in range(len(ways)):
-        hit[i] = nearest(rays, origins[i], ways[i], -1, found[i])
+def _first_hits(rays: Any, origins: Any, directions: Any, hit: Any, found: Any) -> None:
+    for i in range(len(directions)):
+        hit[i] = nearest(rays, origins[i], directions[i], -1, found[i])

@@ -1,6 +1,6 @@
 """Sample points of a path set, from a counter: (seed, path set, use) and nothing else.
 
-All paths of a set share their directions and their light point [PB 3.1, 3.3], so these are a handful of numbers a
+All paths of a set share their directions and their light sample [PB 3.1, 3.3], so these are a handful of numbers a
 set, made on the CPU. By default they are one point of an Owen-scrambled Sobol sequence: the error then falls almost
 as 1/n instead of 1/sqrt(n). The first direction, where it is the only one of its bounce, is a point of an
 extensible lattice instead. `random` is independent uniform numbers, as in the paper.
@@ -35,7 +35,7 @@ _SEQUENCE_BOUNCES = 14  # that have their numbers from the sequence
 class PathSetSample:
     """The numbers that the paths of one set share, each in [0, 1).
 
-    pixel      : (2,) place in the pixel, x to the right and y down
+    pixel      : (2,) position in the pixel, x to the right and y down
     light      : (3,) which emitter, and where on it
     directions : (at least depth - 1, 2, 2): two points for each bounce
     """
@@ -146,34 +146,34 @@ def lattice_point(seed: int, index: int) -> NDArray[np.float64]:
     return np.asarray(point / 2.0**32)
 
 
-def pixel_place(seed: int, index: int) -> tuple[float, float]:
+def pixel_sample(seed: int, index: int) -> tuple[float, float]:
     """Where in the pixel the rays of a path set go that share nothing else: x to the right, y down, in [0, 1).
 
     The first is the centre. All are a Sobol sequence in the base of which any 2**k beginning at a multiple of 2**k
     fill a grid: Owen-scrambled, then shifted digit by digit so that the first comes to lie on the centre.
     """
-    ((x, y),) = pixel_places(seed, index, 1)
+    ((x, y),) = pixel_samples(seed, index, 1)
     return float(x), float(y)
 
 
-def pixel_places(seed: int, first: int, count: int) -> NDArray[np.float64]:
+def pixel_samples(seed: int, first: int, count: int) -> NDArray[np.float64]:
     """(count, 2): those that follow each other; `count` a power of two up to 4096 that divides `first`."""
-    block, place = divmod(first, _PLACES)
-    found = _pixel_places(seed)[place : place + count]
+    block, index_in_block = divmod(first, _PIXEL_SAMPLES)
+    found = _pixel_samples(seed)[index_in_block : index_in_block + count]
     if block:
         # Far on in a long render: the same grid again, turned by a hash.
         found = (found + [counter_hash(seed, block, axis) / 2**32 for axis in range(2)]) % 1.0
     return found
 
 
-_PLACES = 4096
+_PIXEL_SAMPLES = 4096
 
 
 @lru_cache(maxsize=4)
-def _pixel_places(seed: int) -> NDArray[np.float64]:
-    """(4096, 2) places."""
+def _pixel_samples(seed: int) -> NDArray[np.float64]:
+    """(4096, 2) positions."""
     keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
-    scrambled = _owen(sobol_points(0, _PLACES, 2), keys)
+    scrambled = _owen(sobol_points(0, _PIXEL_SAMPLES, 2), keys)
     return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)
 
 

@@ -1,4 +1,4 @@
-"""What textures and the colours of vertices make of materials at points of surfaces, on the CPU.
+"""Materials with their textures and vertex colours, evaluated at points of surfaces on the CPU.
 
 `scene/surface.glsl` is the same for the device. Here it serves what needs means and single points: light samples,
 and the elements of radiosity.
@@ -29,7 +29,7 @@ Int64 = NDArray[np.int64]
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 # Points of a mean lie in parts of a triangle whose edges are in so many: as fine as texels, within bounds.
 _PARTS = (4, 8, 16, 32, 64)
-_TOGETHER = 1 << 16  # points looked up in one go, whose arrays are no larger than a cache
+_TOGETHER = 1 << 16  # points looked up at once, whose arrays are no larger than a cache
 
 
 def texture_at(texture: Texture, uv: Float64) -> Float64:
@@ -291,7 +291,7 @@ def has_colours(shape: Shape) -> bool:
 
 
 def opacity_of(material: Material, alpha: Float64) -> Float64:
-    """What a material makes of the alpha of its texture and vertices, of any shape."""
+    """A material's opacity from the alpha of its texture and vertices, of any shape."""
     if material.alpha == "opaque":
         return np.ones_like(alpha)
     opacity = material.opacity * alpha
@@ -324,7 +324,7 @@ def _middles(k: int) -> Float64:
     """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
     j, i = np.divmod(np.arange(k * k), k)
     lower = i + j < k
-    # What lies beyond the diagonal is turned back over it: the parts that are the other way up.
+    # What lies beyond the diagonal is turned back over it: the parts that are upside down.
     x, y = np.where(lower, i + 1 / 3, k - i - 1 / 3), np.where(lower, j + 1 / 3, k - j - 1 / 3)
     b1, b2 = x / k, y / k
     return np.stack([1 - b1 - b2, b1, b2], axis=1)

@@ -1,4 +1,4 @@
-"""The camera, and the one place that knows how it projects: a pinhole, a thin lens, parallel rays, or a panorama.
+"""The camera and its projection: a pinhole, a thin lens, parallel rays, or a panorama. No other module projects.
 
 Positions in an image are in pixels from its upper left corner, x to the right and y down, so that the middle of the
 first pixel is (0.5, 0.5). Row 0 of an image is at the top.
@@ -95,14 +95,14 @@ class Camera:
     def turned(self, degrees: float) -> Camera:
         """The camera carried around its target, about the axis `up` through it, counter-clockwise from above.
 
-        One that moves goes on from there in a moment's place: it stands still.
+        The result stands still where the camera's motion starts.
         """
         arm = self.position - self.target
         rotation = matrix33.create_from_axis_rotation(np.asarray(self.up, np.float64), np.radians(degrees))
         return replace(self, position=self.target + arm @ rotation, motion=())
 
     def turntable(self, frames: int) -> list[Camera]:
-        """The camera at so many equal steps of its way once around the target."""
+        """The camera at so many equal steps once around the target."""
         return [self.turned(360.0 * i / frames) for i in range(frames)]
 
     @property

@@ -109,7 +109,7 @@ def _moved_shape(
 
 
 def _shifted(maps: Float64, origin: Float64) -> Float64:
-    """(N, 3, 4), what they place being relative to the origin (3,)."""
+    """(N, 3, 4) maps whose results are relative to the origin (3,)."""
     found = np.array(maps, np.float64)
     found[:, :, 3] -= origin
     return found
@@ -123,7 +123,7 @@ def _before(maps: Float64, within: Float64) -> Float64:
 
 
 def _about(planes: Float64, middle: Float64) -> Float64:
-    """(N, 3, 4): the planes with the point nearest to the middle as that of u = v = 0, which nobody asks for."""
+    """(N, 3, 4): the planes with the point nearest to the middle as that of u = v = 0, which is not used."""
     found = planes.copy()
     normal = found[:, :, 2]
     apart = np.sum((found[:, :, 3] - middle) * normal, axis=1, keepdims=True)

@@ -1,6 +1,6 @@
-"""What is wrong with a scene although its file can be read: `check_camera` raises, `check_scene` warns.
+"""Mistakes in a scene whose file can be read: `check_camera` raises, `check_scene` warns.
 
-Loading does not warn by itself: a scene is often loaded to be changed. Rendering and `glpath validate` ask here.
+Loading does not warn: a scene is often loaded to be changed. Rendering and `glpath validate` ask here.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
     """Raise SceneError for a camera that cannot see: no direction, no up, no angle, no pixels.
 
     Also for cameras changed by hand (`Scene.with_camera`, `--camera-up`); `source` names the scene in the message,
-    or is its place.
+    or is its location.
     """
     scene = SourceLocation(source) if isinstance(source, str) else source
     location = scene.field("camera")
@@ -54,13 +54,12 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
 
 
 def _check_lens(camera: Camera, location: SourceLocation) -> None:
-    """What a projection and a lens need, each by itself."""
     if camera.projection not in get_args(Projection):
         raise location.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
-    for name, least in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):
+    for name, min_value in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):
         value = getattr(camera, name)
-        if value is not None and not (np.isfinite(value) and value > least and value >= 0):
-            raise location.field(name).wrong(float(value), "0 or more" if least < 0 else "above 0")
+        if value is not None and not (np.isfinite(value) and value > min_value and value >= 0):
+            raise location.field(name).wrong(float(value), "0 or more" if min_value < 0 else "above 0")
     if camera.aperture_radius > 0 and camera.projection != "perspective":
         raise location.field("aperture_radius").error(
             f"is {camera.aperture_radius:g}, but a camera of type {camera.projection} has no lens.",
@@ -69,7 +68,6 @@ def _check_lens(camera: Camera, location: SourceLocation) -> None:
 
 
 def _check_motion(camera: Camera, location: SourceLocation) -> None:
-    """The shutter, and the order of the keys."""
     opened, closed = camera.shutter
     if not (np.isfinite([opened, closed]).all() and opened <= closed):
         raise location.field("shutter").wrong(
@@ -89,7 +87,6 @@ def _check_motion(camera: Camera, location: SourceLocation) -> None:
 
 
 def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:
-    """Raise SceneError where there is no direction or no up."""
     view = camera.target - camera.position
     distance = np.linalg.norm(view)
     up = location.field("up")

@@ -89,7 +89,7 @@ def cie_sky(
     up          : (3,) unit
     sun         : (3,) unit, towards the sun, not below the horizon; None where the sky has none (`has_sun`)
     zenith      : W sr^-1 m^-2, or cd m^-2
-    illuminance : W m^-2, or lx, in place of it: that of the map, so it has no error of the raster
+    illuminance : W m^-2, or lx, instead of it: that of the map, so it has no error of the raster
     """
     rows = (np.arange(_HEIGHT) + 0.5) * (np.pi / _HEIGHT)
     turns = (0.5 - (np.arange(_WIDTH) + 0.5) / _WIDTH) * 2 * np.pi

@@ -1,4 +1,4 @@
-"""What shapes consist of: meshes that share vertices, exact spheres and planes, and where their instances stand.
+"""The geometry of shapes: meshes that share vertices, exact spheres and planes, and their instances' maps.
 
 A shape is a geometry and the maps that put it into the world; `Shapes` derives from them what engines ask for, each
 array when it is first asked for: a pool of vertices in world space with faces into it, or separate corners.
@@ -22,7 +22,7 @@ from glpath.scene.stream import Stream
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
-#: Triangles of a stream are not among the triangles: nobody has them in an array.
+#: Triangles of a stream are not among the triangles: no array holds them.
 Primitive = Literal["triangle", "sphere", "plane", "stream"]
 
 
@@ -53,7 +53,7 @@ class Mesh:
 
     @property
     def of_vertices(self) -> dict[str, Float64 | None]:
-        """What vertices have beside their positions, by the names of the fields."""
+        """The attributes of vertices, by the names of the fields."""
         return {name: getattr(self, name) for name in ("uv", "normals", "uv1", "colours")}
 
     @classmethod
@@ -97,8 +97,8 @@ class Mesh:
         )
 
     def _with_vertices(self, which: NDArray[np.integer[Any]]) -> Mesh:
-        taken = {name: None if values is None else values[which] for name, values in self.of_vertices.items()}
-        return Mesh(self.vertices[which], self.faces, **taken)
+        selected = {name: None if values is None else values[which] for name, values in self.of_vertices.items()}
+        return Mesh(self.vertices[which], self.faces, **selected)
 
 
 IDENTITY = np.eye(3, 4)
@@ -107,7 +107,7 @@ IDENTITY.flags.writeable = False
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A named geometry of one material, an object in the words of TB; it may stand in several places.
+    """A named geometry of one material, an object in the words of TB; it may have several instances.
 
     geometry           : a mesh, the exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`, or a
                          stream, which is in world space already
@@ -139,7 +139,7 @@ class Shape:
 
     @property
     def primitive(self) -> Primitive:
-        """What it consists of."""
+        """The primitive of its geometry."""
         if isinstance(self.geometry, Stream):
             return "stream"
         return "triangle" if isinstance(self.geometry, Mesh) else self.geometry

@@ -1,4 +1,4 @@
-"""What surfaces do with light, as plain data: materials and the textures that they use."""
+"""Materials and their textures, as plain data."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from glpath.scene.geometry import Float64
 Wrap = Literal["repeat", "clamp", "mirror"]
 #: GGX's alpha below which microfacets are a mirror.
 SMOOTH = 1e-3
-_MOST_REFLECTED = 0.97
+_MAX_REFLECTED = 0.97
 #: The fields of a `Material` that are texture slots.
 SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
 
@@ -79,7 +79,7 @@ class TextureSlot:
 
 @dataclass(frozen=True)
 class Material:
-    """What a surface does with light: a base, diffuse or of metal, under layers that mirror.
+    """A material: a base, diffuse or of metal, under specular layers.
 
     The base has a roughness or none. With one it is glTF's metallic-roughness surface [glTF 2.0, appendix B]: GGX's
     microfacets [Walter et al. 2007] over Lambert's diffuse base, of metal, or over glass. Without one it is
@@ -98,7 +98,7 @@ class Material:
     ior              : index of refraction of what is neither metal nor air, >= 1
     specular_weight  : in [0, 1], of the dielectric's reflection, and specular_colour (3,) of it at normal incidence
     transmission     : in [0, 1], share of the base that is glass instead of diffuse
-    thin             : the glass is a pane that does not refract; False: the surface of a solid that does
+    thin             : thin dielectric, which does not refract; False: the surface of a solid that does
     attenuation      : (3,) float64 >= 0, per scene unit, of a solid's inside (Beer's law)
     clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
@@ -159,7 +159,7 @@ class Material:
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
-        """What its dielectric reflects at normal incidence, (3,) float64, and at grazing incidence.
+        """The reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
 
         Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
         """
@@ -176,13 +176,13 @@ class Material:
 
         clear : share of the base that is let through and not counted here
 
-        By Schlick's formula, whose mean over the cosine is a 21st of the way from normal to grazing incidence. For
-        solvers to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would never end.
+        By Schlick's formula, whose mean over the cosine is 1/21 from normal to grazing incidence. For solvers
+        to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would never end.
         """
         if not self.has_lobes:
             return base
         if self.roughness is None:
-            return np.asarray(np.minimum(base + self.mirror, _MOST_REFLECTED))
+            return np.asarray(np.minimum(base + self.mirror, _MAX_REFLECTED))
         f0, f90 = self.dielectric
         layer = f0 + (f90 - f0) / 21.0
         kept = 1.0 - clear / max(1.0 - self.metallic, 1e-9)
@@ -190,10 +190,10 @@ class Material:
         metal = base + (1.0 - base) / 21.0
         coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         all_ = coat + (1.0 - coat) * (self.metallic * metal + (1.0 - self.metallic) * under)
-        return np.asarray(np.minimum(all_, _MOST_REFLECTED))
+        return np.asarray(np.minimum(all_, _MAX_REFLECTED))
 
     def described(self) -> str:
-        """What it is beside diffuse, in a few words; "" where it is nothing else."""
+        """Its other properties than diffuse, in a few words; "" without any."""
         words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
         words += ["mirror"] * bool(np.any(self.mirror > 0))
         if self.roughness is not None:

@@ -55,7 +55,7 @@ _WORDS = {"stream": "streamed triangle"}
 
 @dataclass(frozen=True)
 class Light:
-    """A punctual light, without extent. Shapes with an emission are lights too, but not here.
+    """A punctual light. Shapes with an emission are lights too, but not here.
 
     kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
     intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity W sr^-1 or cd (a spot's on its
@@ -63,7 +63,7 @@ class Light:
                 that faces it. With a profile, what its candela are multiplied by: 1 in a photometric scene,
                 1 / `glpath.film.units.EFFICACY` in a radiometric one
     position  : (3,) float64; of no meaning for a directional light
-    direction : (3,) float64 unit, the way the light goes; of a point light with a profile, where gamma is 0; of no
+    direction : (3,) float64 unit, in which light travels; of a point light with a profile, where gamma is 0; of no
                 meaning for one without
     cone      : half angles in degrees, of full light and of its end; between them it fades smoothly
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
@@ -87,7 +87,7 @@ class Scene:
     """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
 
     shapes       : meshes, exact spheres and planes, and where they stand
-    lights       : punctual ones, without extent
+    lights       : punctual ones
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to path tracing,
                    what lies beyond a path's last vertex
     sky          : what rays see that hit nothing: a blend, an environment map, or None: black
@@ -250,7 +250,7 @@ class Scene:
         return f"<Scene {self.name}: {', '.join(parts)}, {self.camera.resolution[0]} x {self.camera.resolution[1]}>"
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """What Jupyter shows: a preview and tables, or what there is room for."""
+        """Jupyter's view: a preview and tables, as far as there is room."""
         from glpath.scene.preview import mimebundle
 
         return mimebundle(self)
@@ -283,7 +283,7 @@ class Scene:
     def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:
         """The same scene seen otherwise.
 
-        camera  : in place of the scene's
+        camera  : instead of the scene's
         changes : of it, by the names of the fields of `Camera`; a new position, target or up ends its motion, which
                   would stand for them
 

@@ -1,8 +1,8 @@
 """How a rigid object moves: keys, between which it is turned, stretched and shifted evenly.
 
 A map between two keys is parted into a rotation and a stretch, by the polar decomposition; the rotation goes the
-shorter way about one axis at one speed, stretch and place go straight. So a wheel needs a key for less than every
-half turn.
+shorter arc about one axis at one speed, stretch and position change linearly. So a wheel needs
+more than two keys a turn.
 
 Source: Shoemake & Duff 1992, Matrix Animation and Polar Decomposition.
 """
@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the instances of a shape are at a time: a map follows the ones that place them.
+    """Where the instances of a shape are at a time: a map follows the ones of `placed`.
 
     times  : (K,) float64, seconds, each later than the one before; held before the first and after the last
     maps   : (K, 3, 4) float64, affine, last column the translation; none of them mirrors or flattens
@@ -89,7 +89,7 @@ def _turn(rotation: Float64) -> Float64:
         return np.asarray(skew * (angle / sine))
     if cosine > 0:
         return np.asarray(skew)
-    # Half a turn, either way round: R + I is twice the product of the axis with itself.
+    # Half a turn, of either sense: R + I is twice the product of the axis with itself.
     columns = 0.5 * (rotation + np.eye(3))
     axis = columns[:, int(np.argmax(np.diag(columns)))]
     return np.asarray(axis / np.linalg.norm(axis) * angle)

@@ -104,13 +104,13 @@ class Patches:
 class _Division:
     """How a unit square is divided.
 
-    place : (K, 2) u and v
-    faces : (F, 3) numbers of places, counter-clockwise
-    edge  : (K,) which edge a place lies on, 0 to 3 as `Patches.edges`, -1 for none
-    step  : (K, 2) of such a place: its number along the edge, and how many segments that has
+    uv_points : (K, 2) u and v
+    faces : (F, 3) numbers of points, counter-clockwise
+    edge  : (K,) which edge a point lies on, 0 to 3 as `Patches.edges`, -1 for none
+    step  : (K, 2) of such a point: its number along the edge, and how many segments that has
     """
 
-    place: Float64
+    uv_points: Float64
     faces: Int64
     edge: Int64
     step: Int64
@@ -177,8 +177,8 @@ class _Points:
     """Divided patches.
 
     position, normals, uv : (V, 3), (V, 3), (V, 2)
-    group : (V,) equal for points at one place
-    faces : (F, 3) numbers of points, none with two at one place
+    group : (V,) equal for points at one position
+    faces : (F, 3) numbers of points, none with two at one position
     """
 
     position: Float64
@@ -195,18 +195,18 @@ def _points(
     kinds = np.column_stack([levels, np.ones(len(levels), np.int64) if whole is None else whole])
     unique, which = np.unique(kinds, axis=0, return_inverse=True)
     of_patch = [_divided(*row[:4]) if row[4] else _edges_divided(*row[:4]) for row in unique.tolist()]
-    sizes = np.array([len(division.place) for division in of_patch])[which.ravel()]
+    sizes = np.array([len(division.uv_points) for division in of_patch])[which.ravel()]
     first = np.concatenate([[0], np.cumsum(sizes)])
     position, normals = np.empty((first[-1], 3)), np.empty((first[-1], 3))
     uv = np.empty((first[-1], 2))
     faces, patch = [], []
     for number, division in enumerate(of_patch):
         of = np.flatnonzero(which.ravel() == number)
-        at = (first[of][:, None] + np.arange(len(division.place))).ravel()
+        at = (first[of][:, None] + np.arange(len(division.uv_points))).ravel()
         part = patches.select(of)
         position[at] = _positions(part, division).reshape(-1, 3)
-        normals[at] = _normals(part.control, division.place).reshape(-1, 3)
-        uv[at] = (part.uv[:, None, :2] + division.place * part.uv[:, None, 2:]).reshape(-1, 2)
+        normals[at] = _normals(part.control, division.uv_points).reshape(-1, 3)
+        uv[at] = (part.uv[:, None, :2] + division.uv_points * part.uv[:, None, 2:]).reshape(-1, 2)
         faces.append((first[of][:, None, None] + division.faces).reshape(-1, 3))
         patch.append(np.repeat(of, len(division.faces)))
     face = np.concatenate(faces)[np.argsort(np.concatenate(patch), kind="stable")]
@@ -242,8 +242,8 @@ def _of_faces(points: _Points) -> Float64:
 
 def _positions(patches: Patches, division: _Division) -> Float64:
     """(P, K, 3)."""
-    u, v = _bernstein(division.place[:, 0]), _bernstein(division.place[:, 1])
-    found = np.zeros((len(patches.control), len(division.place), 3))
+    u, v = _bernstein(division.uv_points[:, 0]), _bernstein(division.uv_points[:, 1])
+    found = np.zeros((len(patches.control), len(division.uv_points), 3))
     for i in range(4):
         for j in range(4):
             found += (u[i] * v[j])[None, :, None] * patches.control[:, None, i, j]
@@ -262,23 +262,23 @@ def _positions(patches: Patches, division: _Division) -> Float64:
     return found + 0.0
 
 
-def _normals(control: Float64, place: Float64) -> Float64:
+def _normals(control: Float64, uv_points: Float64) -> Float64:
     """(P, K, 3) unit."""
-    found = _cross_of_tangents(control, place)
+    found = _cross_of_tangents(control, uv_points)
     length = np.linalg.norm(found, axis=2)
     size = np.ptp(control.reshape(len(control), -1, 3), axis=1).max(axis=1)
     lost = ~(length > 1e-9 * np.maximum(size, 1e-300)[:, None] ** 2)
     if lost.any():
-        inward = _cross_of_tangents(control, place + _INWARD * (0.5 - place))
+        inward = _cross_of_tangents(control, uv_points + _INWARD * (0.5 - uv_points))
         found = np.where(lost[..., None], inward, found)
         length = np.linalg.norm(found, axis=2)
     return np.asarray(found / np.where(length > 0, length, 1.0)[..., None])
 
 
-def _cross_of_tangents(control: Float64, place: Float64) -> Float64:
-    u, v = _bernstein(place[:, 0]), _bernstein(place[:, 1])
-    du, dv = _slopes(place[:, 0]), _slopes(place[:, 1])
-    along_u, along_v = (np.zeros((len(control), len(place), 3)) for _ in range(2))
+def _cross_of_tangents(control: Float64, uv_points: Float64) -> Float64:
+    u, v = _bernstein(uv_points[:, 0]), _bernstein(uv_points[:, 1])
+    du, dv = _slopes(uv_points[:, 0]), _slopes(uv_points[:, 1])
+    along_u, along_v = (np.zeros((len(control), len(uv_points), 3)) for _ in range(2))
     for i in range(4):
         for j in range(4):
             along_u += (du[i] * v[j])[None, :, None] * control[:, None, i, j]
@@ -306,7 +306,7 @@ def _as_bezier(points: Float64, axis: int) -> Float64:
 
 
 def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """Curves (..., 4, 3) from the end that is less, whichever way they were, and which (...) were turned."""
+    """Curves (..., 4, 3) from the end that is less, and which (...) were turned for that."""
     forth, back = curves.reshape(*curves.shape[:-2], 12), curves[..., ::-1, :].reshape(*curves.shape[:-2], 12)
     differ = forth != back
     first = np.argmax(differ, axis=-1)[..., None]
@@ -343,7 +343,7 @@ def _divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
 def _edges_divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
     """The same without the inside."""
     whole, ring = _divided(u0, u1, v0, v1), u0 + u1 + v0 + v1
-    return _Division(whole.place[:ring], np.zeros((0, 3), np.int64), whole.edge[:ring], whole.step[:ring])
+    return _Division(whole.uv_points[:ring], np.zeros((0, 3), np.int64), whole.edge[:ring], whole.step[:ring])
 
 
 def _inner(i: int, j: int, ring: int, along_v: int) -> int:

@@ -54,7 +54,7 @@ def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
 
 
 def first_hits(scene: Scene) -> tuple[NDArray[np.int64], Float64]:
-    """What the rays through the middles of the camera's pixels meet first.
+    """The first hits of the rays through the middles of the camera's pixels.
 
     Returns (H, W) int64 primitive, -1 for none (triangles, spheres and planes are counted on), and (H, W) float64
     distance, inf for none; row 0 at the top.
@@ -80,16 +80,16 @@ def _shaded(scene: Scene, camera: Camera) -> Float64:
     scene = replace(scene, camera=camera)
     view = _View(camera, near)
     found = _found(scene, view)
-    ways = camera.rays()
-    colour = np.empty_like(ways)
+    directions = camera.rays()
+    colour = np.empty_like(directions)
     missed = found < 0
-    colour[missed] = _sky(scene, ways[missed])
+    colour[missed] = _sky(scene, directions[missed])
     number = found[~missed]
     base, lamp = _colours(scene)
     kinds = ("triangle", "sphere", "plane")
     shape = np.concatenate([scene.shapes.primitive_shape(kind) for kind in kinds])[number]  # type: ignore[arg-type]
-    normals = _normals(scene, number, ways[~missed], view.nearest[~missed] * view.stretch[~missed])
-    facing = np.abs(np.einsum("ij,ij->i", normals, ways[~missed]))
+    normals = _normals(scene, number, directions[~missed], view.nearest[~missed] * view.stretch[~missed])
+    facing = np.abs(np.einsum("ij,ij->i", normals, directions[~missed]))
     lit = _FLAT + (1 - _FLAT) * facing
     colour[~missed] = np.where(lamp[shape, None], base[shape], lit[:, None] * base[shape])
     return np.clip(colour, 0.0, 1.0)
@@ -109,15 +109,15 @@ def _shaded_around(scene: Scene, camera: Camera) -> Float64:
     right, up, forward = camera.frame()
     rays = camera.rays()
     side = max(1, round(camera.resolution[1] / 2))
-    colour, taken = np.zeros_like(rays), np.zeros(rays.shape[:2], np.bool_)
+    colour, filled = np.zeros_like(rays), np.zeros(rays.shape[:2], np.bool_)
     level = [(forward, up), (right, up), (-forward, up), (-right, up)]
     for towards, above in (*level, (up, -forward), (-up, forward)):
         face = Camera(camera.position, camera.position + towards, above, 90.0, (side, side))
         at, depth = face.project(camera.position + rays)
-        seen = ~taken & (depth > 0) & (np.abs(at - side / 2) <= side / 2 * (1 + 1e-9)).all(axis=-1)
+        seen = ~filled & (depth > 0) & (np.abs(at - side / 2) <= side / 2 * (1 + 1e-9)).all(axis=-1)
         column, row = np.clip(np.floor(at[seen]).astype(np.int64), 0, side - 1).T
         colour[seen] = _shaded(scene, face)[row, column]
-        taken |= seen
+        filled |= seen
     return colour
 
 
@@ -164,9 +164,9 @@ class _View:
 
 def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
     """(H, W) the nearest primitive, -1 for none; triangles, spheres and planes are counted on. Fills the depths."""
-    reach, centre = sphere_extent(scene.spheres), scene.spheres[:, :, 3]
+    half, centre = sphere_extent(scene.spheres), scene.spheres[:, :, 3]
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    around = centre[:, None] + reach[:, None] * cube
+    around = centre[:, None] + half[:, None] * cube
     windows = np.concatenate([view.windows(scene.triangles), view.windows(around)])
     found = np.full(view.nearest.shape, -1)
     unit_from_world: Float64 = np.linalg.inv(scene.spheres[:, :, :3]).astype(np.float64)
@@ -222,14 +222,14 @@ def _take_small(
         column, row = windows[small, 0] + i % _SMALL, windows[small, 2] + i // _SMALL
         within = (column < windows[small, 1]) & (row < windows[small, 3])
         number, column, row = small[within], column[within], row[within]
-        way = view.forward + view.x[column, None] * view.right + view.y[row, None] * view.up
+        direction = view.forward + view.x[column, None] * view.right + view.y[row, None] * view.up
         depth = np.full(len(number), np.inf)
         flat = number < first_sphere
-        products = np.einsum("nij,nj->in", sides[number[flat]], way[flat])
+        products = np.einsum("nij,nj->in", sides[number[flat]], direction[flat])
         depth[flat] = _triangle_depth(list(products), volumes[number[flat]])
         curved = unit_from_world[number[~flat] - first_sphere]
         start = view.eye - scene.spheres[number[~flat] - first_sphere, :, 3]
-        to = np.einsum("nij,nj->in", curved, way[~flat])
+        to = np.einsum("nij,nj->in", curved, direction[~flat])
         depth[~flat] = _sphere_depth(np.einsum("nij,nj->in", curved, start), to)
         depth[~(depth > view.near)] = np.inf
         before = view.nearest[row, column]
@@ -267,18 +267,18 @@ def _sphere_depth(start: Float64, to: Float64) -> Float64:
     return np.where(np.isnan(root), np.inf, np.where(near > 0, near, far))
 
 
-def _normals(scene: Scene, number: NDArray[np.int64], ways: Float64, t: Float64) -> Float64:
+def _normals(scene: Scene, number: NDArray[np.int64], directions: Float64, t: Float64) -> Float64:
     """(N, 3) unit normals where rays meet primitives."""
     first_sphere, first_plane = len(scene.triangles), len(scene.triangles) + len(scene.spheres)
     flat, plane = number < first_sphere, number >= first_plane
-    normal = np.empty_like(ways)
+    normal = np.empty_like(directions)
     normal[flat] = scene.normals[number[flat]]
     normal[plane] = scene.planes[number[plane] - first_plane, :, 2]
     curved = ~flat & ~plane
     which = number[curved] - first_sphere
     unit_from_world = np.linalg.inv(scene.spheres[:, :, :3])[which]
-    place = scene.camera.position + t[curved, None] * ways[curved] - scene.spheres[which, :, 3]
-    outward = np.einsum("nij,ni->nj", unit_from_world, np.einsum("nij,nj->ni", unit_from_world, place))
+    from_centre = scene.camera.position + t[curved, None] * directions[curved] - scene.spheres[which, :, 3]
+    outward = np.einsum("nij,ni->nj", unit_from_world, np.einsum("nij,nj->ni", unit_from_world, from_centre))
     normal[curved] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
     return normal
 
@@ -300,10 +300,10 @@ def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
     return np.array(colours).reshape(-1, 3), np.array([shape.emits for shape in scene.shapes], bool)
 
 
-def _sky(scene: Scene, ways: Float64) -> Float64:
+def _sky(scene: Scene, directions: Float64) -> Float64:
     if scene.sky is None:
-        return np.full_like(ways, _BACKGROUND)
-    return scene.sky.radiance(ways)
+        return np.full_like(directions, _BACKGROUND)
+    return scene.sky.radiance(directions)
 
 
 def _shown(unit: Unit, quantity: Quantity) -> str:
@@ -314,7 +314,7 @@ def _shown(unit: Unit, quantity: Quantity) -> str:
 
 
 def mimebundle(scene: Scene) -> dict[str, object]:
-    """What Jupyter shows of a scene: text, a picture, and both with tables as HTML."""
+    """Jupyter's view of a scene: text, a picture, and both with tables as HTML."""
     png = encode_png(preview(scene, 320))
     return {"text/plain": repr(scene), "image/png": png, "text/html": _html(scene, png)}
 

@@ -1,4 +1,4 @@
-"""What a camera sees of a scene whatever hides it, and what stands about a point: geometry that `check` asks for.
+"""Geometry for `check`: what lies in a camera's view, hidden or not, and what encloses a point.
 
 All exact up to rounding, in numpy over all primitives: a few passes over the triangles.
 """
@@ -44,11 +44,11 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
     """Planes exactly, triangles and spheres by the boxes around them in the camera's axes."""
     axes = np.stack(camera.frame())
     wide, high = camera.extent
-    centre, reach = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
+    centre, extent = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
     spheres = (centre - camera.position) @ axes.T
     triangles = (scene.triangles - camera.position) @ axes.T
-    lower = np.concatenate([triangles.min(axis=1), spheres - reach])
-    upper = np.concatenate([triangles.max(axis=1), spheres + reach])
+    lower = np.concatenate([triangles.min(axis=1), spheres - extent])
+    upper = np.concatenate([triangles.max(axis=1), spheres + extent])
     limit = np.array([wide, high])
     within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
     if within.any():
@@ -89,7 +89,7 @@ def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     edges = np.einsum("nij,kj->nki", inverse, rays)
     edges /= np.linalg.norm(edges, axis=2, keepdims=True)
     following = np.roll(edges, -1, axis=1)
-    # Out of each side; where the transform mirrors, the edges go around the other way.
+    # Out of each side; where the transform mirrors, the edges go around in the other sense.
     normals = np.cross(following, edges)
     normals *= -np.sign(np.sum(normals[:, 0] * edges[:, 2], axis=1))[:, None, None]
     outside = np.einsum("nki,ni->nk", normals, -apex)
@@ -153,25 +153,25 @@ def touched_shape(scene: Scene) -> Shape | None:
         return scene.shapes[int(scene.shapes.primitive_shape(primitive)[number])]
 
     lower, upper = scene.bounds
-    reach = _TOUCHING * float(np.linalg.norm(upper - lower))
+    margin = _TOUCHING * float(np.linalg.norm(upper - lower))
     eye = scene.camera.position
     height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
     # Of planes alone the bounds say nothing; the view has a length.
     view = _TOUCHING * float(np.linalg.norm(scene.camera.target - eye))
-    if (hits := np.flatnonzero(height <= (reach or view))).size:
+    if (hits := np.flatnonzero(height <= (margin or view))).size:
         return owner("plane", hits[0])
-    about = np.flatnonzero(_near_spheres(scene.spheres, eye, reach))
+    about = np.flatnonzero(_near_spheres(scene.spheres, eye, margin))
     away, gradient = _from_surface(scene.spheres[about], eye)
-    if (hits := about[np.abs(away) <= reach * gradient]).size:
+    if (hits := about[np.abs(away) <= margin * gradient]).size:
         return owner("sphere", hits[0])
-    if (hits := _touched_triangles(scene.triangles - eye, reach)).size:
+    if (hits := _touched_triangles(scene.triangles - eye, margin)).size:
         return owner("triangle", hits[0])
     return None
 
 
-def _near_spheres(spheres: Float64, point: Float64, reach: float = 0.0) -> NDArray[np.bool_]:
+def _near_spheres(spheres: Float64, point: Float64, margin: float = 0.0) -> NDArray[np.bool_]:
     """(S,) bool: the point is in the box around the sphere."""
-    return np.asarray((np.abs(point - spheres[:, :, 3]) <= sphere_extent(spheres) + reach).all(axis=1))
+    return np.asarray((np.abs(point - spheres[:, :, 3]) <= sphere_extent(spheres) + margin).all(axis=1))
 
 
 def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
@@ -202,7 +202,6 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
 
 
 def _shapes_about(scene: Scene, point: Float64) -> list[int]:
-    """The shapes of triangles with the point in the box around them."""
     indices = [i for i, shape in enumerate(scene.shapes) if shape.primitive == "triangle" and shape.count]
     if not indices:
         return []
@@ -221,9 +220,9 @@ def _solid_angle(corners: Float64) -> float:
     return float(2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum())
 
 
-def _touched_triangles(corners: Float64, reach: float) -> NDArray[np.intp]:
+def _touched_triangles(corners: Float64, margin: float) -> NDArray[np.intp]:
     """Which triangles (T, 3, 3) the origin lies on."""
-    about = np.flatnonzero(((corners.min(axis=1) <= reach) & (corners.max(axis=1) >= -reach)).all(axis=1))
+    about = np.flatnonzero(((corners.min(axis=1) <= margin) & (corners.max(axis=1) >= -margin)).all(axis=1))
     corners = corners[about]
     edges = np.roll(corners, -1, axis=1) - corners
     normals = np.cross(edges[:, 0], edges[:, 1])
@@ -232,4 +231,4 @@ def _touched_triangles(corners: Float64, reach: float) -> NDArray[np.intp]:
     # how far the origin lies within each edge
     within = np.sum(np.cross(edges, -corners) * normals[:, None], axis=2)
     within /= np.maximum(np.linalg.norm(edges, axis=2), np.finfo(float).tiny)
-    return np.asarray(about[(height <= reach) & (within >= -reach).all(axis=1)])
+    return np.asarray(about[(height <= margin) & (within >= -margin).all(axis=1)])

@@ -1,8 +1,8 @@
-"""Level of detail: a scene with fewer triangles, for what is seen by way of other surfaces [PB 6.1].
+"""Level of detail: a scene with fewer triangles, for what is seen indirectly [PB 6.1].
 
 Meshes are simplified by quadric error metrics (Garland & Heckbert 1997, by the library fast-simplification). Shapes
-that emit keep theirs, as light points are drawn on them, and so do those with textures, colours of vertices or
-transparency, whose places on the surface would be lost. Where too few triangles would be left for a surface to stay
+that emit keep theirs, as light samples are drawn on them, and so do those with textures, colours of vertices or
+transparency, whose positions on the surface would be lost. Where too few triangles would be left to stay
 within a thousandth of the scene's diameter (99 of 100 vertices), more are.
 
 Cost:     about 3 µs a triangle, once.
@@ -22,9 +22,9 @@ from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 
 #: No mesh is left with fewer triangles.
-LEAST_FACES = 64
+MIN_FACES = 64
 # Of the scene's diameter: how far a mesh may deviate.
-_MOST_DEVIATION = 1e-3
+_MAX_DEVIATION = 1e-3
 # Of the library, 0 to 10: how willingly it gives up shape for fewer triangles; it has 7.
 _AGGRESSION = 2
 # Vertices that the deviation is asked of, points of the simpler surface, and how many of these near each vertex.
@@ -56,7 +56,7 @@ def simplified(scene: Scene, share: float) -> Simplified:
     made: dict[tuple[Mesh, float], tuple[Mesh, float]] = {}
     shapes, deviations = [], []
     low, high = scene.bounds
-    most = _MOST_DEVIATION * float(np.linalg.norm(high - low))
+    max_deviation = _MAX_DEVIATION * float(np.linalg.norm(high - low))
     for shape in scene.shapes:
         mesh = shape.geometry
         if not isinstance(mesh, Mesh) or not _can_be_simpler(scene, shape, mesh):
@@ -65,7 +65,7 @@ def simplified(scene: Scene, share: float) -> Simplified:
             continue
         largest = float(np.linalg.norm(shape.world_from_object[:, :, :3], ord=2, axis=(1, 2)).max())
         if (mesh, largest) not in made:
-            made[mesh, largest] = _near_enough(mesh, share, most / largest)
+            made[mesh, largest] = _near_enough(mesh, share, max_deviation / largest)
         simpler, apart = made[mesh, largest]
         deviations.append(apart * largest)
         shapes.append(replace(shape, geometry=simpler))
@@ -75,14 +75,14 @@ def simplified(scene: Scene, share: float) -> Simplified:
 def _can_be_simpler(scene: Scene, shape: Shape, mesh: Mesh) -> bool:
     material = scene.materials[shape.material]
     plain = not (material.needs_uv or has_colours(shape) or material.alpha != "opaque")
-    return plain and not shape.emits and len(mesh.faces) > LEAST_FACES
+    return plain and not shape.emits and len(mesh.faces) > MIN_FACES
 
 
-def _near_enough(mesh: Mesh, share: float, most: float) -> tuple[Mesh, float]:
+def _near_enough(mesh: Mesh, share: float, max_deviation: float) -> tuple[Mesh, float]:
     """The mesh with that share of its triangles, or with two, four ... times as many, until it deviates little."""
     while share < 1:
         simpler, deviation = _simpler(mesh, share)
-        if deviation <= most:
+        if deviation <= max_deviation:
             return simpler, deviation
         share *= 2
     return mesh, 0.0
@@ -94,7 +94,7 @@ def _simpler(mesh: Mesh, share: float) -> tuple[Mesh, float]:
     whole = Mesh(mesh.vertices, mesh.faces).welded()
     centre = whole.vertices.mean(axis=0)
     size = float(np.ptp(whole.vertices, axis=0).max())
-    wanted = max(share, LEAST_FACES / len(whole.faces))
+    wanted = max(share, MIN_FACES / len(whole.faces))
     if wanted >= 1:
         return mesh, 0.0
     points, faces = simplify(
@@ -174,7 +174,7 @@ def _distance(points: Float64, triangles: Float64) -> Float64:
 
 
 def density_of(full: Scene, simpler: Scene, density: Float64) -> Float64:
-    """(T,) densities of light points of the simpler scene's triangles from those of the full one's."""
+    """(T,) densities of light samples of the simpler scene's triangles from those of the full one's."""
     found = np.zeros(len(simpler.triangles))
     for shape, before, after in zip(full.shapes, full.shapes.ranges, simpler.shapes.ranges, strict=True):
         if shape.emits and shape.primitive == "triangle":

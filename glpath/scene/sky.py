@@ -1,4 +1,4 @@
-"""What lies behind all surfaces: a sky from horizon to zenith, or an environment map.
+"""The sky, from horizon to zenith, or an environment map.
 
 Both answer the same: `radiance` seen in directions, its integral, and `directions` as dense as it is.
 
@@ -22,7 +22,7 @@ from glpath.scene.geometry import perpendicular
 
 Float64 = NDArray[np.float64]
 
-# A picture's sums have bits for so much more than what is said to be bright (`glpath.gl.sums` has 2**24).
+# A picture's sums have bits for so much more than `typical_radiance` (`glpath.gl.sums` has 2**24).
 _SUMS_HOLD = 2.0**20
 # What 32 bits can square; as in scene files.
 _LARGEST = 1e15
@@ -34,7 +34,7 @@ _STEPS = 4
 
 @dataclass(frozen=True)
 class Sky:
-    """What rays see that hit nothing: a blend from horizon (and below) to zenith by the sine of the elevation.
+    """A sky: a blend from horizon (and below) to zenith by the sine of the elevation.
 
     zenith, horizon : (3,) float64 radiance, linear Rec. 709
     up              : (3,) float64 unit
@@ -63,7 +63,7 @@ class Sky:
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright places, as `glpath.lights.lighting.max_radiance` wants it."""
+        """Of bright surfaces, as `glpath.lights.lighting.max_radiance` wants it."""
         return self.max_radiance
 
     def directions(self, u: Float64) -> Float64:
@@ -184,7 +184,7 @@ class Environment:
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright places, as `glpath.lights.lighting.max_radiance` wants it.
+        """Of bright surfaces, as `glpath.lights.lighting.max_radiance` wants it.
 
         That of a white surface which all of the light falls on straight, where it is below that of the map: a small
         sun is far above all that it lights.
@@ -212,7 +212,7 @@ class Environment:
 
     @property
     def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
-        """What `directions` chooses by, for shaders that do the same.
+        """The tables of `directions`, for shaders that do the same.
 
         Returns (2 h + 1,) the cumulated probability of halves of rows, (2 h,) which halves these are (the upper one
         of row i is 2 i), (2 h,) the integral of each half's tent over the angle, sine included, in rows, and
@@ -241,7 +241,7 @@ class Environment:
 
 
 class _Tables(NamedTuple):
-    """What directions are drawn by.
+    """Tables to draw directions by.
 
     order   : (2 h,) numbers of the upper and lower halves of rows: those with a sun first
     rows    : (2 h + 1,) their cumulated probability, in this order
@@ -273,7 +273,7 @@ class _Halves(NamedTuple):
     A tent falls from its row's middle to those of the rows beside it; beyond the first and the last it is flat.
 
     foot : (2 h,) the angle at which the half begins: where it is 0, or, of a flat one, the pole
-    sign : (2 h,) +1 or -1, in which sense it goes on from there
+    sign : (2 h,) +1 or -1, in which sense it continues from there
     flat : (2 h,) bool
     mass : (2 h,) its integral
     """

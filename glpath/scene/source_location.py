@@ -30,12 +30,12 @@ class SourceLocation:
         return f"{self.source}: {self.path}" if self.path else f"{self.source}:"
 
     def field(self, name: str) -> SourceLocation:
-        """The place of a key of the table that stands here."""
+        """The location of a key of the table that stands here."""
         key = name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
         return type(self)(self.source, f"{self.path}.{key}" if self.path else key)
 
     def item(self, index: int) -> SourceLocation:
-        """The place of an element of the list that stands here, counted from 0."""
+        """The location of an element of the list that stands here, counted from 0."""
         return type(self)(self.source, f"{self.path}[{index}]")
 
     def written(self, value: object) -> str:
@@ -47,7 +47,7 @@ class SourceLocation:
         return f"{self.path.rpartition('.')[2]} = {self.written(value)}"
 
     def error(self, text: str, remedy: str = "") -> SceneError:
-        """An error about this place; `text` goes on after its name ("names vertex 9, but ...")."""
+        """An error here; `text` follows the location ("names vertex 9, but ...")."""
         return SceneError(f"{self} {text}", remedy)
 
     def wrong(self, found: object, allowed: str, remedy: str = "") -> SceneError:
@@ -56,7 +56,7 @@ class SourceLocation:
 
 
 class PythonLocation(SourceLocation):
-    """A place in a dictionary, written as Python has it: `scene["shapes"][3]["material"]`."""
+    """A location in a dictionary, written as Python has it: `scene["shapes"][3]["material"]`."""
 
     def __str__(self) -> str:
         return f"{self.source}{self.path}"

@@ -12,7 +12,7 @@ from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
 
-# Some ten gigabytes on the device; nobody means that many.
+# Some ten gigabytes on the device; so many are a mistake.
 MAX_TRIANGLES = 2**27
 
 _LISTED = 3
@@ -66,10 +66,10 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
     """The shape with instances of the one icosphere instead of spheres."""
     mesh, matrices = unit_sphere(shape.subdivisions, with_uv=textured), shape.world_from_object
     if (np.linalg.det(matrices[:, :, :3]) < 0).all():
-        # Turned back, so that a room of a sphere has the triangles of the ball, wound the other way.
+        # Turned back, so that a room of a sphere has the triangles of the ball, wound in reverse.
         mesh, matrices = mesh.turned(), turned(matrices)
         if mesh.uv is not None:
-            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # the longitude runs the other way, too
+            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # the longitude is reversed, too
     instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
     alone = Shapes((instances,))
     if not without_area(alone.triangles).any():
@@ -84,7 +84,7 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
 
 
 def turned(world_from_unit: Float64) -> Float64:
-    """Spheres (..., 3, 4) with their fronts on the other side; longitude runs the other way about them."""
+    """Spheres (..., 3, 4) with their fronts on the other side; longitude is reversed."""
     return np.asarray(world_from_unit * [1.0, -1.0, 1.0, 1.0])
 
 

@@ -59,7 +59,7 @@ class CameraSensor:
 
     @classmethod
     def of(cls, camera: Camera) -> CameraSensor:
-        """That of a camera."""
+        """The sensor of a camera."""
         width, height = camera.resolution
         focus = camera.focus_distance
         return cls(
@@ -86,7 +86,7 @@ class CameraSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What an engine is made for: projection, whether it has a lens, whether it moves."""
+        """The properties that an engine is made for: projection, lens, motion."""
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
     def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
@@ -99,11 +99,11 @@ class CameraSensor:
 
     def as_json(self) -> dict[str, Any]:
         """Its fields, as JSON has them, without those that say nothing: a pinhole's are as they always were."""
-        said = {f.name for f in fields(self) if getattr(self, f.name) != f.default}
-        return {"type": "camera"} | {name: value for name, value in asdict(self).items() if name in said}
+        changed = {f.name for f in fields(self) if getattr(self, f.name) != f.default}
+        return {"type": "camera"} | {name: value for name, value in asdict(self).items() if name in changed}
 
     def recorded(self) -> dict[str, Any]:
-        """What a film's settings say of it: nothing, as the scene that it sees has the camera."""
+        """Its record in a film's settings: empty, as the scene has the camera."""
         return {}
 
 
@@ -115,7 +115,7 @@ class PointTables:
     normals   : (S, H, W, 3) float32, unit: light from the other side does not count
     valid     : (H, W) bool: elsewhere nothing starts, and the film is black
     shading   : (S, H, W, 3) float32, unit, or None: normals to weigh light by, as a smooth surface does that is
-                made of flat triangles: its cosine counts in place of that to `normals`, which go on to say what is
+                made of flat triangles: its cosine counts instead of that to `normals`, which still say what is
                 behind the surface
     origin    : what positions are relative to, scene units
     """
@@ -154,7 +154,7 @@ class PointSensor:
     sha256     : of the points, see `PointTables.digest`
     count      : of points that are valid
     middle     : of these, the middle of the box about them, scene units
-    tables     : how many a path set has to choose from: a texel of so many places has the mean of their light
+    tables     : how many a path set has to choose from: a texel of so many points has the mean of their light
     smooth     : there are normals to shade with
     shutter    : when it opens and when it closes, seconds: of what moves
     independent : each point draws light samples of its own, where paths have directions of their own: errors of
@@ -188,8 +188,8 @@ class PointSensor:
         """The sensor of points.
 
         positions       : (H, W, 3), or (S, H, W, 3) of which each path set takes one: number int(u S), u being the
-                          first of the two numbers that place a camera's rays in its pixels, so that S places of a
-                          texel are met evenly whatever directions go with them
+                          first of the two numbers that position a camera's rays in its pixels, so that the S points
+                          of a texel are sampled evenly, whatever the directions
         normals         : (H, W, 3) or (S, H, W, 3), unit
         valid           : (H, W) bool; all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
@@ -201,25 +201,25 @@ class PointSensor:
         """
         if origin is None:
             positions, origin = _near_origin(positions, valid)
-        place = _table("positions", positions)
-        if 0 in place.shape:
-            raise UsageError(f"points: an array of shape {place.shape}, in which there is none.")
-        size, (count, height, width) = place.shape[1:3], place.shape[:3]
+        position = _table("positions", positions)
+        if 0 in position.shape:
+            raise UsageError(f"points: an array of shape {position.shape}, in which there is none.")
+        size, (count, height, width) = position.shape[1:3], position.shape[:3]
         inside = np.ones(size, bool) if valid is None else np.asarray(valid, bool)
         if inside.shape != size:
             raise UsageError(f"points: valid has shape {inside.shape}, where {size} is needed, that of the points.")
         if not inside.any():
             raise UsageError(f"points: none of {width} x {height} is valid.")
-        directions = [_directions("normals", normals, place, inside)]
+        directions = [_directions("normals", normals, position, inside)]
         if shading_normals is not None:
-            directions.append(_directions("shading_normals", shading_normals, place, inside))
-        if not np.isfinite(place[:, inside]).all():
+            directions.append(_directions("shading_normals", shading_normals, position, inside))
+        if not np.isfinite(position[:, inside]).all():
             raise UsageError("points: a position is not finite.")
-        place = np.where(inside[..., None], place, np.float32(0.0))
-        among = place[:, inside].reshape(-1, 3).astype(np.float64)
+        position = np.where(inside[..., None], position, np.float32(0.0))
+        among = position[:, inside].reshape(-1, 3).astype(np.float64)
         x, y, z = map(float, origin)
         shading = directions[1] if len(directions) > 1 else None
-        points = PointTables(place, directions[0], inside, shading, (x, y, z))
+        points = PointTables(position, directions[0], inside, shading, (x, y, z))
         return cls(
             resolution=(width, height),
             sha256=points.digest,
@@ -234,7 +234,7 @@ class PointSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What an engine is made for: how many tables there are, normals to shade with, light samples of whom."""
+        """The properties that an engine is made for: number of tables, shading normals, independence."""
         return ("points", self.tables > 1, self.smooth, self.independent)
 
     def moved(self, origin: NDArray[np.float64]) -> PointSensor:
@@ -247,7 +247,7 @@ class PointSensor:
         return replace(self, middle=_plain(np.array(self.middle) - origin), points=points)
 
     def seen(self, scene: Scene) -> Scene:
-        """The scene as this sensor has it: with a camera amid the points, in place of its own, which says nothing.
+        """The scene as this sensor has it: with a camera amid the points instead of its own, which says nothing.
 
         Raises UsageError where the points have to be handed in.
         """
@@ -268,7 +268,7 @@ class PointSensor:
         return {"type": "points"} | {f.name: getattr(self, f.name) for f in fields(self) if f.name != "points"}
 
     def recorded(self) -> dict[str, Any]:
-        """What a film's settings say of it: films merge where points are the same."""
+        """Its record in a film's settings: films merge where points are the same."""
         return {"points": self.sha256}
 
     def given(self, points: PointTables | None) -> PointSensor:
@@ -312,7 +312,7 @@ def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLi
     low, high = among.min(axis=0), among.max(axis=0)
     if not np.isfinite(low + high).all():
         return positions, (0.0, 0.0, 0.0)
-    # A single place has no size to tell what is far.
+    # A single point has no size to tell what is far.
     size = 0.0 if np.any(high > low) else _ALONE * float(np.abs(low).max())
     origin = origin_of(low - size, high + size)
     return (array - origin if origin.any() else positions), _plain(origin)

@@ -1,6 +1,6 @@
-"""What C libraries write to standard output and standard error by themselves is held back.
+"""Holds back the output of C libraries to standard output and standard error.
 
-OpenEXR does so before it raises: its lines would stand before the error that tells the user what to do, or within a
+OpenEXR does so before it raises: its lines would stand before the error with its remedy, or within a
 picture that goes to standard output.
 """
 
@@ -63,7 +63,6 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Write what Python and the C library have in their buffers."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(Exception):  # closed, or no file
             stream.flush()

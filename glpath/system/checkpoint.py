@@ -1,8 +1,8 @@
-"""A file that keeps what is done while work goes on, so that whatever ends the process loses no more than a little.
+"""A file that keeps the state of unfinished work, so that whatever ends the process loses no more than a little.
 
-It is replaced in one step, and is on the disk when that is over, so that there is a whole one at any moment; what
-cannot be written leaves the one before, and a line in the log, and the work goes on. Within a `with` block no other
-process has it (`locks`).
+It is replaced in one step, and is on the disk after that, so that there is a whole one at any moment. A state that
+cannot be written leaves the one before, and a line in the log, and the work continues. Within a `with` block no
+other process has it (`locks`).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class CheckpointFile(Locked):
     took    : seconds that the last one took
     """
 
-    #: What has it, in the words of the message; and what goes on where it cannot be written.
-    holder: ClassVar[str] = "work that goes on with it"
+    #: What has it, in the words of the message; and what continues where it cannot be written.
+    holder: ClassVar[str] = "work that resumes from it"
     work: ClassVar[str] = "the work"
 
     path: Path
@@ -54,7 +54,7 @@ class CheckpointFile(Locked):
         self._lock = Lock(self.path, self.holder)
 
     def found(self) -> bool:
-        """Whether there is one to go on with; what a killed process has left half-written is removed."""
+        """Whether there is one to resume from; what a killed process has left half-written is removed."""
         remove_parts(self.path)
         return self.path.exists()
 
@@ -64,7 +64,7 @@ class CheckpointFile(Locked):
         return by_time or (self.steps is not None and step - self._last_step >= self.steps)
 
     def written_by(self, save: Callable[[Path], None], step: int) -> bool:
-        """Write it now; whether that went well. What goes wrong is told in the log, each reason once."""
+        """Write it now; whether that went well. Failures are reported in the log, each reason once."""
         started = time.monotonic()
         try:
             save(self.path)
@@ -73,7 +73,7 @@ class CheckpointFile(Locked):
             reason = reason_of(error.__cause__ or error)
             if reason not in self._reasons:
                 self._reasons.add(reason)
-                log.warning("checkpoint: %s; %s goes on", error.message.rstrip("."), self.work)
+                log.warning("checkpoint: %s; %s continues", error.message.rstrip("."), self.work)
         else:
             self.failure = None
             self.written += 1

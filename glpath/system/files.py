@@ -1,8 +1,8 @@
 """Files that appear whole or not at all, and outputs of which none is lost for another's sake.
 
-A file is written beside its place under another name and then moved there, also when the process is stopped
+A file is written beside its target under another name and then moved there, also when the process is stopped
 meanwhile. It and the entry of its folder are on the disk (fsync) when the call returns. Missing folders of an
-output are made: who types `-o out/a.png` means it. A pipe or a device is written into, never replaced; `-` is
+output are made. A pipe or a device is written into, never replaced; `-` is
 standard output.
 """
 
@@ -44,7 +44,7 @@ def is_stream(path: str | Path) -> bool:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """The place to write a file to, so that it appears at `path` whole or not at all.
+    """Where to write a file, so that it appears at `path` whole or not at all.
 
     On leaving the block the file is moved to `path`, over what was there, or copied into it where that is a pipe or
     a device; if the block fails it is removed. Missing folders are made. A link is followed. Raises ImageError when
@@ -93,13 +93,13 @@ def read_bytes(path: str | Path) -> bytes:
             waiting = select.poll()
             waiting.register(descriptor, select.POLLIN)
             if not waiting.poll(1e3 * _PIPE_S):
-                raise _refused(path, f"a pipe into which nobody has written for {_PIPE_S:g} s")
+                raise _refused(path, f"a pipe into which nothing was written for {_PIPE_S:g} s")
         os.set_blocking(descriptor, True)
         return file.read()
 
 
 def _unreadable_kind(mode: int) -> str:
-    """What it is that has no content to read; "" for a file, a pipe, or nothing."""
+    """The kind of a path without content to read; "" for a file, a pipe, or nothing."""
     if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
         return "a device"
     return "a socket" if stat.S_ISSOCK(mode) else "a folder" if stat.S_ISDIR(mode) else ""
@@ -137,7 +137,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name is on the disk, too; file systems that have no such call keep it in their own way."""
+    """The new name is on the disk, too; not all file systems have such a call."""
     with suppress(PermissionError):  # a folder that may be written but not read
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -201,7 +201,7 @@ def check_writable(path: str | Path) -> None:
     folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
         folder = folder.parent
-    # Trying is the only sure way: permissions say little about root, network shares and read-only file systems. By
+    # Only trying is sure: permissions say little about root, network shares and read-only file systems. By
     # the very name, which may be too long.
     trial = folder / _temporary_name(target)
     try:
@@ -225,7 +225,7 @@ def _mode(path: str | Path) -> int:
 
 
 def _unwritable_kind(path: str | Path) -> str | None:
-    """What stands there that a file must not replace; None for a file, or for nothing."""
+    """The kind of a path that a file must not replace; None for a file, or for nothing."""
     mode = _mode(path)
     if stat.S_ISDIR(mode):
         return "a folder"
@@ -307,7 +307,7 @@ def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
 
 
 def reason_of(error: BaseException) -> str:
-    """What went wrong, in the system's words, without a full stop."""
+    """The system's message, without a full stop."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error).rstrip(".") or type(error).__name__

@@ -1,4 +1,4 @@
-"""A sign of life: whoever ends a piece of work says so here, and a watchdog hears when nobody does any more."""
+"""A sign of life: finished pieces of work are reported here, and a watchdog hears when none is any more."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 class Heartbeat:
     """Of a process: beats for a draw that was handed over, a path set, a step of a solver.
 
-    listener : called at each; None where nobody listens
+    listener : called at each; None without one
     """
 
     def __init__(self) -> None:

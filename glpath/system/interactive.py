@@ -18,7 +18,7 @@ def in_cell() -> bool:
 
 
 def running_cell() -> str | None:
-    """What tells the run of a cell in this thread from all others; None where none runs."""
+    """The id of the running cell in this thread; None where none runs."""
     kernel = _kernel()
     header = {} if kernel is None else (kernel.get_parent() or {}).get("header", {})
     return header.get("msg_id") if header.get("msg_type") == "execute_request" else None

@@ -67,8 +67,8 @@ def _short(text: str) -> str:
 class KernelCache(FunctionCache):
     """The cache of one function, a file for each signature.
 
-    on_wait : told the function's name where another process is compiling it
-    on_load : told it where it was found instead of being compiled
+    on_wait : gets the function's name where another process is compiling it
+    on_load : gets it where it was found instead of being compiled
     """
 
     def __init__(
@@ -89,18 +89,18 @@ class KernelCache(FunctionCache):
         return any(Path(self._cache_path).glob(f"{self._impl.filename_base}.*.{self._version}.nbc"))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What was compiled for a signature, None where there is none."""
+        """The compiled kernel of a signature; None without."""
         target_context.refresh()
         found = self._stored(sig, target_context)
         if found is None and self.alone is not None:
             lock = self._file(sig, target_context.codegen()).with_suffix(".lock")
-            self.alone.enter_context(_alone(lock, self._tell_of_wait))
+            self.alone.enter_context(_alone(lock, self._report_wait))
             found = self._stored(sig, target_context)
         if found is not None and self._on_load is not None:
             self._on_load(self._py_func.__name__)
         return found
 
-    def _tell_of_wait(self) -> None:
+    def _report_wait(self) -> None:
         if self._on_wait is not None:
             self._on_wait(self._py_func.__name__)
 
@@ -156,7 +156,7 @@ def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
 
 @contextmanager
 def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
-    """Hold a lock among processes; go on without it where there can be none, or after a minute."""
+    """Hold a lock among processes; continue without it where there can be none, or after a minute."""
     until = time.monotonic() + _PATIENCE
     handle = _locked(path)
     if handle is None:

@@ -54,7 +54,7 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
 
 
 def outer(inner: Any) -> Any:
-    """An inner kernel as a kernel, for Python to call: compiled once more, by itself."""
+    """An inner kernel as a kernel, for Python to call: compiled once more, alone."""
     return kernel(getattr(inner, "py_func", inner))
 
 
@@ -67,7 +67,7 @@ def inner_sum(function: Callable[..., Any]) -> Any:
 
 
 def kernel_part(function: Callable[..., Any]) -> Any:
-    """As `inner_kernel`, for what is called at one place: it is compiled as if it stood there."""
+    """As `inner_kernel`, for what is called once: it is compiled as if it stood there."""
     return function if _PLAIN else _as_python(_njit(**_OPTIONS, inline="always")(function))
 
 
@@ -97,7 +97,7 @@ def _for_types(dispatcher: Any) -> Any:
 
 
 class _Compilations:
-    """Of this process. Whoever holds the lock of numba's compiler owns it.
+    """Compilations of this process, guarded by the lock of numba's compiler.
 
     running  : a kernel is being made, and all that is compiled is part of it
     expected : names of the kernels that are not compiled yet; empty where that is not known
@@ -112,11 +112,11 @@ class _Compilations:
         self.report: Report | None = None
 
     def begin(self, name: str) -> None:
-        self._tell(f"compiling kernels: {name.strip('_')}{self._next()}")
+        self._report(f"compiling kernels: {name.strip('_')}{self._next()}")
         self.done += 1
 
     def wait(self, name: str) -> None:
-        self._tell(f"waiting for {name.strip('_')}{self._next()}, which another process compiles")
+        self._report(f"waiting for {name.strip('_')}{self._next()}, which another process compiles")
 
     def loaded(self, name: str) -> None:
         # Were it not counted, the last would not seem to be the last.
@@ -125,11 +125,11 @@ class _Compilations:
     def _next(self) -> str:
         return f" {self.done + 1}/{max(len(self.expected), self.done + 1)}" if self.expected else ""
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         if self.report is not None:
             self.report(text)
         else:
-            # A warning, since that is what logging shows where nobody has set it up.
+            # A warning, since that is what logging shows by default.
             log.warning("%s", text)
 
 
@@ -137,7 +137,7 @@ _compilations = _Compilations()
 
 
 def waiting(kernels: Iterable[Any]) -> list[Any]:
-    """Those of the kernels that have yet to be compiled: neither this process nor the cache has them."""
+    """The kernels that are not compiled yet, neither in this process nor in the cache."""
     made = [k for k in kernels if not isinstance(k, FunctionType)]
     return [k for k in made if not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any()))]
 
@@ -150,10 +150,10 @@ def cache_folder(kernel: Any) -> Path | None:
 
 @contextmanager
 def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator[None]:
-    """While it lasts, kernels that are compiled are told as `compiling kernels: cast_groups 3/12`.
+    """While it lasts, kernels that are compiled are reported as `compiling kernels: cast_groups 3/12`.
 
     expected : those that are not compiled yet
-    report   : what is told; without it, it is a line of the log
+    report   : gets the text; without it, the log does
     """
     before = _compilations.expected, _compilations.done, _compilations.report
     names = frozenset(k.__name__ for k in expected)
@@ -165,7 +165,7 @@ def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator
 
 
 class _Outermost(event.Listener):
-    """Tells of the kernel that is made, not of the functions that it is made of. Loading is no compiling."""
+    """Reports the kernel that is compiled, not the functions in it. Loading is not compiling."""
 
     def on_start(self, event: Any) -> None:
         if not self._depth and _compilations.running:

@@ -1,17 +1,17 @@
-"""Two processes that would write one file: the second is told who the first is.
+"""Two processes that would write one file: the second gets an error that names the first.
 
     with Lock(Path("a.checkpoint.npz"), "a render"):
         ...
 
 A lock is a file beside, `.a.checkpoint.npz.lock`, of which bytes are locked (`F_OFD_SETLK`): the kernel lets go of
-them when the process ends, whatever ends it, so that one that was killed keeps nobody out. What stands in the file
+them when the process ends, whatever ends it, so that a killed one leaves no stale lock. What stands in the file
 says who holds it, for the message alone. It is removed at the end; what a killed process has left is taken over.
 
 Network file systems: on NFS (4, or 3 with its lock daemon) it holds between machines, too; when a machine dies, its
 locks end with its lease, 90 s as a rule. Where a mount has `nolock` or `local_lock`, and on Lustre with
-`localflock`, it holds within each machine. Where there are no locks at all nobody is kept out, as the log says.
+`localflock`, it holds within each machine. Without any locks it has no effect, as the log says.
 
-Poor at: a lock file that is removed while it is held, by hand or with its folder: whoever comes next makes another.
+Poor at: a lock file that is removed while it is held, by hand or with its folder: the next process makes another.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from glpath.system.files import reason_of
 
 log = logging.getLogger("glpath")
 
-# What is locked lies beyond the text of any lock file, as some network file systems let nobody read locked bytes.
+# What is locked lies beyond the text of any lock file, as some network file systems forbid to read locked bytes.
 _BASE = 1 << 40
 # Held for the moment in which one enters the file or leaves it.
 _DESK = (_BASE - 1, 1)
@@ -44,7 +44,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 class Lock:
     """Keeps other processes from a file while a `with` block runs; blocks within each other are one.
 
-    path        : the file; nobody else's lock file has its name
+    path        : the file; no other lock file has its name
     what        : that holds it, in the words of the message: "a render"
     first, stop : of what is written there in parts, which of them: processes with others do not meet
 
@@ -67,7 +67,7 @@ class Lock:
             except OSError as error:
                 raise ImageError(
                     f"{self._path}: its lock {self._file} cannot be made: {reason_of(error)}.",
-                    "Where nobody works on it, and another user has left that file, remove it.",
+                    "Where no process uses it, and another user has left that file, remove it.",
                 ) from error
         self._depth += 1
         return self
@@ -113,7 +113,7 @@ class Lock:
             if error.errno not in _HELD:
                 raise
             raise self._refusal([each for each in held if self._meets(each)]) from None
-        # Whoever is said to hold a part of this did not leave in peace.
+        # What is recorded as a holder of this part was killed.
         mine = {
             "pid": os.getpid(),
             "host": socket.gethostname(),
@@ -161,12 +161,12 @@ class Lock:
         return GlpathError(
             f"{self._path}: {self._what} has it already: {who}.",
             f"Wait until that ends, or end it{end}; or name another output. Once it has ended, however that was, "
-            f"{self._file} keeps nobody out.",
+            f"{self._file} locks nothing.",
         )
 
 
 class Locked:
-    """What has a file for itself while a `with` block runs, by its `_lock`."""
+    """Holds a file's lock, `_lock`, while a `with` block runs."""
 
     _lock: Lock
 
@@ -196,7 +196,7 @@ def _flock(kind: int, start: int, length: int) -> bytes:
 
 
 def _read(descriptor: int) -> list[dict[str, Any]]:
-    """Who stands in the file. Whatever else does is nobody."""
+    """The holders recorded in the file; anything else in it is ignored."""
     try:
         found = json.loads(os.pread(descriptor, 1 << 20, 0) or b"[]")
     except (OSError, ValueError):
@@ -214,5 +214,5 @@ def _write(descriptor: int, holders: list[dict[str, Any]]) -> None:
     try:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, text, 0)
-    except OSError as error:  # a disk that is full: the lock holds, but nobody learns whose it is
+    except OSError as error:  # a disk that is full: the lock holds, but does not name its holder
         log.info("lock: %s", reason_of(error))

@@ -1,4 +1,4 @@
-"""What the system gives this process."""
+"""Memory and cores that the system gives this process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import resource
 from pathlib import Path
 
 # Of this process, where it is limited.
-_most_threads: int | None = None
+_max_threads: int | None = None
 
 
 def peak_resident_bytes() -> int:
@@ -27,17 +27,19 @@ def peak_resident_bytes() -> int:
 def core_count() -> int:
     """Cores that this process may use: what it may run on, or fewer, see `limit_threads`."""
     cores = len(os.sched_getaffinity(0))
-    return cores if _most_threads is None else min(cores, _most_threads)
+    return cores if _max_threads is None else min(cores, _max_threads)
 
 
 def limit_threads(count: int) -> None:
     """From now on this process computes with so many threads at most: solvers, llvmpipe, Open Image Denoise.
 
-    llvmpipe is told when it is loaded, so that a process which has a context keeps the threads of that.
+    llvmpipe reads the number when it is loaded, so a process that has a context keeps the threads of that. One
+    thread is 0 for llvmpipe, the calling one: with a thread of its own it has a race that crashes.
     """
-    global _most_threads
-    _most_threads = count
-    os.environ["LP_NUM_THREADS"] = os.environ["OIDN_NUM_THREADS"] = str(count)
+    global _max_threads
+    _max_threads = count
+    os.environ["LP_NUM_THREADS"] = str(count if count > 1 else 0)
+    os.environ["OIDN_NUM_THREADS"] = str(count)
 
 
 def return_memory() -> None:

@@ -34,7 +34,7 @@ class ProgressEvent:
     line        : the beginning of a line; "" where there is nothing to tell but the stage
     line_detail : its end, after the time
     values      : the same as numbers
-    renderer    : who works, where that is to be told
+    renderer    : who works, where that is reported
     """
 
     stage: str
@@ -138,8 +138,8 @@ def _json(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
         if event.stage == stage and event.elapsed_s < after and not event.ended:
             return
         stage, after = event.stage, event.elapsed_s + _JSON_INTERVAL
-        told = {"event": "progress", "stage": stage, **event.values, "elapsed_s": round(event.elapsed_s, 3)}
-        print(json.dumps(told), file=stream, flush=True)
+        record = {"event": "progress", "stage": stage, **event.values, "elapsed_s": round(event.elapsed_s, 3)}
+        print(json.dumps(record), file=stream, flush=True)
 
     yield show
 

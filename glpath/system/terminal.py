@@ -1,4 +1,4 @@
-"""Text on its way out to a terminal or a log: what came with the input is shown, never obeyed.
+"""Text for a terminal or a log: what came with the input is shown, never obeyed.
 
 Names in a scene, lines of it that an error quotes and file names can hold what a terminal obeys (another title, a
 cleared screen, text over text) or what hides text (bidirectional overrides, zero-width characters). All that the

@@ -1,8 +1,8 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), under or beside
-// lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled by itself.
+// lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
 // Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_GLASS: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  a BRDF is told in units of a white Lambertian surface's, 1 / pi.
+// Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
 //         strength of a dielectric's reflection (specular); Phong 1975 [TB IV].
 #include "sampling/directions.glsl"
@@ -23,7 +23,7 @@ struct Bsdf
     float grazing;    // and at grazing incidence
     float layered;    // share of the surface that is one
     vec2 alpha;       // GGX's, along the tangent and across
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     vec3 tangent;       // along the surface; 0 for none
 #endif
     float coat;       // share under clearcoat
@@ -43,7 +43,7 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.transmission = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     b.tangent = vec3(0.0);
 #endif
 #endif
@@ -141,7 +141,7 @@ vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 struct Lobe
 {
     vec3 f;
-    float density;
+    float pdf;
 };
 
 // Columns: along the tangent, across it, and the normal to shade with.
@@ -149,7 +149,7 @@ mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
     axes_across(n, x, y);
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     vec3 along = b.tangent - dot(b.tangent, n) * n;
     if (dot(along, along) > 1e-8) {
         x = normalize(along);
@@ -185,26 +185,26 @@ bool is_unbent(Bsdf b)
     return abs(b.eta - 1.0) < 1e-3;
 }
 
-bool is_frosted(Bsdf b)
+bool is_rough_transmission(Bsdf b)
 {
-    float most = max(b.transmission.r, max(b.transmission.g, b.transmission.b));
-    return !is_unbent(b) && most > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
+    float largest = max(b.transmission.r, max(b.transmission.g, b.transmission.b));
+    return !is_unbent(b) && largest > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
 
 // The same of light from the other side, wi.z < 0. Through a thin dielectric as it would be reflected; into a solid by
 // Walter et al., eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
 Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
-    if (!is_frosted(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
+    if (!is_rough_transmission(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     bool thin = b.eta <= 0.0;
     vec3 m = normalize(thin ? wo + vec3(wi.xy, -wi.z) : wo + b.eta * wi);
     if (m.z < 0.0) m = -m;
     float o = dot(wo, m), i = thin ? o : -dot(wi, m);
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
-    float density = visible_normal_density(wo, m, b.alpha) * spread;
+    float pdf = visible_normal_pdf(wo, m, b.alpha) * spread;
     vec3 T = b.transmission * (base_transmittance(b, o) * (1.0 - coat_reflects(b, wo.z)));
-    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * density / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * density);
+    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif
 

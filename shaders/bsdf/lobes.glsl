@@ -1,4 +1,4 @@
-// lobes.glsl: in which lobe of its surface a path goes on, and where in it. Each lobe has its share of the light by itself,
+// lobes.glsl: in which lobe of its surface a path continues, and where in it. Each lobe has its own share of the light,
 // and its own density beside the light samples'.
 // Needs:  path_vertex.glsl, light_sample.glsl
 // Frame:  world.
@@ -33,7 +33,7 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     return Lobes(q.diffuse * scale, q.microfacets * scale, q.coat * scale, q.mirror * scale);
 }
 
-// Veach's share of a light sample beside the direction of a lobe; lights without extent (density 0) are found by nothing
+// Veach's share of a light sample beside the direction of a lobe; punctual lights (density 0) are found by nothing
 // else.
 float mis_weight(float light, float direction)
 {
@@ -48,19 +48,19 @@ mat3 mirroring_axes(PathVertex v)
 }
 #endif
 
-// What a vertex makes of a light sample, which is told without shares: of the diffuse lobe and of the others.
+// What a vertex reflects of a light sample given without shares: by the diffuse lobe and by the others.
 void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);
     diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
-         * mis_weight(direct.density, q.diffuse * cosine / PI);
+         * mis_weight(direct.pdf, q.diffuse * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
     mat3 axes = mirroring_axes(v);
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
     Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
-    vec3 f = base.f * mis_weight(direct.density, q.microfacets * base.density)
-           + coat.f * mis_weight(direct.density, q.coat * coat.density);
+    vec3 f = base.f * mis_weight(direct.pdf, q.microfacets * base.pdf)
+           + coat.f * mis_weight(direct.pdf, q.coat * coat.pdf);
     others = f * direct.light * (max(wi.z, 0.0) / max(cosine, 1e-6));
 #endif
 }
@@ -74,7 +74,7 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
     Lobe lobe = through_lobe(v.bsdf, v.wo * axes, wi);
     float cosine = -dot(v.normal, direct.wi);
     return lobe.f * direct.light
-         * (mis_weight(direct.density, q.microfacets * lobe.density) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+         * (mis_weight(direct.pdf, q.microfacets * lobe.pdf) * max(-wi.z, 0.0) / max(cosine, 1e-6));
 }
 #endif
 
@@ -82,7 +82,7 @@ struct BsdfSample
 {
     vec3 direction;
     vec3 weight;    // that of the lobe's choice included
-    float density;  // per solid angle
+    float pdf;  // per solid angle
     bool through;   // to the other side
     bool straight;  // by a thin dielectric, which light samples see through
 };
@@ -111,11 +111,11 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
             d.straight = b.eta == THIN_DIELECTRIC;
-            if (!smooth_one && !unbent) d.density = chance * through_lobe(b, wo, wi).density;
+            if (!smooth_one && !unbent) d.pdf = chance * through_lobe(b, wo, wi).pdf;
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
-            if (!smooth_one) d.density = chance * part * ggx_seen(wo, alpha) * ggx(m, alpha) / (4.0 * wo.z);
+            if (!smooth_one) d.pdf = chance * part * ggx_seen(wo, alpha) * ggx(m, alpha) / (4.0 * wo.z);
         }
         bool right_side = d.through ? wi.z < 0.0 : wi.z > 0.0;
         float seen = smooth_one ? 1.0 : ggx_seen(wi, alpha);

@@ -40,7 +40,7 @@ vec3 visible_normal(vec3 w, vec2 alpha, vec2 u)
 }
 
 // Its density per solid angle.
-float visible_normal_density(vec3 w, vec3 m, vec2 alpha)
+float visible_normal_pdf(vec3 w, vec3 m, vec2 alpha)
 {
     return ggx_seen(w, alpha) * ggx(m, alpha) * max(dot(w, m), 0.0) / w.z;
 }

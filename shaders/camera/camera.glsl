@@ -22,7 +22,7 @@ uniform vec2 lens;         // its radius; 1 over the distance that is sharp
 
 // The pixel's point of the lens, scene units: that of the set, shifted, so that the points of each pixel are as even as
 // the sequence. Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
-vec2 lens_place(ivec2 pixel)
+vec2 lens_position(ivec2 pixel)
 {
     uvec2 at = uvec2(pixel + eye_corner);
     uint first = pcg(at.x + pcg(at.y + lens_seed));
@@ -54,7 +54,7 @@ vec3 eye_direction(ivec2 pixel, vec2 beside)
 #else
     precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
 #ifdef EYE_LENS
-    precise vec2 shift = lens_place(pixel) * lens.y;
+    precise vec2 shift = lens_position(pixel) * lens.y;
     q -= shift;
 #endif
     precise vec3 d = eye_forward + q.x * eye_right + q.y * eye_up;
@@ -77,12 +77,12 @@ vec3 eye_origin(ivec2 pixel, vec2 beside)
     precise vec3 origin = eye_position + q.x * eye_right + q.y * eye_up;
     return origin;
 #elif defined(EYE_LENS)
-    precise vec2 place = lens_place(pixel);
+    precise vec2 start = lens_position(pixel);
     precise vec2 q = (vec2(pixel + eye_corner) + 0.5 - eye_centre + beside) / eye_focal;
-    precise vec2 shift = place * lens.y;
+    precise vec2 shift = start * lens.y;
     q -= shift;
-    place += eye_ahead * q;
-    precise vec3 origin = eye_position + place.x * eye_right + place.y * eye_up;
+    start += eye_ahead * q;
+    precise vec3 origin = eye_position + start.x * eye_right + start.y * eye_up;
     return origin;
 #elif defined(EYE_PANORAMA)
     return eye_position;

@@ -4,7 +4,7 @@
 //   low.rgb, high.rgb  the sums
 //   low.a              rays cast
 //   high.a             of these lost, and from bit DROPPED_SHIFT on samples dropped
-// Where direct light is summed by itself (SPLIT_LIGHT) it leaves as quanta of this sample alone, for direct_sums.frag.
+// Where direct light is summed apart (SPLIT_LIGHT) it leaves as quanta of this sample alone, for direct_sums.frag.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "film/split_light.glsl"

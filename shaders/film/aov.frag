@@ -15,9 +15,9 @@ bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
     d = eye_direction(pixel);
     if (triangle < 0) return false;
     vec3 o = eye_origin(pixel);
-    vec4 plane = plane_met(triangle, pixel);
+    vec4 plane = hit_plane(triangle, pixel);
     vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
-    s = surface_met(triangle, pixel, x, plane);
+    s = hit_surface(triangle, pixel, x, plane);
     front = front_hit(plane.xyz, d);
     return true;
 }

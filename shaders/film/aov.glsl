@@ -1,6 +1,6 @@
 // aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
-// Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; whoever includes it has seen(); AOV_QUANTA: of colours and normals,
-//         per unit; AOV_SURFACE, AOV_PLACE, AOV_UV, AOV_NEAREST: what is summed, and where its first output is; _1 its second
+// Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; seen() of the including shader; AOV_QUANTA: of colours and normals,
+//         per unit; AOV_SURFACE, AOV_POSITION, AOV_UV, AOV_NEAREST: what is summed, and where its first output is; _1 its second
 // Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
 // Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.
 //
@@ -9,13 +9,13 @@
 //     albedo: diffuse reflectance, and where light comes from the surface itself or from the sky, its radiance too: cut
 //             at 1, as Open Image Denoise wants it, lamps and a bright sky are white
 //     normal: unit, to shade with, on the side that is seen; 0 where nothing is
-//   AOV_PLACE    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
-//                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were met
-//   AOV_UV       uv_low  the lower words of u and v, as AOV_PLACE has its numbers
+//   AOV_POSITION    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
+//                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were hit
+//   AOV_UV       uv_low  the lower words of u and v, as AOV_POSITION has its numbers
 //                uv_high the upper ones, and how many surfaces were hit
 //   AOV_NEAREST  nearest  the least depth: bits of infinity less its bits, so that the greatest is kept; 0 for none
-uniform float place_quanta;  // per scene unit
-uniform float place_extent;  // of which no coordinate is more
+uniform float position_quanta;  // per scene unit
+uniform float position_extent;  // of which no coordinate is more
 uniform float uv_quanta;     // per unit
 uniform float uv_extent;
 
@@ -30,9 +30,9 @@ UINT_TEXELS(r32ui, sum_nearest);
 layout(location = AOV_SURFACE) out uvec4 first;
 layout(location = AOV_SURFACE_1) out uvec4 second;
 #endif
-#ifdef AOV_PLACE
-layout(location = AOV_PLACE) out uvec4 low;
-layout(location = AOV_PLACE_1) out uvec4 high;
+#ifdef AOV_POSITION
+layout(location = AOV_POSITION) out uvec4 low;
+layout(location = AOV_POSITION_1) out uvec4 high;
 #endif
 #ifdef AOV_UV
 layout(location = AOV_UV) out uvec4 uv_low;
@@ -58,8 +58,8 @@ void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 {
     vec3 albedo = sky(d), normal = vec3(0.0);
     if (hit) {
-        float light_point;
-        albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, light_point);
+        float pdf_area;
+        albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, pdf_area);
         normal = shading_normal(s, front, -d);
     }
     uvec3 a = quanta(min(albedo, 1.0)), n = quanta(1.0 + normal);
@@ -68,7 +68,7 @@ void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 }
 #endif
 
-#if defined(AOV_PLACE) || defined(AOV_NEAREST)
+#if defined(AOV_POSITION) || defined(AOV_NEAREST)
 // Along the view; of a panorama the distance.
 float depth_of(vec3 position)
 {
@@ -85,11 +85,11 @@ void keep_nearest(ivec2 pixel, bool hit, vec3 position)
 {
     nearest = texel(sum_nearest, pixel).r;
     if (!hit || !is_finite(position)) return;
-    nearest = max(nearest, 0x7f800000u - floatBitsToUint(min(depth_of(position), place_extent)));
+    nearest = max(nearest, 0x7f800000u - floatBitsToUint(min(depth_of(position), position_extent)));
 }
 #endif
 
-#if defined(AOV_PLACE) || defined(AOV_UV)
+#if defined(AOV_POSITION) || defined(AOV_UV)
 // Add whole numbers of quanta in two words each, and one hit above the lower HITS_SHIFT bits of the last upper word.
 void add_exactly(inout uvec4 lower, inout uvec4 higher, vec4 value, float per_unit, float extent)
 {
@@ -112,12 +112,12 @@ void add_exactly(inout uvec4 lower, inout uvec4 higher, vec4 value, float per_un
 }
 #endif
 
-#ifdef AOV_PLACE
-void add_place(ivec2 pixel, bool hit, vec3 position)
+#ifdef AOV_POSITION
+void add_position(ivec2 pixel, bool hit, vec3 position)
 {
     low = texel(sum_low, pixel);
     high = texel(sum_high, pixel);
-    if (hit && is_finite(position)) add_exactly(low, high, vec4(position, depth_of(position)), place_quanta, place_extent);
+    if (hit && is_finite(position)) add_exactly(low, high, vec4(position, depth_of(position)), position_quanta, position_extent);
 }
 #endif
 
@@ -140,8 +140,8 @@ void main()
 #ifdef AOV_SURFACE
     add_surface(pixel, hit, front, d, s);
 #endif
-#ifdef AOV_PLACE
-    add_place(pixel, hit, s.position);
+#ifdef AOV_POSITION
+    add_position(pixel, hit, s.position);
 #endif
 #ifdef AOV_UV
     add_uv(pixel, hit, s.uv);

@@ -13,5 +13,5 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     int primitive = int(texel(eye_buffer, pixel).r) - 1;
-    shape = primitive < 0 ? 0u : uint(shape_met(primitive, pixel) + 1);
+    shape = primitive < 0 ? 0u : uint(hit_shape(primitive, pixel) + 1);
 }

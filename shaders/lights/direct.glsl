@@ -3,7 +3,7 @@
 //
 // The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
 // plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
-// At a silhouette the way to the light may pass through what only the next texel sees: that triangle is met exactly.
+// At a silhouette the ray to the light may pass through what only the next texel sees: that triangle is tested exactly.
 #include "gl/texels.glsl"
 #include "shadow/hemicube.glsl"
 #include "lights/light_sample.glsl"
@@ -12,7 +12,7 @@
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
 uniform vec3 light_radiance;   // of a light sample, see light_sample.glsl; 0 without light
-uniform float light_density;
+uniform float light_pdf;
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 uniform uint light_kind;
 uniform vec2 light_cone;
@@ -30,7 +30,7 @@ TEXELS(rgba32f, light_records);
 vec4 plane_lit(int triangle, ivec2 at)
 {
     if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
-    return texel(light_records, record_place(at, RECORD_PLANE));
+    return texel(light_records, record_texel(at, RECORD_PLANE));
 }
 
 mat3 corners_lit(int triangle, ivec2 at)
@@ -39,9 +39,9 @@ mat3 corners_lit(int triangle, ivec2 at)
         uvec4 face = face_texel(triangle, FACE_CORNERS);
         return mat3(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
     }
-    return mat3(texel(light_records, record_place(at, RECORD_CORNER_A)).xyz,
-                texel(light_records, record_place(at, RECORD_CORNER_B)).xyz,
-                texel(light_records, record_place(at, RECORD_CORNER_C)).xyz);
+    return mat3(texel(light_records, record_texel(at, RECORD_CORNER_A)).xyz,
+                texel(light_records, record_texel(at, RECORD_CORNER_B)).xyz,
+                texel(light_records, record_texel(at, RECORD_CORNER_C)).xyz);
 }
 #define IS_RESIDENT(triangle) ((triangle) < resident_triangles)
 #else
@@ -49,7 +49,7 @@ mat3 corners_lit(int triangle, ivec2 at)
 #define IS_RESIDENT(triangle) true
 #endif
 
-// Does the way from the light point along w, from 0 to just before 1, pass through the triangle? Either side counts.
+// Does the segment from the light sample along w, from 0 to just before 1, pass through the triangle? Either side counts.
 // Source: Moeller & Trumbore 1997.
 bool passes_through(vec3 w, int triangle, ivec2 seen_at)
 {
@@ -69,7 +69,7 @@ bool passes_through(vec3 w, int triangle, ivec2 seen_at)
     return min(uvt.x, uvt.y) >= 0.0 && uvt.x + uvt.y <= 1.0 && uvt.z > 0.0 && uvt.z < 1.0 - ROUNDING;
 }
 
-// Does something stand between the light point and `position` on `receiver`?
+// Does something stand between the light sample and `position` on `receiver`?
 bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
 {
     vec3 w = position - light_position;
@@ -81,15 +81,15 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec2 atlas = hemicube_atlas(light_resolution);
     vec2 corner = rectangle.xy * atlas, extent = rectangle.zw * atlas;
     float low = hemicube_low(face), height = 1.0 - low;
-    vec2 place = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
-    vec2 centre = clamp(floor(place), vec2(0.0), extent - 1.0) + 0.5;
+    vec2 in_face = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
+    vec2 centre = clamp(floor(in_face), vec2(0.0), extent - 1.0) + 0.5;
 
-    // The four texels around the place; one of them is its own. Of the others, one that sees something else.
-    vec2 least = floor(clamp(place, vec2(1.0), extent - 1.0) - 0.5);
-    ivec2 at = ivec2(corner + least + 0.5);
+    // The four texels around it; one of them is its own. Of the others, one that sees something else.
+    vec2 lower = floor(clamp(in_face, vec2(1.0), extent - 1.0) - 0.5);
+    ivec2 at = ivec2(corner + lower + 0.5);
     uvec4 four = uvec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
                        texel(light_buffer, at + ivec2(0, 1)).r, texel(light_buffer, at + ivec2(1, 1)).r);
-    bvec2 upper = greaterThan(centre, least + 1.0);
+    bvec2 upper = greaterThan(centre, lower + 1.0);
     uvec2 row = upper.y ? four.zw : four.xy, next = upper.y ? four.xy : four.zw;
     uint own = upper.x ? row.y : row.x;
     uint beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
@@ -107,7 +107,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     int seen = int(own) - 1;
     if (seen < 0 || seen == receiver) return false;
 
-    // Where does the occluder's plane cut the way from the light (0) to the surface (1)?
+    // Where does the occluder's plane cut the segment from the light (0) to the surface (1)?
     vec4 plane = plane_lit(seen, at + ivec2(upper));
     float offset = plane.w - dot(plane.xyz, light_position);
     float cut = offset / dot(plane.xyz, w);
@@ -127,14 +127,14 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
 DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
-    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, light_kind,
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_pdf, light_kind,
                                             light_cone, light_quadratic
 #ifdef HAS_PROFILES
                                             , light_profile
 #endif
                                             );
 #else
-    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_density, LIGHT_AREA,
+    LightSample sample_of_set = LightSample(light_position, light_normal, light_radiance, light_pdf, LIGHT_AREA,
                                             vec2(0.0), true
 #ifdef HAS_PROFILES
                                             , -1

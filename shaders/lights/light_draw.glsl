@@ -94,7 +94,7 @@ LightSample light_draw(int part, uvec3 point, out float share)
     float weight = uintBitsToFloat(choice.z);
     LightSample drawn;
     drawn.position = drawn.normal = drawn.radiance = vec3(0.0);
-    drawn.density = weight;
+    drawn.pdf = weight;
     drawn.kind = kind;
     drawn.cone = vec2(-1.0);
     drawn.quadratic = true;
@@ -120,7 +120,7 @@ LightSample light_draw(int part, uvec3 point, out float share)
             vec3 wi = sky_drawn(numbers, weight);
             drawn.normal = -wi;
             drawn.radiance = sky(wi) * weight;
-            drawn.density = max(sky_density(wi), 1e-30);
+            drawn.pdf = max(sky_pdf(wi), 1e-30);
             return drawn;
         }
 #endif

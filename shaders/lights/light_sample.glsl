@@ -1,5 +1,5 @@
-// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a place, shadows not asked for,
-// and how it shares light with the direction in which a path goes on [PB A.3].
+// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a point without occlusion,
+// and how it shares light with the direction in which a path continues [PB A.3].
 // Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
 // Here, as a file is included once, and sky.glsl may want it where these are not.
@@ -10,18 +10,18 @@
 #endif
 #ifdef HAS_SKY
 #include "lights/sky.glsl"
-uniform float sky_density_scale;
+uniform float sky_pdf_scale;
 
 // Per solid angle, of the light sample in this direction.
-float sky_density(vec3 direction)
+float sky_pdf(vec3 direction)
 {
-    return dot(sky(direction), vec3(sky_density_scale));
+    return dot(sky(direction), vec3(sky_pdf_scale));
 }
 #endif
 
 // Per solid angle, of the direction in which a path leaves its surface at a cosine, having had so many to choose from;
 // 0: the light sample stands alone.
-float direction_density(float cosine, int views)
+float direction_pdf(float cosine, int views)
 {
 #if defined(WHOLE_SPHERE)
     return 0.0;
@@ -37,21 +37,21 @@ float power_heuristic(float a, float b)
     return a2 / max(a2 + b2, 1e-37);
 }
 
-// Veach's share of a light sample: of `density` per solid angle, at a cosine to a surface where the path that goes on has
+// Veach's share of a light sample: of `pdf` per solid angle, at a cosine to a surface where the path that continues has
 // so many directions to choose from; 0 where it ends, so that no other sample has this light.
-float mis_weight_light(float density, float cosine, int views)
+float mis_weight_light(float pdf, float cosine, int views)
 {
-    return views == 0 ? 1.0 : power_heuristic(density, direction_density(cosine, views));
+    return views == 0 ? 1.0 : power_heuristic(pdf, direction_pdf(cosine, views));
 }
 
-// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light points
+// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light samples
 // have a density per area. Alone, it would be counted twice.
-float emission_share(float density, float light_point, float t, float cosine)
+float emission_share(float pdf, float pdf_area, float t, float cosine)
 {
-    return power_heuristic(density, light_point * t * t / max(abs(cosine), 1e-9));
+    return power_heuristic(pdf, pdf_area * t * t / max(abs(cosine), 1e-9));
 }
 
-// Share of the way to the light that rounding may take.
+// Share of the distance to the light that rounding may take.
 const float ROUNDING = 1e-5;
 
 struct LightSample
@@ -59,7 +59,7 @@ struct LightSample
     vec3 position;
     vec3 normal;     // of the side that emits, a spot's axis, or the direction of parallel light
     vec3 radiance;   // of a punctual light its intensity
-    float density;
+    float pdf;
     uint kind;       // LIGHT_AREA ...
     vec2 cone;       // see punctual.glsl
     bool quadratic;
@@ -74,7 +74,7 @@ struct DirectLight
     vec3 light;      // radiance that a white Lambertian surface makes of it, over the sample's density
     float distance;  // to the light
     bool distant;    // from infinitely far
-    float density;   // per solid angle, of the light sample; 0 of a light without extent
+    float pdf;   // per solid angle, of the light sample; 0 of a punctual light
 };
 
 // `normal` is on the lit side; views: see mis_weight_light.
@@ -101,16 +101,16 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
         if (l.profile >= 0) E *= profile_intensity(l.profile, -wi);
 #endif
         // No direction finds what has no extent.
-        float share = l.kind == LIGHT_SKY ? mis_weight_light(l.density, cos_surface, views) : 1.0;
-        found.light = E * (share * cos_surface / (PI * l.density));
-        found.density = l.kind == LIGHT_SKY ? l.density : 0.0;
+        float share = l.kind == LIGHT_SKY ? mis_weight_light(l.pdf, cos_surface, views) : 1.0;
+        found.light = E * (share * cos_surface / (PI * l.pdf));
+        found.pdf = l.kind == LIGHT_SKY ? l.pdf : 0.0;
         return found;
     }
 #endif
     if (cos_light <= 0.0) return found;
     float g = cos_surface * cos_light / r2;
-    found.density = l.density * r2 / cos_light;
-    float share = mis_weight_light(found.density, cos_surface, views);
-    found.light = l.radiance * (share * g / (PI * l.density));
+    found.pdf = l.pdf * r2 / cos_light;
+    float share = mis_weight_light(found.pdf, cos_surface, views);
+    found.light = l.radiance * (share * g / (PI * l.pdf));
     return found;
 }

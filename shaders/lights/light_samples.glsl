@@ -1,5 +1,5 @@
 // light_samples.glsl: light from points of emitting shapes and directions of the sky, the same for all pixels of a path
-// set. The light points are the path-buffer's (`glpath.lighting`), so the engines agree on what a set is lit by.
+// set. The light samples are the path-buffer's (`glpath.lighting`), so the engines agree on what a set is lit by.
 // Needs:  <CONSTANTS>; LIGHT_SAMPLES of them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
 uniform vec3 sample_position[LIGHT_SAMPLES];   // of the sky: the unit direction towards it
@@ -9,8 +9,8 @@ uniform vec3 sample_radiance[LIGHT_SAMPLES];   // over pi, the density and the n
 struct Incident
 {
     vec3 wi;
-    float distance;  // to the light point, infinite for the sky
-    vec3 E;          // irradiance over pi; 0 where the light shines the other way
+    float distance;  // to the light sample, infinite for the sky
+    vec3 E;          // irradiance over pi; 0 where the light shines away
 };
 
 Incident light_sample(int i, vec3 position, vec3 normal)

@@ -1,4 +1,4 @@
-// direction_code.glsl: how a path goes on, as the w of its position.
+// direction_code.glsl: how a path continues, as the w of its position.
 // 0 for a path that has ended. Otherwise its magnitude is the cosine to the surface it leaves, in (0, 1], plus two for
 // each view before its own; it is negative for a path against the view's direction.
 float pack_direction(int view, float cosine)

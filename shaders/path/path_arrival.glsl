@@ -13,7 +13,7 @@ uniform vec3 path_d[VIEWS];
 uniform int path_views;
 #ifdef SPLIT_LIGHT
 TEXELS(rgba32f, path_direct);
-uniform bool first_bounce;  // light found here has met one surface
+uniform bool first_bounce;  // light found here was reflected by one surface
 #endif
 
 struct Arrival
@@ -43,12 +43,12 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle == PATH_MISSED) {
         // Shared with the light sample of the vertex before, as emission is.
         float direction_code = texel(path_position, pixel).w;
-        float escaped = direction_density(coded_cosine(direction_code), path_views);
+        float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);
         vec3 beta = texel(path_beta, pixel).rgb * weight;
-        if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+        if (escaped > 0.0) a.radiance.rgb += beta * sky(seen) * power_heuristic(escaped, sky_pdf(seen));
 #ifdef SPLIT_LIGHT
-        if (escaped > 0.0 && first_bounce) direct_part += beta * sky(seen) * power_heuristic(escaped, sky_density(seen));
+        if (escaped > 0.0 && first_bounce) direct_part += beta * sky(seen) * power_heuristic(escaped, sky_pdf(seen));
 #endif
     }
 #endif
@@ -56,21 +56,21 @@ Arrival arrive(ivec2 pixel)
     vec4 from = texel(path_position, pixel);
     a.throughput = texel(path_beta, pixel).rgb * weight;
     vec3 d = path_d[coded_view(from.w)] * sign(from.w);
-    a.plane = plane_met(a.triangle, pixel);
+    a.plane = hit_plane(a.triangle, pixel);
     a.t = max(0.0, (a.plane.w - dot(a.plane.xyz, from.xyz)) / dot(a.plane.xyz, d));
     a.position = from.xyz + a.t * d;
     a.wo = -d;
-    a.surface = surface_met(a.triangle, pixel, a.position, a.plane);
+    a.surface = hit_surface(a.triangle, pixel, a.position, a.plane);
     a.front = front_hit(a.plane.xyz, d);
 
     // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
-    float light_point;
-    vec3 Le = emitted(a.surface, a.front, light_point);
-    float density = direction_density(coded_cosine(from.w), path_views);
-    if (density > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
+    float pdf_area;
+    vec3 Le = emitted(a.surface, a.front, pdf_area);
+    float pdf = direction_pdf(coded_cosine(from.w), path_views);
+    if (pdf > 0.0) a.radiance.rgb += a.throughput * Le * emission_share(pdf, pdf_area, a.t, dot(a.plane.xyz, d));
 #ifdef SPLIT_LIGHT
-    if (density > 0.0 && first_bounce)
-        direct_part += a.throughput * Le * emission_share(density, light_point, a.t, dot(a.plane.xyz, d));
+    if (pdf > 0.0 && first_bounce)
+        direct_part += a.throughput * Le * emission_share(pdf, pdf_area, a.t, dot(a.plane.xyz, d));
 #endif
     return a;
 }

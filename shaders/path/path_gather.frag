@@ -1,7 +1,7 @@
 // path_gather.frag: the end of a path at the radiosity solution [PB 4, A.4]: the light that arrives at the surface
 // found is looked up and reflected. Direct light is the light sample's, but for a share that the solution has; emission
 // was the light sample's of the vertex before, or found with the surface.
-// A path that ended so near to where it came from that an element's width shows goes on instead.
+// A path that ended so near to its start that an element's width shows continues instead.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include <CONSTANTS>
 #include <SCENE>
@@ -16,7 +16,7 @@
 #include "radiosity/radiosity.glsl"
 #include "path/path_state.glsl"
 
-uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
+uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path continues
 
 void main()
 {
@@ -26,12 +26,12 @@ void main()
     if (a.triangle >= 0) {
         PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
         uint path = path_in_image(pixel);
-        LatticePlace place = lattice_place(a.triangle, a.position);
-        bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * place.width;
+        LatticePosition in_lattice = lattice_position(a.triangle, a.position);
+        bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * in_lattice.width;
 #ifdef LAST_VERTEX
         near = false;
 #endif
-        vec4 found = near ? vec4(0.0) : irradiance_at(place, a.front);
+        vec4 found = near ? vec4(0.0) : irradiance_at(in_lattice, a.front);
         vec3 looked_up = a.throughput * (v.bsdf.diffuse * found.rgb / PI);
         next.radiance += looked_up + lit(v, path, a.throughput * (1.0 - found.a), near ? next_views : 0);
 #ifndef LAST_VERTEX

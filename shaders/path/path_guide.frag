@@ -1,5 +1,5 @@
-// path_guide.frag: how much light comes to the places of a guide from each cell of directions.
-// Needs:  GUIDE_LEVELS; GUIDE_PLACES, GUIDE_RAYS: places of a guide, and rays of a cell, which divide them; ALL_LIGHT; those
+// path_guide.frag: how much light comes to the points of a guide from each cell of directions.
+// Needs:  GUIDE_LEVELS; GUIDE_POINTS, GUIDE_RAYS: points of a guide, and rays of a cell, which divide them; ALL_LIGHT; those
 //         of light_sample.glsl
 // Runs over: a square of 2^GUIDE_LEVELS pixels, the cells, for each guide, row by row. Output: root mean square of
 //         radiance, W sr^-1 m^-2, the mean of the channels
@@ -18,7 +18,7 @@
 #include "bsdf/lobes.glsl"
 const int MAX_THIN_DIELECTRICS = 8;  // at most, one behind the other
 #endif
-#include <GUIDE_PLACES_STORE>
+#include <GUIDE_POINTS_STORE>
 
 uniform int guide_count;
 uniform int guides_across;
@@ -27,10 +27,10 @@ layout(location = 0) out float found;
 // Reflected light, and what a light sample does not have of emission.
 vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
 {
-    float density = dot(normal, direction) / PI;
+    float pdf = dot(normal, direction) / PI;
     int triangle = nearest_triangle(start, direction, own);
     vec3 through = vec3(1.0);
-    float way = 0.0;
+    float passed = 0.0;
 #ifdef HAS_THIN_DIELECTRICS
     // Straight on through thin dielectrics, as paths and their rays to lights go.
     for (int k = 0; k < MAX_THIN_DIELECTRICS && triangle >= 0; ++k)
@@ -41,22 +41,22 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
         if (max(passes.r, max(passes.g, passes.b)) <= 0.0) break;
         through *= passes;
         start += along * direction;
-        way += along;
+        passed += along;
         triangle = nearest_triangle(start, direction, triangle);
     }
 #endif
     if (triangle < 0) {
 #ifdef HAS_SKY
-        return through * sky(direction) * power_heuristic(density, sky_density(direction));
+        return through * sky(direction) * power_heuristic(pdf, sky_pdf(direction));
 #else
         return vec3(0.0);
 #endif
     }
-    float t, light_point;
+    float t, pdf_area;
     PathVertex v = vertex_on(triangle, start, direction, t);
-    vec3 Le = emitted(v.surface, v.front, light_point);
-    vec3 reflected = v.bsdf.diffuse * irradiance_at(lattice_place(triangle, v.surface.position), v.front).rgb / PI;
-    return through * (reflected + Le * emission_share(density, light_point, way + t, dot(v.plane.xyz, direction)));
+    vec3 Le = emitted(v.surface, v.front, pdf_area);
+    vec3 reflected = v.bsdf.diffuse * irradiance_at(lattice_position(triangle, v.surface.position), v.front).rgb / PI;
+    return through * (reflected + Le * emission_share(pdf, pdf_area, passed + t, dot(v.plane.xyz, direction)));
 }
 
 void main()
@@ -67,18 +67,18 @@ void main()
     found = 0.0;
     if (guide >= guide_count) return;
     uint number = uint((guide * SIDE + cell.y) * SIDE + cell.x);
-    // Cells beside each other take turns with the places, the rays of a cell take them far apart.
-    int first = (cell.x + 5 * cell.y) % (GUIDE_PLACES / GUIDE_RAYS);
+    // Neighbouring cells take the points in turns; the rays of one cell take points far apart.
+    int first = (cell.x + 5 * cell.y) % (GUIDE_POINTS / GUIDE_RAYS);
     float sum = 0.0;
     for (int k = 0; k < GUIDE_RAYS; ++k)
     {
-        vec4 place = guide_place_texel(guide * GUIDE_PLACES + first + k * (GUIDE_PLACES / GUIDE_RAYS), GUIDE_PLACE_POINT);
-        int own = int(place.w);
-        vec3 normal = facet_texel(own, FACET_PLANE).xyz, far = abs(place.xyz);
+        vec4 from = guide_point_texel(guide * GUIDE_POINTS + first + k * (GUIDE_POINTS / GUIDE_RAYS), GUIDE_POINT_POSITION);
+        int own = int(from.w);
+        vec3 normal = facet_texel(own, FACET_PLANE).xyz, far = abs(from.xyz);
         // The golden ratio's sequence, shifted.
         vec2 within = fract(vec2(random_number(number, 0u), random_number(number, 1u)) + float(k) * vec2(0.7548777, 0.5698403));
         vec3 direction = cosine_direction(normal, (vec2(cell) + within) / float(SIDE));
-        vec3 start = place.xyz + RAY_ROUNDING * max(far.x, max(far.y, far.z)) * normal;
+        vec3 start = from.xyz + RAY_ROUNDING * max(far.x, max(far.y, far.z)) * normal;
 #ifdef HAS_ALPHA
         opacity_key = pcg(number + pcg(USE_OPACITY + uint(k)));
 #endif

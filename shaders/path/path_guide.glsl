@@ -3,10 +3,10 @@
 // Source: Clarberg et al. 2005, Wavelet importance sampling (hierarchical sample warping).
 #include <PATH_GUIDE>
 
-// The number of the guide of the front of a place's element.
-int guide_at(LatticePlace place)
+// The number of the guide of an element's front.
+int guide_at(LatticePosition position)
 {
-    int element = place.first_element + element_in(place);
+    int element = position.first_element + element_in(position);
 #ifdef GUIDES_SHARED
     ivec4 bytes = ivec4(guide_of_texel(element, GUIDE_OF_ELEMENT) * 255.0 + 0.5);
     return bytes.x + 256 * bytes.y + 65536 * bytes.z;
@@ -15,12 +15,12 @@ int guide_at(LatticePlace place)
 #endif
 }
 
-// A point of the unit square, uniform in u, moved to where the guide has light; density: of it, in the square.
-vec2 guided(int guide, vec2 u, out float density)
+// A point of the unit square, uniform in u, moved to where the guide has light; pdf: of it, in the square.
+vec2 guided(int guide, vec2 u, out float pdf)
 {
     int level_first = guide * GUIDE_NODES;
     ivec2 cell = ivec2(0);
-    density = 1.0;
+    pdf = 1.0;
     for (int level = 0; level < GUIDE_LEVELS; ++level)
     {
         vec4 shares = guide_node_texel(level_first + (cell.y << level) + cell.x, GUIDE_NODE_SHARES);
@@ -32,7 +32,7 @@ vec2 guided(int guide, vec2 u, out float density)
         float below = column.x / (column.x + column.y);
         bool above = u.y >= below;
         u.y = above ? (u.y - below) / (1.0 - below) : u.y / below;
-        density *= 4.0 * (above ? column.y : column.x) / all;
+        pdf *= 4.0 * (above ? column.y : column.x) / all;
         cell = 2 * cell + ivec2(right, above);
     }
     // Rounding may reach one.

@@ -16,7 +16,7 @@ layout(location = 1) out vec4 direct;
 #endif
 #endif
 #ifdef SPLIT_LIGHT
-uniform bool first_vertex;  // the light has met this surface alone
+uniform bool first_vertex;  // the light was reflected by this surface alone
 #endif
 
 TEXELS(rgba32f, distant_start);

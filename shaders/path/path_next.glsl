@@ -1,4 +1,4 @@
-// path_next.glsl: direct light at a vertex, and the shared direction in which its path goes on [PB A.3, table 6].
+// path_next.glsl: direct light at a vertex, and the shared direction in which its path continues [PB A.3, table 6].
 // Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, direction_code.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
@@ -30,7 +30,7 @@ PathState ended(vec3 radiance)
 }
 
 // What the light sample brings to the eye from here. Light from infinitely far is left pending. `views`: how many
-// directions the path has to choose from when it goes on, 0 where it ends.
+// directions the path has to choose from when it continues, 0 where it ends.
 vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 {
     DirectLight direct = direct_light(v.surface.position, v.normal, v.triangle, v.plane, views);
@@ -44,7 +44,7 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 #ifdef HAS_DISTANT_LIGHTS
     if (direct.distant) {
         // A surface that the light grazes gets little of it, and its paths would crowd out others of their cells.
-        // Twice as flat as for paths that go on: there is one direction, and all of the cells are its own.
+        // Twice as flat as for paths that continue: there is one direction, and all of the cells are its own.
         float chance = min(1.0, 2.0 * dot(v.normal, direct.wi) * cosine_roulette);
         bool asks = max(lit.r, max(lit.g, lit.b)) > 0.0 && random_number(path, USE_LIGHT) < chance;
         if (asks) pending_start = vec4(v.surface.position, 1.0);
@@ -72,7 +72,7 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
         float other = dot(v.normal, next_directions[VIEWS - 1]);
         if (abs(other) > abs(c)) { c = other; view = 1; }
     } else {
-        // Paths of a surface seen edge-on carry little and crowd into few cells: as many as the cosine says go on.
+        // Paths of a surface seen edge-on carry little and crowd into few cells: the cosine is the share that continues.
         float chance = min(1.0, abs(c) * cosine_roulette);
         if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
         weight = 2.0 * abs(c) / chance;
@@ -83,13 +83,13 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
 #ifdef HAS_MICROFACETS
     throughput += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, wi) * weight;
 #endif
-    float most = max(throughput.r, max(throughput.g, throughput.b));
+    float max_throughput = max(throughput.r, max(throughput.g, throughput.b));
     if (roulette) {
-        float stay = min(1.0, most);
+        float stay = min(1.0, max_throughput);
         if (random_number(path, USE_ROULETTE) >= stay) return ended(radiance);
         throughput /= stay;
     }
-    if (most <= 0.0 || c == 0.0) return ended(radiance);
+    if (max_throughput <= 0.0 || c == 0.0) return ended(radiance);
     return PathState(vec4(v.surface.position, pack_direction(view, c)), throughput, radiance);
 }
 

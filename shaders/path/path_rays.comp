@@ -10,8 +10,8 @@ uniform ivec4 area;  // x, y, width, height
 
 void main()
 {
-    ivec2 place = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(place, area.zw))) return;
-    ivec2 pixel = area.xy + place;
+    ivec2 offset = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(offset, area.zw))) return;
+    ivec2 pixel = area.xy + offset;
     accumulate(pixel, trace_path(pixel));
 }

@@ -1,6 +1,6 @@
 // path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
 // Needs:  BRANCHES of a path, which part at its first vertex; BOUNCES, LIGHTS: as many directions come from the sequence
-//         for each, and light samples has a set; PARTS: of the lights, see direct_light; LAMP_EDGES where there are lamps;
+//         for each, and light samples has a set; PARTS: of the lights, see direct_light; EMITTER_SILHOUETTES;
 //         GATHER, GUIDED; START_POINTS: paths start at points, not at an eye; OWN_LIGHT_SAMPLES: paths draw light samples
 //         of their own; those of light_sample.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
@@ -31,8 +31,8 @@ const float start_extent = 0.0;
 #ifdef HAS_LOBES
 #include "bsdf/lobes.glsl"
 #endif
-#ifdef LAMP_EDGES
-#include "lights/lamp_edges.glsl"
+#ifdef EMITTER_SILHOUETTES
+#include "lights/emitter_silhouettes.glsl"
 #endif
 #if defined(GATHER) || defined(GUIDED)
 #include "radiosity/radiosity.glsl"
@@ -46,22 +46,22 @@ int scattered = 0;  // surfaces that the path has left, thin dielectrics that it
 #endif
 #ifdef GATHER
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
-uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path goes on
+uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path continues
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
-const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: chance ends them long before
+const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: roulette ends them long before
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform int max_depth;               // vertices of a path
 uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
-uniform int roulette_depth;          // from this vertex on, paths end by chance (Arvo & Kirk 1990)
+uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
 uniform uint path_seed;              // of a path's own shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
 uniform uint choice_points[BRANCHES * BOUNCES];
 uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
 #ifdef OWN_LIGHT_SAMPLES
 #include "lights/light_draw.glsl"
-uniform uvec3 light_point;           // a point of the sequence
+uniform uvec3 sequence_point;           // a point of the sequence
 #else
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 #endif
@@ -117,7 +117,7 @@ LightSample light_of(PathId at, int part, out float share)
 {
     uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
     uvec3 shift = uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
-    return light_draw(part, light_point ^ shift ^ (0x9E3779B9u * uint(part)), share);
+    return light_draw(part, sequence_point ^ shift ^ (0x9E3779B9u * uint(part)), share);
 }
 #else
 LightSample light_in(int number, out float share)
@@ -145,7 +145,7 @@ LightSample light_of(PathId at, int part, out float share)
 // There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
-    int taken = 0;
+    int selected = 0;
     float scale = 1.0, share;
 #if PARTS > 1
     float weights[PARTS], sum = 0.0;
@@ -160,24 +160,24 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     for (int k = 0; k < PARTS; ++k)
     {
         bool beyond = weights[k] > 0.0 && upto <= number;
-        taken = beyond ? k : taken;
+        selected = beyond ? k : selected;
         weight = beyond ? weights[k] : weight;
         upto += weights[k];
     }
     scale = weight > 0.0 ? sum / weight : 0.0;
 #endif
-    light_sample = light_of(at, taken, share);
+    light_sample = light_of(at, selected, share);
     DirectLight direct = light_from(light_sample, position, normal, views);
     direct.light *= scale * share;
     return direct;
 }
 
-// What a light sample would bring, as far as nothing is in its way. start: off the surface by `rounding`, of a triangle.
+// What an unoccluded light sample would bring. start: off the surface by `rounding`, of a triangle.
 void add_unblocked(
     inout vec3 L, vec3 lit, PathId at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
 {
     if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
-        // To just before the light, whose own triangle does not stand in its way.
+        // To just before the light, so that its own triangle does not occlude it.
         vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
         float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
 #ifdef HAS_ALPHA
@@ -196,7 +196,7 @@ void add_unblocked(
 }
 
 // A vertex that a path leaves.
-struct Leaving
+struct ScatterVertex
 {
     PathVertex v;
     vec3 start;  // off the surface
@@ -218,7 +218,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
     int triangle = int(texel(eye_buffer, pixel).r) - 1;
     vec3 L = vec3(0.0), beta = vec3(1.0);
-#ifdef LAMP_EDGES
+#ifdef EMITTER_SILHOUETTES
     float seen = lamps_seen(pixel, L) ? 0.0 : 1.0;  // the path's share of the light that the eye sees
 #ifdef SPLIT_LIGHT
     direct_part = L;
@@ -231,27 +231,27 @@ vec4 trace_path(ivec2 pixel)
     bool was_diffuse = false;    // the last one
     vec3 inside = vec3(0.0);  // attenuation of what the path goes through
 #endif
-    float way = 0.0, reached = 0.0;  // of the ray: up to the last thin dielectric that it went through, and in all
-    float density = 0.0;  // of the direction, per solid angle
+    float passed = 0.0, reached = 0.0;  // of the ray: up to the last thin dielectric that it went through, and in all
+    float pdf = 0.0;  // of the direction, per solid angle
     float rays = 0.0;
     int vertices = max_depth;
-    bool goes_on = true;
+    bool continues = true;
 #ifdef GUIDED
     float guiding_weight = 1.0;  // what the path weighs more for where guides sent it
 #endif
-    Leaving from;
+    ScatterVertex from;
 #if BRANCHES > 1
-    Leaving first;
+    ScatterVertex first;
 #endif
     for (;;)
     {
         // What is at the end of the ray.
-        bool arrived = goes_on;
-        goes_on = false;
+        bool arrived = continues;
+        continues = false;
 #ifdef HAS_SKY
         if (arrived && triangle < 0 && !AT_START) {
             // Shared with the light sample of the vertex before, as emission is.
-            float share = at.depth == 0 ? seen : power_heuristic(density, sky_density(direction));
+            float share = at.depth == 0 ? seen : power_heuristic(pdf, sky_pdf(direction));
             L += beta * sky(direction) * share;
 #ifdef SPLIT_LIGHT
             if (scattered <= 1) direct_part += beta * sky(direction) * share;
@@ -259,7 +259,7 @@ vec4 trace_path(ivec2 pixel)
         }
 #endif
         if (arrived && (triangle >= 0 || AT_START)) {
-            float t, light_point;
+            float t, pdf_area;
 #ifdef START_POINTS
             PathVertex v;
             if (AT_START) {
@@ -274,46 +274,46 @@ vec4 trace_path(ivec2 pixel)
 #endif
             vec3 position = v.surface.position;
             bool front = v.front;
-            reached = way + t;
+            reached = passed + t;
 #ifdef HAS_GLASS
             beta *= exp(-inside * t);
 #endif
 
             vec3 Le = vec3(0.0);
-            if (!AT_START) Le = emitted(v.surface, front, light_point);
-            L += beta * Le * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
+            if (!AT_START) Le = emitted(v.surface, front, pdf_area);
+            L += beta * Le * (at.depth == 0 ? seen : emission_share(pdf, pdf_area, reached, dot(v.plane.xyz, direction)));
 #ifdef SPLIT_LIGHT
             if (scattered <= 1)
                 direct_part += beta * Le
-                    * (at.depth == 0 ? seen : emission_share(density, light_point, reached, dot(v.plane.xyz, direction)));
+                    * (at.depth == 0 ? seen : emission_share(pdf, pdf_area, reached, dot(v.plane.xyz, direction)));
 #endif
 
             vec3 reflected = beta;  // of direct light
-            goes_on = at.depth < vertices - 1;
+            continues = at.depth < vertices - 1;
 #if defined(GATHER) || defined(GUIDED)
-            LatticePlace place = lattice_place(AT_START ? max(triangle, 0) : triangle, position);
+            LatticePosition in_lattice = lattice_position(AT_START ? max(triangle, 0) : triangle, position);
 #endif
 #ifdef GATHER
 #ifdef HAS_LOBES
             bool mirrored = at.depth > 0 && !was_diffuse;
-            goes_on = bounces < lookup_depth;
+            continues = bounces < lookup_depth;
 #else
             const bool mirrored = false;
             int bounces = at.depth;
 #endif
             if (bounces >= lookup_depth) {
-                goes_on = bounces < lookup_depth + FURTHER && !mirrored
-                    && t < lookup_distance * random_at(at, USE_LOOKUP) * place.width;
-                if (goes_on) {
+                continues = bounces < lookup_depth + FURTHER && !mirrored
+                    && t < lookup_distance * random_at(at, USE_LOOKUP) * in_lattice.width;
+                if (continues) {
                     vertices = at.depth + 2;
                 } else {
-                    vec4 found = irradiance_at(place, front);
+                    vec4 found = irradiance_at(in_lattice, front);
                     L += beta * diffuse_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;
                     reflected *= 1.0 - found.a;
                 }
             }
 #endif
-            // Off the surface by more than rounding, or its other triangles would be met.
+            // Off the surface by more than rounding, or its other triangles would be hit.
             vec3 far = abs(position);
             float rounding = RAY_ROUNDING * ((AT_START ? start_extent : t) + max(far.x, max(far.y, far.z)));
             vec3 start = position + rounding * v.normal;
@@ -327,27 +327,27 @@ vec4 trace_path(ivec2 pixel)
             bool beyond = at.depth >= vertices, others_continue = !beyond;
 #endif
             DirectLight direct = direct_light(at, position, v.normal, 0, light_sample);
-            if (beyond || (!goes_on && ambient_instead(light_sample.kind))) direct.light = vec3(0.0);
-            Lobes lobes = lobes_of(v, goes_on, others_continue);
+            if (beyond || (!continues && ambient_instead(light_sample.kind))) direct.light = vec3(0.0);
+            Lobes lobes = lobes_of(v, continues, others_continue);
             vec3 diffuse, others;
             light_lobes(v, lobes, direct, diffuse, others);
             vec3 lit = reflected * diffuse + beta * others;
-            bool ends = !goes_on && !beyond;
+            bool ends = !continues && !beyond;
 #ifdef HAS_GLASS
-            if (is_frosted(v.bsdf) && !beyond) {
+            if (is_rough_transmission(v.bsdf) && !beyond) {
                 LightSample other;
                 DirectLight behind = direct_light(at, position, -v.normal, 0, other);
                 vec3 through = beta * light_through(v, lobes, behind);
                 add_unblocked(L, through, at, behind, other, position - rounding * v.normal, rounding, triangle);
             }
 #endif
-            goes_on = lobes.diffuse + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
+            continues = lobes.diffuse + lobes.microfacets + lobes.coat + lobes.mirror > 0.0;
 #else
-            DirectLight direct = direct_light(at, position, v.normal, goes_on ? 2 : 0, light_sample);
-            if (!goes_on && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
+            DirectLight direct = direct_light(at, position, v.normal, continues ? 2 : 0, light_sample);
+            if (!continues && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
             vec3 lit = reflected * bsdf_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
                      * shading_cosine(v.n, v.normal, direct.wi);
-            bool ends = !goes_on;
+            bool ends = !continues;
 #endif
             add_unblocked(L, lit, at, direct, light_sample, start, rounding, triangle);
             if (ends) L += beta * bsdf_albedo(v.bsdf) * ambient;
@@ -357,26 +357,26 @@ vec4 trace_path(ivec2 pixel)
             from.lobes = lobes;
 #endif
 #ifdef GUIDED
-            from.guide = front && triangle >= 0 ? guide_at(place) : -1;
+            from.guide = front && triangle >= 0 ? guide_at(in_lattice) : -1;
 #endif
         }
 #if BRANCHES > 1
-        if (goes_on && at.depth == 0) {
+        if (continues && at.depth == 0) {
             first = from;
             beta = vec3(1.0 / float(BRANCHES));
-        } else if (!goes_on && at.depth > 0 && at.branch < BRANCHES - 1) {
+        } else if (!continues && at.depth > 0 && at.branch < BRANCHES - 1) {
             from = first;
             beta = vec3(1.0 / float(BRANCHES));
             at = PathId(at.path, 0, at.branch + 1);
             vertices = max_depth;
-            goes_on = true;
+            continues = true;
 #ifdef GUIDED
             guiding_weight = 1.0;
 #endif
 #ifdef HAS_LOBES
             bounces = 0;
             was_diffuse = false;
-            way = 0.0;
+            passed = 0.0;
             inside = vec3(0.0);
 #endif
 #ifdef SPLIT_LIGHT
@@ -384,7 +384,7 @@ vec4 trace_path(ivec2 pixel)
 #endif
         }
 #endif
-        if (!goes_on) break;
+        if (!continues) break;
         vec2 numbers = direction_numbers(at);
         PathVertex v = from.v;
         origin = from.start;
@@ -401,18 +401,18 @@ vec4 trace_path(ivec2 pixel)
             // To its light samples a vertex sees through thin dielectrics: what it finds behind them is shared with these,
             // and the thin dielectric is no vertex of the path.
             if (leaving.straight) {
-                way = reached;
+                passed = reached;
                 vertices += 1;
-                if (at.depth == 0) density = DELTA_LOBE;
+                if (at.depth == 0) pdf = DELTA_LOBE;
 #ifdef SPLIT_LIGHT
                 scattered -= 1;
 #endif
             } else
 #endif
             {
-                density = leaving.density;
+                pdf = leaving.pdf;
                 was_diffuse = false;
-                way = 0.0;
+                passed = 0.0;
             }
             cosine = 1.0;
 #ifdef HAS_GLASS
@@ -428,10 +428,10 @@ vec4 trace_path(ivec2 pixel)
             chance = from.lobes.diffuse;
             bounces += 1;
             was_diffuse = true;
-            way = 0.0;
+            passed = 0.0;
 #endif
 #ifdef GUIDED
-            // Light samples and emission go on to share light by the cosine alone: any shares will do that make one.
+            // Light samples and emission share light by the cosine alone: any shares will do that make one.
             if (from.guide >= 0) {
                 float chosen;
                 numbers = guided(from.guide, numbers, chosen);
@@ -442,25 +442,25 @@ vec4 trace_path(ivec2 pixel)
             direction = cosine_direction(v.normal, numbers);
             cosine = dot(v.normal, direction);
             beta *= diffuse_eval(v.bsdf, v.n, v.wo, direction) * (shading_cosine(v.n, v.normal, direction) / chance);
-            density = chance * cosine / PI;
+            pdf = chance * cosine / PI;
         }
-        float most = max(beta.r, max(beta.g, beta.b));
+        float max_beta = max(beta.r, max(beta.g, beta.b));
         if (at.depth + 1 >= roulette_depth) {
 #ifdef GUIDED
-            // Not by what guides did: a path on its way to the light has a small weight for that reason alone.
-            float stay = min(1.0, most / guiding_weight);
+            // Without the guiding weight, which is small for every path that is guided to a light.
+            float stay = min(1.0, max_beta / guiding_weight);
 #else
-            float stay = min(1.0, most);
+            float stay = min(1.0, max_beta);
 #endif
-            goes_on = random_at(at, USE_ROULETTE) < stay;
+            continues = random_at(at, USE_ROULETTE) < stay;
             beta /= stay;
         }
-        goes_on = goes_on && most > 0.0 && cosine > 0.0;
+        continues = continues && max_beta > 0.0 && cosine > 0.0;
         at.depth += 1;
 #ifdef SPLIT_LIGHT
         scattered += 1;
 #endif
-        if (goes_on) {
+        if (continues) {
             rays += 1.0;
 #ifdef HAS_ALPHA
             opacity_key_at(at, USE_OPACITY);
@@ -468,7 +468,7 @@ vec4 trace_path(ivec2 pixel)
             triangle = nearest_triangle(origin, direction, v.triangle);
         }
 #if BRANCHES == 1
-        if (!goes_on) break;
+        if (!continues) break;
 #endif
     }
     // More casts than their bits hold count as so many; what stands above them is a path that was cut.

@@ -23,9 +23,9 @@ int path_result(ivec2 path, out float weight)
     float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;
 #ifdef PACKED
     if (word >= NOTHING_FOUND) return PATH_MISSED;
-    return int((floatBitsToUint(word) - LEAST_NORMAL) & ((1u << ID_BITS) - 1u));
+    return int((floatBitsToUint(word) - MIN_NORMAL) & ((1u << ID_BITS) - 1u));
 #else
-    return word == 0.0 ? PATH_MISSED : int(floatBitsToUint(word) - LEAST_NORMAL);
+    return word == 0.0 ? PATH_MISSED : int(floatBitsToUint(word) - MIN_NORMAL);
 #endif
 }
 

@@ -10,7 +10,7 @@ uniform vec3 path_d[VIEWS];
 uniform vec3 scene_centre;
 uniform float scene_diameter;
 uniform vec2 view_cells;
-uniform vec2 cell_jitter;       // in [0, 1): where the grid starts, another place each scan
+uniform vec2 cell_jitter;       // in [0, 1): where the grid starts, new for each scan
 TEXELS(rgba32f, path_bounds);  // a texel a view: least u, v and least -u, -v of its live paths
 
 struct PathView

@@ -1,7 +1,7 @@
 // ray_record.glsl: what a path takes into a scan, as an RGBA32UI texel.
 //   x  cell, y << 16 | x; NO_RAY for a path that is dead
 //   y  the next path of the cell, or NO_RAY
-//   z  place in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
+//   z  position in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
 //   w  depth z0 of its start, as float bits
 #include <CONSTANTS>
 const uint NO_RAY = 0xffffffffu;
@@ -33,8 +33,8 @@ ivec2 path_of(uint number)
     return ivec2(int(number) - row * path_columns, row);
 }
 
-uint pack_place(vec2 place, bool against)
+uint pack_position(vec2 position, bool against)
 {
-    uvec2 q = uvec2(clamp(place, 0.0, 1.0) * vec2(65535.0, 32767.0) + 0.5);
+    uvec2 q = uvec2(clamp(position, 0.0, 1.0) * vec2(65535.0, 32767.0) + 0.5);
     return q.x | (q.y << 16u) | (against ? 0x80000000u : 0u);
 }

@@ -1,6 +1,6 @@
 // path_bounds.frag: the box around the live paths of each view, seen along its direction; two passes of it.
 // First pass (FROM_PATHS): from path states to a small grid a view; second: from the grids to a texel a view.
-// Output: least u, v, -u, -v, so that a minimum serves for both ends.
+// Output: minima of u, v, -u, -v, so that a minimum serves for both ends.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "path/path_view.glsl"
@@ -11,7 +11,7 @@ uniform ivec2 block;
 
 #ifdef FROM_PATHS
 TEXELS(rgba32f, path_position);
-layout(location = 0) out vec4 least[VIEWS];
+layout(location = 0) out vec4 bounds[VIEWS];
 
 void main()
 {
@@ -28,19 +28,19 @@ void main()
                 m[view] = min(m[view], p.w != 0.0 && own == view ? vec4(uv, -uv) : vec4(INFINITE_DEPTH));
         }
     }
-    for (int view = 0; view < VIEWS; view++) least[view] = m[view];
+    for (int view = 0; view < VIEWS; view++) bounds[view] = m[view];
 }
 #else
 TEXELS(rgba32f, path_grid_0);
 TEXELS(rgba32f, path_grid_1);
-layout(location = 0) out vec4 least;
+layout(location = 0) out vec4 bounds;
 
 void main()
 {
     bool first = VIEWS == 1 || gl_FragCoord.x < 1.0;
-    least = vec4(INFINITE_DEPTH);
+    bounds = vec4(INFINITE_DEPTH);
     for (int y = 0; y < source_size.y; y++)
         for (int x = 0; x < source_size.x; x++)
-            least = min(least, first ? texel(path_grid_0, ivec2(x, y)) : texel(path_grid_1, ivec2(x, y)));
+            bounds = min(bounds, first ? texel(path_grid_0, ivec2(x, y)) : texel(path_grid_1, ivec2(x, y)));
 }
 #endif

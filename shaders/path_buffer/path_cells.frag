@@ -1,4 +1,4 @@
-// path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and place of the paths in each cell.
+// path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and position of the paths in each cell.
 // Runs over: cells. A channel is a slot, so that one fragment of the scene serves four paths. Of a longer list the four
 // whose permuted numbers are least stay; the others lost the collision, and the four stand for them.
 //   slots  the permuted number of the path in each slot, and above the first two how many lost: 12 bits and the next
@@ -13,7 +13,7 @@ uniform uint scan_epoch;
 uniform int cell_columns;
 
 layout(location = 0) out vec4 z0;
-layout(location = 1) out uvec4 place;
+layout(location = 1) out uvec4 position;
 layout(location = 2) out uvec4 slots;
 
 // GLSL 4.3 has mix() by booleans for floats only.
@@ -27,7 +27,7 @@ void main()
 {
     // An empty slot starts behind everything: nothing is beyond it.
     z0 = vec4(INFINITE_DEPTH);
-    place = uvec4(0u);
+    position = uvec4(0u);
     slots = uvec4(NO_RAY);
     uint count = 0u;
     uint first = head[int(gl_FragCoord.y) * cell_columns + int(gl_FragCoord.x)];
@@ -40,7 +40,7 @@ void main()
         bvec4 here = lessThan(uvec4(key), slots);
         bvec4 moved = bvec4(false, here.xyz);
         slots = choose(choose(slots, uvec4(key), here), slots.xxyz, moved);
-        place = choose(choose(place, uvec4(ray_record.z), here), place.xxyz, moved);
+        position = choose(choose(position, uvec4(ray_record.z), here), position.xxyz, moved);
         z0 = mix(mix(z0, vec4(z), here), z0.xxyz, moved);
         count++;
         next = ray_record.y;

@@ -27,7 +27,7 @@ void main()
     PathView view = path_view(own);
     vec3 c = cell_space(view, path_space(own, position.xyz));
     ivec2 cell = clamp(ivec2(floor(c.xy)), ivec2(0), ivec2(view_cells) - 1);
-    ray_record.z = pack_place(c.xy - vec2(cell), position.w < 0.0);
+    ray_record.z = pack_position(c.xy - vec2(cell), position.w < 0.0);
     ray_record.w = floatBitsToUint(c.z);
     cell.x += int(view.first_column);
     ray_record.x = uint(cell.y << 16 | cell.x);

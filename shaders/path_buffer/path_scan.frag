@@ -1,6 +1,6 @@
 // path_scan.frag: WritePixel of the path-buffer [PB table 5] for four paths of a cell at once.
 // A surface is written where it is beyond z0 and nearer than what was found so far. The first test is here, against the
-// z0 texture, at the path's own place in the cell: whether the triangle covers that place, and its depth there (exact
+// z0 texture, at the path's own position in the cell: whether the triangle covers it, and its depth there (exact
 // for a plane in an orthographic view). The second is the blend equation MIN on what this shader writes.
 // Both hemispheres: a path against the direction looks down the depth axis.
 //   PACKED     depth above and the triangle's number below, as one float: their order is the order of their bits
@@ -16,7 +16,7 @@ flat in uint see_through;
 UINT_TEXELS(rgba32ui, cell_slots);
 #endif
 TEXELS(rgba32f, cell_z0);
-UINT_TEXELS(rgba32ui, cell_place);
+UINT_TEXELS(rgba32ui, cell_position);
 #if !defined(PACKED) && !defined(NEAREST)
 TEXELS(rgba32f, cell_nearest);
 #endif
@@ -32,10 +32,10 @@ layout(location = 0) out vec4 found;
 flat in float skipped;
 #endif
 
-// A path may start within rounding of its own surface. Depth is in scene diameters; a place is good to 3e-5 cells,
+// A path may start within rounding of its own surface. Depth is in scene diameters; a position is good to 3e-5 cells,
 // which a steep surface turns into depth.
 const float DEPTH_TOLERANCE = 2e-6;
-const float PLACE_TOLERANCE = 1e-4;
+const float POSITION_TOLERANCE = 1e-4;
 
 vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
 {
@@ -47,10 +47,10 @@ void main()
 {
     ivec2 cell = ivec2(gl_FragCoord.xy);
     vec4 z0 = texel(cell_z0, cell);
-    uvec4 place = texel(cell_place, cell);
-    vec4 x = vec4(place & 0xffffu) * (1.0 / 65535.0);
-    vec4 y = vec4((place >> 16u) & 0x7fffu) * (1.0 / 32767.0);
-    vec4 way = 1.0 - 2.0 * vec4(place >> 31u);
+    uvec4 position = texel(cell_position, cell);
+    vec4 x = vec4(position & 0xffffu) * (1.0 / 65535.0);
+    vec4 y = vec4((position >> 16u) & 0x7fffu) * (1.0 / 32767.0);
+    vec4 direction_sign = 1.0 - 2.0 * vec4(position >> 31u);
 
     // Corners relative to the cell: differences of near numbers are exact.
     vec2 a = corner_ab.xy - vec2(cell);
@@ -58,15 +58,15 @@ void main()
     vec2 c = corner_c - vec2(cell);
     vec4 inside = min(min(left_of(a, b - a, x, y), left_of(b, c - b, x, y)), left_of(c, a - c, x, y));
     precise vec4 z = depth_plane.x * (x - a.x) + depth_plane.y * (y - a.y) + depth_plane.z;
-    vec4 t = (z - z0) * way;
+    vec4 t = (z - z0) * direction_sign;
 
-    float least = DEPTH_TOLERANCE + PLACE_TOLERANCE * (abs(depth_plane.x) + abs(depth_plane.y));
+    float min_t = DEPTH_TOLERANCE + POSITION_TOLERANCE * (abs(depth_plane.x) + abs(depth_plane.y));
 #ifdef SKIPS_NEAR
-    least = max(least, skipped);
+    min_t = max(min_t, skipped);
 #endif
-    bvec4 hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(least))));
+    bvec4 hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(min_t))));
 #ifdef HAS_ALPHA
-    // By chance for each path: its number is that of its slot, the scan's is in the seed.
+    // Random for each path: its number is that of its slot, the scan's is in the seed.
     if (see_through != 0u && any(hit)) {
         uvec4 numbers = texel(cell_slots, cell) & NUMBER_MASK, face = face_texel(int(triangle_id), FACE_CORNERS);
         vec2 ab = b - a, ac = c - a;
@@ -82,11 +82,11 @@ void main()
 #endif
 #if defined(PACKED)
     uvec4 word = (uvec4(min(t, 1.0) * float(DEPTH_LEVELS)) << ID_BITS) | uvec4(triangle_id);
-    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + LEAST_NORMAL), hit);
+    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + MIN_NORMAL), hit);
 #elif defined(NEAREST)
     found = mix(vec4(INFINITE_DEPTH), t, hit);
 #else
     bvec4 nearest = lessThanEqual(t, texel(cell_nearest, cell) * (1.0 + 1e-6) + 2e-7);
-    found = mix(vec4(0.0), vec4(uintBitsToFloat(triangle_id + LEAST_NORMAL)), bvec4(uvec4(hit) & uvec4(nearest)));
+    found = mix(vec4(0.0), vec4(uintBitsToFloat(triangle_id + MIN_NORMAL)), bvec4(uvec4(hit) & uvec4(nearest)));
 #endif
 }

@@ -24,7 +24,7 @@ uniform int chunk_first;  // number of its first triangle; they share no vertice
 #endif
 
 // Half a cell, and a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
-const float REACH = 0.52;
+const float HALF_CELL_MARGIN = 0.52;
 
 vec2 meet(vec2 n1, float c1, vec2 n2, float c2)
 {
@@ -35,7 +35,7 @@ vec2 meet(vec2 n1, float c1, vec2 n2, float c2)
 void outer_line(vec2 p, vec2 e, out vec2 n, out float c)
 {
     n = vec2(e.y, -e.x);
-    c = dot(n, p) + REACH * (abs(n.x) + abs(n.y));
+    c = dot(n, p) + HALF_CELL_MARGIN * (abs(n.x) + abs(n.y));
 }
 
 vec2 grown_corner(vec2 before, vec2 here, vec2 after)
@@ -57,11 +57,11 @@ vec2 around_sliver(vec2 a, vec2 b, vec2 c, int k)
     vec2 x = along / max(length(along), 1e-20);
     if (dot(along, along) < 1e-30) x = vec2(1.0, 0.0);
     vec2 y = vec2(-x.y, x.x);
-    float reach = REACH * (abs(x.x) + abs(x.y));  // the same for y: a square cell
+    float margin = HALF_CELL_MARGIN * (abs(x.x) + abs(x.y));  // the same for y: a square cell
     vec3 s = vec3(dot(a - p, x), dot(b - p, x), dot(c - p, x));
     vec3 t = vec3(dot(a - p, y), dot(b - p, y), dot(c - p, y));
-    vec2 low = vec2(min(s.x, min(s.y, s.z)), min(t.x, min(t.y, t.z))) - reach;
-    vec2 high = vec2(max(s.x, max(s.y, s.z)), max(t.x, max(t.y, t.z))) + reach;
+    vec2 low = vec2(min(s.x, min(s.y, s.z)), min(t.x, min(t.y, t.z))) - margin;
+    vec2 high = vec2(max(s.x, max(s.y, s.z)), max(t.x, max(t.y, t.z))) + margin;
     vec2 q = low + 2.0 * (high - low) * vec2(k == 1, k == 2);
     return p + q.x * x + q.y * y;
 }

@@ -44,20 +44,20 @@ void main()
 #endif
         return;
     }
-    vec4 plane = plane_met(triangle, pixel);
+    vec4 plane = hit_plane(triangle, pixel);
     vec3 d = eye_direction(pixel), o = eye_origin(pixel);
     vec3 x = o + d * ((plane.w - dot(plane.xyz, o)) / dot(plane.xyz, d));
-    Surface s = surface_met(triangle, pixel, x, plane);
+    Surface s = hit_surface(triangle, pixel, x, plane);
     bool front = front_hit(plane.xyz, d);
-    float light_point;
-    vec3 Le = emitted(s, front, light_point);
+    float pdf_area;
+    vec3 Le = emitted(s, front, pdf_area);
     PathVertex v = path_vertex(s, triangle, plane, front, -d);
 #endif
     PathState next = lit_and_gone_on(v, path_in_image(pixel), vec3(1.0), Le);
 #ifdef SPLIT_LIGHT
     direct_part = next.radiance;
 #ifdef LAST_VERTEX
-    // Ambient light stands for what comes by way of other surfaces.
+    // Ambient light stands for indirect light.
     direct_part = Le + last_lit;
 #endif
 #endif

@@ -5,27 +5,27 @@
 // and an upper one beyond the diagonal, (i + 1, j + 1) (i, j + 1) (i + 1, j), but for the last cell of a row.
 #include <RADIOSITY>
 
-vec4 irradiance_value(int first, int place, int back)
+vec4 irradiance_value(int first, int number, int back)
 {
 #ifdef ALL_LIGHT
-    return all_light_texel(2 * (first + place) + back, ALL_LIGHT_IRRADIANCE);
+    return all_light_texel(2 * (first + number) + back, ALL_LIGHT_IRRADIANCE);
 #else
-    return radiosity_texel(2 * (first + place) + back, RADIOSITY_IRRADIANCE);
+    return radiosity_texel(2 * (first + number) + back, RADIOSITY_IRRADIANCE);
 #endif
 }
 
 // Where a point lies in its triangle's lattice.
-struct LatticePlace
+struct LatticePosition
 {
     int first_value, first_element;  // of the triangle
     float width;  // of an element
     int last;     // number of the last cell of the first row
     int i, j;     // the cell
     bool upper;   // in its upper element?
-    vec2 f;       // place in the cell, 0 to 1
+    vec2 f;       // position in the cell, 0 to 1
 };
 
-LatticePlace lattice_place(int triangle, vec3 position)
+LatticePosition lattice_position(int triangle, vec3 position)
 {
     vec4 along_x = lattice_texel(triangle, LATTICE_X), along_y = lattice_texel(triangle, LATTICE_Y);
     vec4 range = lattice_texel(triangle, LATTICE_RANGE);
@@ -36,17 +36,17 @@ LatticePlace lattice_place(int triangle, vec3 position)
     int i = min(int(p.x), last);
     int j = min(int(p.y), last - i);
     vec2 f = clamp(p - vec2(i, j), 0.0, 1.0);
-    return LatticePlace(int(range.y), int(range.w), range.z, last, i, j, f.x + f.y > 1.0 && i + j < last, f);
+    return LatticePosition(int(range.y), int(range.w), range.z, last, i, j, f.x + f.y > 1.0 && i + j < last, f);
 }
 
-// The number of the place's element in its triangle.
-int element_in(LatticePlace p)
+// The number of the element in its triangle.
+int element_in(LatticePosition p)
 {
     return p.j * (2 * (p.last + 1) - p.j) + 2 * p.i + int(p.upper);
 }
 
 // front: of the triangle, or its back.
-vec4 irradiance_at(LatticePlace p, bool front)
+vec4 irradiance_at(LatticePosition p, bool front)
 {
     int first = p.first_value, back = int(!front);
 #ifdef INTERPOLATED

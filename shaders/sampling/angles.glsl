@@ -1,6 +1,6 @@
 // angles.glsl: sine, cosine, tangent and arc tangent from sums and products alone.
 // GLSL states no accuracy for its own, and Vulkan's, on which it may stand, is 2^-11 for sin and cos and 4096 units in
-// the last place for atan: a cell of a shadow-buffer would be looked up where its ray did not go. These are within 3e-7 of
+// their last bits for atan: a cell of a shadow-buffer would be looked up where its ray did not go. These are within 3e-7 of
 // the truth everywhere, and the same wherever sums and products are.
 // Source: Moshier 1989, Cephes Mathematical Library (sinf, cosf, atanf).
 #include <CONSTANTS>

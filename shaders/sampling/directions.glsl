@@ -15,6 +15,6 @@ void axes_across(vec3 d, out vec3 x, out vec3 y)
 // One over a direction; a component of 0 becomes so small that its slab decides nothing wrongly.
 vec3 inverse_direction(vec3 direction)
 {
-    vec3 least = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));
-    return 1.0 / mix(direction, least, lessThan(abs(direction), vec3(1e-20)));
+    vec3 smallest = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));
+    return 1.0 / mix(direction, smallest, lessThan(abs(direction), vec3(1e-20)));
 }

@@ -14,16 +14,16 @@ bool meets_box(vec3 lower, vec3 upper, vec3 origin, vec3 inverse, float tmin, fl
     return enter <= leave;
 }
 
-// The next leaf on the way from a node, -1 for none; the node goes on.
+// The next leaf from a node on, -1 for none; advances the node.
 int next_leaf(inout int node, vec3 origin, vec3 inverse, float tmin, float tmax)
 {
     int leaf = -1;
     while (node < node_count && leaf < 0)
     {
         uvec4 lower = node_texel(node, NODE_LOWER), upper = node_texel(node, NODE_UPPER);
-        bool met = meets_box(uintBitsToFloat(lower.xyz), uintBitsToFloat(upper.xyz), origin, inverse, tmin, tmax);
-        leaf = met ? int(upper.w) - 1 : -1;
-        node = met ? node + 1 : int(lower.w);
+        bool hit = meets_box(uintBitsToFloat(lower.xyz), uintBitsToFloat(upper.xyz), origin, inverse, tmin, tmax);
+        leaf = hit ? int(upper.w) - 1 : -1;
+        node = hit ? node + 1 : int(lower.w);
     }
     return leaf;
 }

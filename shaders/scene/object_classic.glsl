@@ -5,7 +5,7 @@
 #include "scene/object_intersect.glsl"
 #include "scene/object_opacity.glsl"
 
-// Where a surface lets the ray through, the next place where the ray meets the same primitive: a sphere has two.
+// Where a surface lets the ray through, its next hit with the same primitive: a sphere has two.
 #ifdef HAS_ALPHA
 #define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)                                                                   \
     for (int k = 0; k < 2 && AT < NO_HIT && primitive_lets_through(PRIMITIVE, origin, direction, AT); ++k)     \

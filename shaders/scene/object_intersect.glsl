@@ -7,7 +7,7 @@
 // every program, so that engines can be compared by equality.
 //
 // `exclude` is the primitive that a ray starts on, -1 for none. It is left out where it is flat; of a sphere the root
-// at the start itself is taken to be exactly 0, so that the far side is still met from inside, without any bias.
+// at the start itself is taken to be exactly 0, so that the far side is still hit from inside, without any bias.
 #include "sampling/directions.glsl"
 const float NO_HIT = 3e38;
 
@@ -17,9 +17,9 @@ vec4 sphere_from(vec3 origin, vec3 centre, float radius)
 {
     precise vec3 f = origin - centre;
     vec3 size = abs(f);
-    float most = max(size.x, max(size.y, size.z));
-    vec2 rest = size.x == most ? f.yz : size.y == most ? f.xz : f.xy;
-    precise float c = (most - radius) * (most + radius) + dot(rest, rest);
+    float longest = max(size.x, max(size.y, size.z));
+    vec2 rest = size.x == longest ? f.yz : size.y == longest ? f.xz : f.xy;
+    precise float c = (longest - radius) * (longest + radius) + dot(rest, rest);
     return vec4(f, c);
 }
 
@@ -42,7 +42,7 @@ float sphere_hit(vec4 from, float radius, vec3 direction, float tmin)
     return square >= 0.0 && t > tmin ? t : NO_HIT;
 }
 
-// A sphere under an affine map is met in the space of its unit sphere.
+// A sphere under an affine map is intersected in the space of its unit sphere.
 struct UnitSpace
 {
     mat3 rows;  // unit_from_world, its rows as columns
@@ -75,7 +75,7 @@ float ellipsoid_hit(UnitSpace space, vec3 direction, float tmin)
     return at < NO_HIT && t < NO_HIT ? t : NO_HIT;
 }
 
-// corner*: relative to the start; plane: a normal, and its product with the way to the plane.
+// corner*: relative to the start; plane: a normal, and its product with the vector to the plane.
 struct TriangleFrom
 {
     vec3 corner0;
@@ -107,8 +107,8 @@ vec3 triangle_weights(TriangleFrom from, vec3 direction, out float extent)
     precise vec2 c = vec2(dot(from.corner2, x), dot(from.corner2, y));
     precise vec3 first = vec3(b.x * c.y, c.x * a.y, a.x * b.y), second = vec3(b.y * c.x, c.y * a.x, a.y * b.x);
     precise vec3 weights = first - second;
-    vec2 most = max(abs(a), max(abs(b), abs(c)));
-    extent = max(most.x, most.y);
+    vec2 max_abs = max(abs(a), max(abs(b), abs(c)));
+    extent = max(max_abs.x, max_abs.y);
     return weights;
 }
 
@@ -118,16 +118,16 @@ float triangle_hit(TriangleFrom from, vec3 direction, float tmin)
     vec3 weight = triangle_weights(from, direction, extent);
     precise float sum = weight.x + weight.y + weight.z;
     precise float t = from.plane.w / dot(from.plane.xyz, direction);
-    float least = min(weight.x, min(weight.y, weight.z)), most = max(weight.x, max(weight.y, weight.z));
-    // Seen edge-on, all weights are nothing but rounding, also past its ends: such a triangle is not met.
-    bool inside = (least >= 0.0 || most <= 0.0) && abs(sum) > 5e-7 * extent * extent;
+    float min_weight = min(weight.x, min(weight.y, weight.z)), max_weight = max(weight.x, max(weight.y, weight.z));
+    // Seen edge-on, all weights are nothing but rounding, also past its ends: such a triangle is not hit.
+    bool inside = (min_weight >= 0.0 || max_weight <= 0.0) && abs(sum) > 5e-7 * extent * extent;
     return inside && t > tmin && t < NO_HIT ? t : NO_HIT;
 }
 
 float plane_from(vec3 origin, vec3 normal, vec3 point)
 {
-    precise vec3 way = point - origin;
-    precise float height = dot(normal, way);
+    precise vec3 to_point = point - origin;
+    precise float height = dot(normal, to_point);
     return height;
 }
 

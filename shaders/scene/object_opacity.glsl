@@ -8,7 +8,7 @@ bool primitive_lets_through(int primitive, vec3 origin, vec3 direction, float t)
 {
     if (!is_see_through(shape_of(primitive))) return false;
     Surface s = surface_at(primitive, origin, direction, t);
-    // A sphere is met twice.
+    // A sphere is hit twice.
     uint number = 2u * uint(primitive) + uint(front_hit(s.normal, direction));
     return alpha_lets_through(s.material, base_colour(s).a, number);
 }

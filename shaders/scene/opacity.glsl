@@ -1,5 +1,5 @@
 // opacity.glsl: does light pass through a surface where a ray meets it? A mask lets it through where opacity is below the
-// cutoff, blended surfaces by chance, so that on average their share of it is met (Enderton et al. 2010, Stochastic
+// cutoff, blended surfaces at random, so that on average their share of it is hit (Enderton et al. 2010, Stochastic
 // Transparency): whatever is behind them needs no order. Everything here is for scenes that have such (HAS_ALPHA).
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS
 #include "sampling/random.glsl"

@@ -1,6 +1,6 @@
 // ray_bvh.glsl: the nearest triangle along a ray, and whether there is any, by a BVH; see `glpath.gl.ray_bvh`.
 // Needs:  <RAY_BVH>
-// Frame:  world; boxes are met in steps of the scene's own box, the distance along the ray being the same.
+// Frame:  world; boxes are intersected in steps of the scene's own box, the distance along the ray being the same.
 #include <RAY_BVH>
 uniform int ray_node_count;  // of one tree
 uniform bool ray_octants;    // there are eight
@@ -32,7 +32,7 @@ Ray ray_along(vec3 origin, vec3 direction)
                first + ray_node_count);
 }
 
-// The next leaf's item on the way from a node, nearer than tmax; -1 for none. The node goes on.
+// The next leaf's item from a node on, nearer than tmax; -1 for none. Advances the node.
 int next_item(inout int node, Ray ray, float tmax)
 {
     int item = -1;
@@ -42,14 +42,14 @@ int next_item(inout int node, Ray ray, float tmax)
         vec3 a = (vec3(box.xyz & 0xffffu) - ray.start) * ray.inverse, b = (vec3(box.xyz >> 16u) - ray.start) * ray.inverse;
         vec3 near = min(a, b), far = max(a, b);
         float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, tmax));
-        bool met = enter <= leave, leaf = box.w >= LEAF_BIT;
-        item = met && leaf ? int(box.w - LEAF_BIT) : -1;
-        node = met || leaf ? node + 1 : int(box.w);
+        bool hit = enter <= leave, leaf = box.w >= LEAF_BIT;
+        item = hit && leaf ? int(box.w - LEAF_BIT) : -1;
+        node = hit || leaf ? node + 1 : int(box.w);
     }
     return item;
 }
 
-// The distance to an item's triangle, NO_HIT where none is met or it is the one that is left out.
+// The distance to an item's triangle, NO_HIT where it is missed or excluded.
 float meet_item(Ray ray, int item, int exclude, out int triangle)
 {
     uvec4 of_corner = ray_item_texel(item, RAY_ITEM_CORNER), of_ab = ray_item_texel(item, RAY_ITEM_AB);
@@ -60,9 +60,9 @@ float meet_item(Ray ray, int item, int exclude, out int triangle)
     vec3 uvt = vec3(dot(s, p), dot(ray.direction, q), dot(ac, q)) * scale;
     float across = uvt.x + uvt.y;
     triangle = across > 1.0 && other >= 0 ? other : one;
-    float least = min(uvt.x, uvt.y), most = other >= 0 ? max(uvt.x, uvt.y) : across;
-    bool met = least >= -EDGE && most <= 1.0 + EDGE && uvt.z > 0.0 && (exclude < 0 || (exclude != one && exclude != other));
-    return met ? uvt.z : NO_HIT;
+    float min_weight = min(uvt.x, uvt.y), max_weight = other >= 0 ? max(uvt.x, uvt.y) : across;
+    bool hit = min_weight >= -EDGE && max_weight <= 1.0 + EDGE && uvt.z > 0.0 && (exclude < 0 || (exclude != one && exclude != other));
+    return hit ? uvt.z : NO_HIT;
 }
 
 #ifdef HAS_ALPHA
@@ -73,7 +73,7 @@ bool item_lets_through(int item, int triangle, vec3 position)
 #endif
 
 #ifdef HAS_THIN_DIELECTRICS
-// Share of the light that a thin dielectric lets through, and what all thin dielectrics on the way of a ray to a light let.
+// Share of the light that a thin dielectric lets through, and what all thin dielectrics between a ray's start and a light let.
 vec3 thin_transmittance(int triangle, vec3 position, vec3 direction);
 vec3 passed_thin_dielectrics;
 #endif

@@ -1,5 +1,5 @@
 // stream_cull.comp: the triangles of a chunk that any path of a scan may meet, as indices to draw.
-// A vertex costs a scan thirty times what it costs here, and of small triangles nearly all miss every path's place.
+// A vertex costs a scan thirty times what it costs here, and of small triangles nearly all miss every path's position.
 // Runs over: triangles. Output: three indices for each that stays, in no order; how many, in the draw's command.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -9,7 +9,7 @@
 layout(local_size_x = 64) in;
 
 TEXELS(rgba32f, cell_z0);
-UINT_TEXELS(rgba32ui, cell_place);
+UINT_TEXELS(rgba32ui, cell_position);
 layout(std430, binding = 0) buffer Command { uint count; };
 layout(std430, binding = 1) writeonly buffer Kept { uint kept[]; };
 uniform int path_views;
@@ -38,9 +38,9 @@ bool may_meet(int number, uint corner)
     for (int y = first.y; y <= last.y; ++y)
         for (int x = first.x; x <= last.x; ++x) {
             ivec2 cell = ivec2(x + int(view.first_column), y);
-            uvec4 place = texel(cell_place, cell);
-            vec4 px = float(x) + vec4(place & 0xffffu) * (1.0 / 65535.0);
-            vec4 py = float(y) + vec4((place >> 16u) & 0x7fffu) * (1.0 / 32767.0);
+            uvec4 position = texel(cell_position, cell);
+            vec4 px = float(x) + vec4(position & 0xffffu) * (1.0 / 65535.0);
+            vec4 py = float(y) + vec4((position >> 16u) & 0x7fffu) * (1.0 / 32767.0);
             vec4 outside = max(max(low.x - px, px - high.x), max(low.y - py, py - high.y));
             if (any(lessThan(mix(outside, vec4(INFINITE_DEPTH), greaterThanEqual(texel(cell_z0, cell), vec4(INFINITE_DEPTH))),
                              vec4(beyond))))

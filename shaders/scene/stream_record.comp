@@ -23,18 +23,18 @@ layout(rgba32f) writeonly uniform image2D kept_records;
 
 void main()
 {
-    ivec2 place = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(place, area.zw))) return;
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, area.zw))) return;
 #ifdef OF_PATHS
     float weight;
-    int triangle = path_result(place, weight) - chunk_first;
+    int triangle = path_result(pixel, weight) - chunk_first;
 #else
-    int triangle = int(texel(seen_buffer, place).r) - 1 - chunk_first;
+    int triangle = int(texel(seen_buffer, pixel).r) - 1 - chunk_first;
 #endif
     if (triangle < 0 || triangle >= chunk_count) return;
     uint corner = 3u * uint(triangle);
-    imageStore(kept_records, record_place(place, RECORD_CORNER_A), vec4(vertex_position(corner), float(chunk_shape)));
-    imageStore(kept_records, record_place(place, RECORD_CORNER_B), vec4(vertex_position(corner + 1u), 0.0));
-    imageStore(kept_records, record_place(place, RECORD_CORNER_C), vec4(vertex_position(corner + 2u), 0.0));
-    imageStore(kept_records, record_place(place, RECORD_PLANE), facet_texel(triangle, FACET_PLANE));
+    imageStore(kept_records, record_texel(pixel, RECORD_CORNER_A), vec4(vertex_position(corner), float(chunk_shape)));
+    imageStore(kept_records, record_texel(pixel, RECORD_CORNER_B), vec4(vertex_position(corner + 1u), 0.0));
+    imageStore(kept_records, record_texel(pixel, RECORD_CORNER_C), vec4(vertex_position(corner + 2u), 0.0));
+    imageStore(kept_records, record_texel(pixel, RECORD_PLANE), facet_texel(triangle, FACET_PLANE));
 }

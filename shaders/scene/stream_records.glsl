@@ -9,7 +9,7 @@ const int RECORD_CORNER_C = 2;
 const int RECORD_PLANE = 3;     // as FACET_PLANE
 const int RECORD_TEXELS = 4;
 
-ivec2 record_place(ivec2 texel_of_buffer, int which)
+ivec2 record_texel(ivec2 texel_of_buffer, int which)
 {
     return ivec2(texel_of_buffer.x, RECORD_TEXELS * texel_of_buffer.y + which);
 }

@@ -1,14 +1,14 @@
-// surface.glsl: what is hit, and what it does with light: the only place that reads materials and textures.
+// surface.glsl: what is hit, and what it does with light: the only file that reads materials and textures.
 // Needs:  <SCENE>; where the scene has them:
 //         HAS_NORMALS             normals to shade with that are not the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES; see also texture.glsl
-//         HAS_BRUSHES             microfacets that are rougher one way
+//         HAS_ANISOTROPY          microfacets of two roughnesses
 //         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
-//         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light points of different densities
+//         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light samples of different densities
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is told in units of a white Lambertian surface's, 1 / pi, so that
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is given in units of a white Lambertian surface's, 1 / pi, so that
 //         what leaves is beta * bsdf_eval * cos * E / pi.
 #include <CONSTANTS>
 #include "bsdf/bsdf.glsl"
@@ -23,7 +23,7 @@ struct Surface
     vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them
     vec2 uv;
     vec2 uv1;      // the second texture coordinates
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     vec3 along_u;  // unit, in the triangle's plane: where u grows, and across it to where v grows; 0 where neither does
     vec3 along_v;
 #endif
@@ -48,7 +48,7 @@ Surface surface_of_shape(int shape, vec3 position, vec3 normal)
     s.position = position;
     s.normal = s.smooth_normal = normal;
     s.uv = s.uv1 = vec2(0.0);
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     s.along_u = s.along_v = vec3(0.0);
 #endif
     s.colour = vec4(1.0);
@@ -91,7 +91,7 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
     s.uv1 = weight.x * uv_a.zw + weight.y * uv_b.zw + weight.z * uv_c.zw;
 #endif
 #endif
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
     vec2 q = uv_b.xy - uv_a.xy, r = uv_c.xy - uv_a.xy;
     float side = q.x * r.y - q.y * r.x < 0.0 ? -1.0 : 1.0;
     vec3 along = side * (r.y * ab - q.y * ac);
@@ -143,8 +143,8 @@ vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
 {
 #ifdef HAS_NORMALS
     vec3 mirrored = reflect(-wo, n);
-    float height = dot(mirrored, normal), least = min(0.9 * dot(normal, wo), 0.01);
-    if (height < least) n = normalize(wo + normalize(mirrored + (least - height) * normal));
+    float height = dot(mirrored, normal), min_height = min(0.9 * dot(normal, wo), 0.01);
+    if (height < min_height) n = normalize(wo + normalize(mirrored + (min_height - height) * normal));
 #endif
     return n;
 }
@@ -186,36 +186,36 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     return s;
 }
 
-// The same for the triangle that a pixel's eye ray or path has met, which may be a streamed one.
+// The same for the triangle that a pixel's eye ray or path has hit, which may be a streamed one.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"
 uniform int resident_triangles;
-TEXELS(rgba32f, met_records);
+TEXELS(rgba32f, hit_records);
 
-vec4 plane_met(int triangle, ivec2 pixel)
+vec4 hit_plane(int triangle, ivec2 pixel)
 {
     if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
-    return texel(met_records, record_place(pixel, RECORD_PLANE));
+    return texel(hit_records, record_texel(pixel, RECORD_PLANE));
 }
 
 // A streamed triangle has nothing but its corners: it is shaded flat.
-int shape_met(int triangle, ivec2 pixel)
+int hit_shape(int triangle, ivec2 pixel)
 {
     if (triangle < resident_triangles) return shape_of(triangle);
-    return int(texel(met_records, record_place(pixel, RECORD_CORNER_A)).w);
+    return int(texel(hit_records, record_texel(pixel, RECORD_CORNER_A)).w);
 }
 
-Surface surface_met(int triangle, ivec2 pixel, vec3 position, vec4 plane)
+Surface hit_surface(int triangle, ivec2 pixel, vec3 position, vec4 plane)
 {
     if (triangle < resident_triangles) return surface_of_triangle(triangle, position, plane);
-    Surface s = surface_of_shape(shape_met(triangle, pixel), position, plane.xyz);
+    Surface s = surface_of_shape(hit_shape(triangle, pixel), position, plane.xyz);
     s.triangle = triangle;
     return s;
 }
 #else
-#define shape_met(primitive, pixel) shape_of(primitive)
-#define plane_met(triangle, pixel) facet_texel(triangle, FACET_PLANE)
-#define surface_met(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
+#define hit_shape(primitive, pixel) shape_of(primitive)
+#define hit_plane(triangle, pixel) facet_texel(triangle, FACET_PLANE)
+#define hit_surface(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
 #endif
 
 // What textures and the colours of vertices multiply a material by. Each is 1 where there are none.
@@ -298,7 +298,7 @@ Bsdf bsdf_at(Surface s, bool front)
         b.grazing = layer.w;
         b.layered = (1.0 - metal) * reflects;
         b.alpha = ggx_alpha(surface.x, surface.z);
-#ifdef HAS_BRUSHES
+#ifdef HAS_ANISOTROPY
         b.tangent = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
 #endif
         b.coat = coat.x * reflects;
@@ -308,13 +308,13 @@ Bsdf bsdf_at(Surface s, bool front)
     return b;
 }
 
-// Radiance that a surface emits to the side that is seen; `density` per area of a light point there, 0 without light.
-vec3 emitted(Surface s, bool front, out float density)
+// Radiance that a surface emits to the side that is seen; `pdf_area` per area of a light sample there, 0 without light.
+vec3 emitted(Surface s, bool front, out float pdf_area)
 {
     vec4 emission = emission_texel(s.shape, EMISSION_RADIANCE);
-    density = emission.w;
+    pdf_area = emission.w;
 #ifdef HAS_TRIANGLE_DENSITIES
-    if (density > 0.0 && s.triangle >= 0) density = emitter_texel(s.triangle >> 2, EMITTER_DENSITIES)[s.triangle & 3];
+    if (pdf_area > 0.0 && s.triangle >= 0) pdf_area = emitter_texel(s.triangle >> 2, EMITTER_DENSITIES)[s.triangle & 3];
 #endif
 #ifdef HAS_EMISSION_TEXTURES
     emission.rgb *= slot_or_one(slots_texel(s.material, SLOTS_FIRST).w, s).rgb;

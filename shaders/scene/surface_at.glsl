@@ -1,4 +1,4 @@
-// surface_at.glsl: the surface that a ray has met, of any kind of primitive.
+// surface_at.glsl: the surface that a ray has hit, of any kind of primitive.
 // Needs:  <SCENE>, object_intersect.glsl
 // Frame:  world; the normal leaves the front.
 #include "scene/object_intersect.glsl"
@@ -23,7 +23,7 @@ void map_normal_by(inout Surface s, vec3 along_u, vec3 along_v)
     map_normal(s, slot, side * (v.y * along_u - v.x * along_v), side * (u.x * along_v - u.y * along_u));
 }
 
-// linear: world_from_unit, of any scale; unit: the place on the unit sphere.
+// linear: world_from_unit, of any scale; unit: the point on the unit sphere.
 void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
 {
     float across = max(dot(unit.xy, unit.xy), 1e-12);
@@ -41,7 +41,7 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
     {
         vec4 sphere = sphere_texel(primitive, SPHERE_BALL);
         vec3 out_of = normalize(s.position - sphere.xyz);
-        // Back onto the sphere, as t of a far one has lost the last digits of the place.
+        // Back onto the sphere, as t of a far one has lost the last digits of the position.
         s.position = sphere.xyz + abs(sphere.w) * out_of;
         s.normal = s.smooth_normal = sphere.w < 0.0 ? -out_of : out_of;
         mat3 rows = mat3(

@@ -1,6 +1,6 @@
-// hemicube.frag: which triangle the light point sees; its number + 1, 0 for none.
+// hemicube.frag: which triangle the light sample sees; its number + 1, 0 for none.
 // Depth is linear: a perspective depth with so near a near plane, for a shade close to a lamp, has no digits left.
-// Blended surfaces are there by chance, texel by texel.
+// Blended surfaces are sampled stochastically, texel by texel.
 #include "gl/texels.glsl"
 #include <SCENE>
 #include "scene/opacity.glsl"

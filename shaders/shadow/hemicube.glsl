@@ -1,4 +1,4 @@
-// hemicube.glsl: the frame of a light point and the faces of its hemicube, or cube, in the atlas.
+// hemicube.glsl: the frame of a light sample and the faces of its hemicube, or cube, in the atlas.
 // Frame: light_tangent, light_bitangent, light_normal right-handed and unit; the light leaves along the normal.
 // FULL_CUBE: the sides have their lower halves too, and there is a face below, for a light that shines to all sides.
 uniform vec3 light_position;
@@ -6,7 +6,7 @@ uniform vec3 light_normal;
 uniform vec3 light_tangent;
 uniform vec3 light_bitangent;
 
-// In the light point's frame: which face a direction leaves through.
+// In the light sample's frame: which face a direction leaves through.
 int hemicube_face_of(vec3 p)
 {
     vec2 a = abs(p.xy);
@@ -17,7 +17,7 @@ int hemicube_face_of(vec3 p)
     return a.x >= a.y ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
 }
 
-// From the light point's frame to a face's: x and y across it, z along its axis. On a side y is along the normal.
+// From the light sample's frame to a face's: x and y across it, z along its axis. On a side y is along the normal.
 vec3 hemicube_to_face(int face, vec3 p)
 {
     if (face == 0) return p;

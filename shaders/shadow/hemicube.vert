@@ -1,4 +1,4 @@
-// hemicube.vert: the scene seen from a light point, on the five faces of a hemicube (Cohen & Greenberg 1985).
+// hemicube.vert: the scene seen from a light sample, on the five faces of a hemicube (Cohen & Greenberg 1985).
 // One instanced draw: instance = face, each in its own rectangle of one atlas, kept apart by clip distances.
 //   face 0     the top, R x R, looks along light_normal
 //   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b

@@ -1,4 +1,4 @@
-// point_shadow.glsl: is a place on a surface lit by a point light? Looked up in the light's shadow-buffer [TB III.D].
+// point_shadow.glsl: is a point on a surface lit by a point light? Looked up in the light's shadow-buffer [TB III.D].
 // Needs:  <SCENE>; SHADOW_CUBE as point_shadow_map.glsl has it
 //         SHADOW_TAPS      cells across that a lookup asks; 1: the nearest alone, no filter
 //         SHADOW_IDENTITY  the paper's rule; otherwise distances are compared
@@ -15,7 +15,7 @@ UINT_TEXELS(rgba32ui, shadow_buffer);  // bits of the plane; number of the primi
 TEXELS(rgba32f, shadow_lights);  // where each stands, a texel for each tile
 uniform int shadow_tiles_across;
 
-// What rounding may do to a place, as a share of its coordinates and the light's.
+// What rounding may do to a point, as a share of its coordinates and the light's.
 const float SHADOW_ROUNDING = 5e-7;
 
 // Where 1 / cos to the light is more, a sphere's outline is near.
@@ -31,23 +31,23 @@ ivec2 shadow_texel(int light, int face, vec2 cell)
 #else
     const ivec2 faces = ivec2(1, 1);
 #endif
-    ivec2 place = ivec2(face % faces.x, face / faces.x);
-    return (shadow_tile(light) * faces + place) * ivec2(shadow_cells) + ivec2(cell);
+    ivec2 tile = ivec2(face % faces.x, face / faces.x);
+    return (shadow_tile(light) * faces + tile) * ivec2(shadow_cells) + ivec2(cell);
 }
 
 // The face and cell of a cell that may lie beyond its face's edge.
-ShadowPlace shadow_home(int face, vec2 cell)
+ShadowPosition shadow_home(int face, vec2 cell)
 {
 #ifdef SHADOW_CUBE
-    ShadowPlace home = shadow_place(shadow_direction(face, cell + 0.5));
-    return ShadowPlace(home.face, shadow_cell(home.at));
+    ShadowPosition home = shadow_position(shadow_direction(face, cell + 0.5));
+    return ShadowPosition(home.face, shadow_cell(home.at));
 #else
     bool south = cell.y < 0.0, north = cell.y >= shadow_cells.y;
     if (south) cell.y = -1.0 - cell.y;
     if (north) cell.y = 2.0 * shadow_cells.y - 1.0 - cell.y;
     if (south || north) cell.x += floor(0.5 * shadow_cells.x);
     cell.x -= shadow_cells.x * floor((cell.x + 0.5) / shadow_cells.x);
-    return ShadowPlace(0, cell);
+    return ShadowPosition(0, cell);
 #endif
 }
 
@@ -58,16 +58,16 @@ bool shadow_entry_hides(uvec4 seen, int object)
     return seen.w == 0u || shape_of(int(seen.w) - 1) != object;
 }
 #else
-// Does what the entry's ray along c (unit) meets stand between the light and the place w (both from the light)?
-// `receiver` is the plane of the place, as g is of the entry.
+// Does the hit of the entry's ray along c (unit) occlude the point w (both from the light)?
+// `receiver` is the plane of the point, as g is of the entry.
 //
 // The receiver's distance along c is that of its plane, so no slope makes it shadow itself. At a ridge the cell may see
 // the other side of the edge: there the receiver's plane, carried on past the edge, is in front. At a valley it is the
-// other way round: there the entry's plane, carried on to the place, is behind it. To tell a valley from an occluder:
+// contrary: there the entry's plane, carried on to the point, is behind it. To tell a valley from an occluder:
 // both planes meet between c and w, an angle a apart, so that t of the entry is at least |w| - |w| a (1 / cos + 1 / cos')
 // with the cosines of both to the light. Nearer than that is an occluder in any case; farther, its plane decides. What
-// stands in front of a place is behind its own tangent plane where it is convex, so the plane takes no true shadow away.
-// Near the outline of a sphere the tangent plane soon leaves it, and says nothing about the places in a filter's reach.
+// stands in front of a point is behind its own tangent plane where it is convex, so the plane takes no true shadow away.
+// Near the outline of a sphere the tangent plane soon leaves it, and says nothing about the points within a filter's radius.
 bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding)
 {
     vec3 g = uintBitsToFloat(seen.xyz);
@@ -76,13 +76,13 @@ bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float roundin
     float r = length(w);
     float slope = length_g / max(entry, 1e-30);
     float slopes = r * length_r + (seen.w <= uint(first_triangle) ? min(slope, SHADOW_STEEPEST) : slope);
-    float least = r * (1.0 - distance(w / r, c) * slopes);
-    return entry * least > 1.0 || dot(g, w) > 1.0 + 2.0 * rounding * length_g;
+    float min_distance = r * (1.0 - distance(w / r, c) * slopes);
+    return entry * min_distance > 1.0 || dot(g, w) > 1.0 + 2.0 * rounding * length_g;
 }
 #endif
 
 // Share of the light that reaches `position` on a surface with this normal (either side's), which belongs to an object.
-// A filter weighs cells as a box over SHADOW_TAPS - 1 of them around the place does, so it moves smoothly with it
+// A filter weighs cells as a box over SHADOW_TAPS - 1 of them around the point does, so it moves smoothly with it
 // (percentage-closer filtering: Reeves et al. 1987); of 2 taps it is bilinear interpolation.
 float point_light_visibility(int light, vec3 position, vec3 normal, int object)
 {
@@ -93,17 +93,17 @@ float point_light_visibility(int light, vec3 position, vec3 normal, int object)
     vec3 size = abs(position) + abs(centre);
     float rounding = SHADOW_ROUNDING * max(size.x, max(size.y, size.z));
 
-    ShadowPlace place = shadow_place(w);
+    ShadowPosition position_in_buffer = shadow_position(w);
     const float extent = float(SHADOW_TAPS - 1);
 #if SHADOW_TAPS == 1
-    vec2 first = shadow_cell(place.at), part = vec2(0.0);
+    vec2 first = shadow_cell(position_in_buffer.at), part = vec2(0.0);
 #else
-    vec2 first = floor(place.at - 0.5 * extent), part = place.at - 0.5 * extent - first;
+    vec2 first = floor(position_in_buffer.at - 0.5 * extent), part = position_in_buffer.at - 0.5 * extent - first;
 #endif
     float lit = 0.0;
     for (int y = 0; y < SHADOW_TAPS; ++y) {
         for (int x = 0; x < SHADOW_TAPS; ++x) {
-            ShadowPlace tap = ShadowPlace(place.face, first + vec2(x, y));
+            ShadowPosition tap = ShadowPosition(position_in_buffer.face, first + vec2(x, y));
 #if SHADOW_TAPS > 1
             tap = shadow_home(tap.face, tap.at);
 #endif

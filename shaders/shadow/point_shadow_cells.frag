@@ -11,8 +11,8 @@ void main()
 {
     vec2 cell = floor(gl_FragCoord.xy);
     vec3 d = shadow_direction(face, cell + 0.5);
-    ShadowPlace place = shadow_place(d);
-    vec2 off = abs(place.at - cell - 0.5);
-    found = vec4(shadow_cell(place.at), float(place.face), max(off.x, off.y));
+    ShadowPosition home = shadow_position(d);
+    vec2 off = abs(home.at - cell - 0.5);
+    found = vec4(shadow_cell(home.at), float(home.face), max(off.x, off.y));
     direction = vec4(normalize(d), 0.0);
 }

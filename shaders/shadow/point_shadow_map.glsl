@@ -1,5 +1,5 @@
 // point_shadow_map.glsl: which cell of a point light's shadow-buffer a direction falls into, and back.
-// Frame:  world axes about the light. A buffer is one face (sphere) or six (cube) of shadow_cells; a place on a face is
+// Frame:  world axes about the light. A buffer is one face (sphere) or six (cube) of shadow_cells; a position on a face is
 //         in cells, (0, 0) at its lower corner, centres of cells at halves.
 // Needs:  SHADOW_CUBE: the cube; otherwise the sphere
 // Source: [TB III.C, III.D], with three corrections. (4) lets theta run over [0, pi] where (5) uses it as a latitude and
@@ -12,7 +12,7 @@
 
 uniform vec2 shadow_cells;  // columns and rows of a face
 
-struct ShadowPlace
+struct ShadowPosition
 {
     int face;
     vec2 at;  // in cells
@@ -20,7 +20,7 @@ struct ShadowPlace
 
 #ifdef SHADOW_CUBE
 // Cells are equal steps of angle across a face rather than of length, so that all are of about one size: the solid angle
-// of the largest is 1.4 times that of the smallest, in place of 5.2 (Brown 2017, Equi-Angular Cubemaps).
+// of the largest is 1.4 times that of the smallest, instead of 5.2 (Brown 2017, Equi-Angular Cubemaps).
 // Faces 0 to 5 look along +x, -x, +y, -y, +z, -z. Within one: x and y across it, z along its axis. Opposite faces are
 // mirror images of each other.
 vec3 shadow_to_face(int face, vec3 d)
@@ -35,32 +35,32 @@ vec3 shadow_from_face(int face, vec3 f)
     return face < 2 ? f.zxy : face < 4 ? f.yzx : f;
 }
 
-ShadowPlace shadow_place(vec3 d)
+ShadowPosition shadow_position(vec3 d)
 {
     vec3 a = abs(d);
     int axis = a.x >= max(a.y, a.z) ? 0 : a.y >= a.z ? 1 : 2;
     int face = 2 * axis + int(d[axis] < 0.0);
     vec3 f = shadow_to_face(face, d);
     vec2 slope = f.xy / f.z;
-    return ShadowPlace(face, (0.5 + vec2(arc_tangent(slope.x), arc_tangent(slope.y)) * (2.0 / PI)) * shadow_cells);
+    return ShadowPosition(face, (0.5 + vec2(arc_tangent(slope.x), arc_tangent(slope.y)) * (2.0 / PI)) * shadow_cells);
 }
 
-// Of any length. A place (less than half a face) beyond the edge of its face belongs to the neighbour's cells.
+// Of any length. A position (less than half a face) beyond the edge of its face belongs to the neighbour's cells.
 vec3 shadow_direction(int face, vec2 at)
 {
     vec2 right_angles = at / shadow_cells - 0.5;
     return shadow_from_face(face, vec3(tangent(right_angles.x), tangent(right_angles.y), 1.0));
 }
 #else
-ShadowPlace shadow_place(vec3 d)
+ShadowPosition shadow_position(vec3 d)
 {
     float theta = arc_tangent(d.z, length(d.xy));
     float phi = arc_tangent(d.y, d.x);
     vec2 at = vec2(fract(phi / (2.0 * PI)), theta / PI + 0.5) * shadow_cells;
-    return ShadowPlace(0, at);
+    return ShadowPosition(0, at);
 }
 
-// Unit. A place beyond a pole comes down on the other side, one beyond the seam goes on behind it.
+// Unit. A position beyond a pole comes down on the other side, one beyond the seam continues behind it.
 vec3 shadow_direction(int face, vec2 at)
 {
     vec2 theta = cosine_sine(2.0 * (at.y / shadow_cells.y - 0.5));

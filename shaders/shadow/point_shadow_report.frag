@@ -1,7 +1,7 @@
-// point_shadow_report.frag: the visibility of a light from places that are given as texels.
+// point_shadow_report.frag: the visibility of a light from points that are given as texels.
 #include "shadow/point_shadow.glsl"
 
-uniform sampler2D places;   // world; number of the object
+uniform sampler2D points;   // world; number of the object
 uniform sampler2D normals;  // world, unit
 uniform int light;
 
@@ -9,7 +9,7 @@ layout(location = 0) out float visibility;
 
 void main()
 {
-    vec4 place = texelFetch(places, ivec2(gl_FragCoord.xy), 0);
+    vec4 point = texelFetch(points, ivec2(gl_FragCoord.xy), 0);
     vec3 normal = texelFetch(normals, ivec2(gl_FragCoord.xy), 0).xyz;
-    visibility = point_light_visibility(light, place.xyz, normal, int(place.w));
+    visibility = point_light_visibility(light, point.xyz, normal, int(point.w));
 }

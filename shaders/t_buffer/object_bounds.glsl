@@ -34,11 +34,11 @@ vec4 window_slopes()
 }
 
 // From slopes to pixels of the window.
-int pixels_between(vec2 least, vec2 most, out ivec2 low, out ivec2 high)
+int pixels_between(vec2 low_corner, vec2 high_corner, out ivec2 low, out ivec2 high)
 {
     vec2 shift = eye_centre - 0.5 - vec2(eye_corner), size = vec2(eye_size);
-    vec2 first = ceil(least * eye_focal + shift - bound_margin());
-    vec2 last = floor(most * eye_focal + shift + bound_margin());
+    vec2 first = ceil(low_corner * eye_focal + shift - bound_margin());
+    vec2 last = floor(high_corner * eye_focal + shift + bound_margin());
     low = ivec2(clamp(first, vec2(0.0), size));
     high = ivec2(clamp(last, vec2(-1.0), size - 1.0));
     return all(lessThanEqual(low, high)) ? BOUNDED : HIDDEN;
@@ -46,14 +46,14 @@ int pixels_between(vec2 least, vec2 most, out ivec2 low, out ivec2 high)
 
 #ifdef EYE_ORTHOGRAPHIC
 // Of a body between two corners in the eye's axes, which rounding has moved a little.
-int parallel_bounds(vec3 least, vec3 most, out ivec2 low, out ivec2 high)
+int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 high)
 {
-    vec3 far = max(abs(least), abs(most));
+    vec3 far = max(abs(low_corner), abs(high_corner));
     float rounding = 5e-7 * max(far.x, max(far.y, far.z));
     low = ivec2(0);
     high = eye_size - 1;
-    if (most.z + rounding <= 0.0) return HIDDEN;
-    return pixels_between(least.xy - rounding, most.xy + rounding, low, high);
+    if (high_corner.z + rounding <= 0.0) return HIDDEN;
+    return pixels_between(low_corner.xy - rounding, high_corner.xy + rounding, low, high);
 }
 #endif
 
@@ -66,11 +66,11 @@ vec2 tangent_slopes(vec2 centre, float xz, float zz, float square)
 }
 
 // Is a body beyond a side of the window? centre and support: how far it reaches along the two slopes' normals.
-bool beyond_window(vec3 centre, vec4 reach)
+bool beyond_window(vec3 centre, vec4 support)
 {
     vec4 s = window_slopes();
     vec4 inside = vec4(centre.xy - s.xy * centre.z, s.zw * centre.z - centre.xy);
-    return any(lessThan(inside, -reach * 1.00001));
+    return any(lessThan(inside, -support * 1.00001));
 }
 
 int sphere_bounds(vec3 centre, float radius, out ivec2 low, out ivec2 high)
@@ -97,8 +97,8 @@ int sphere_bounds(vec3 centre, float radius, out ivec2 low, out ivec2 high)
 int ellipsoid_bounds(vec3 centre, vec3 axis0, vec3 axis1, vec3 axis2, out ivec2 low, out ivec2 high)
 {
     vec3 c = to_eye(centre - eye_position);
-    mat3 reach = transpose(mat3(to_eye(axis0), to_eye(axis1), to_eye(axis2)));  // X, Y, Z: of the three along one axis
-    vec3 X = reach[0], Y = reach[1], Z = reach[2];
+    mat3 support = transpose(mat3(to_eye(axis0), to_eye(axis1), to_eye(axis2)));  // X, Y, Z: of the three along one axis
+    vec3 X = support[0], Y = support[1], Z = support[2];
 #ifdef EYE_ORTHOGRAPHIC
     vec3 extent = vec3(length(X), length(Y), length(Z));
     return parallel_bounds(c - extent, c + extent, low, high);

@@ -59,9 +59,9 @@ void main()
     aim = target(primitive);
 
 #ifdef KIND_PLANE
-    vec2 place = vec2((corner & 1) * 4 - 1, (corner >> 1) * 4 - 1);
-    gl_Position = vec4(place, 0.0, 1.0);
-    vec2 slope = ((0.5 * place + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
+    vec2 corner_position = vec2((corner & 1) * 4 - 1, (corner >> 1) * 4 - 1);
+    gl_Position = vec4(corner_position, 0.0, 1.0);
+    vec2 slope = ((0.5 * corner_position + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
     vec3 normal = to_eye(aim.plane.xyz);
 #ifdef EYE_ORTHOGRAPHIC
     // The plane lies ahead of where the ray starts.
@@ -85,8 +85,8 @@ void main()
     vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);
     vec3 c = pixels * to_eye(vertex_position(face.z) - eye_position);
     // Only their directions count; products of three would leave the range of floats in large scenes.
-    vec3 most = max(abs(a), max(abs(b), abs(c)));
-    float scale = 1.0 / max(max(most.x, most.y), max(most.z, 1e-30));
+    vec3 max_abs = max(abs(a), max(abs(b), abs(c)));
+    float scale = 1.0 / max(max(max_abs.x, max_abs.y), max(max_abs.z, 1e-30));
     a *= scale;
     b *= scale;
     c *= scale;
@@ -97,8 +97,8 @@ void main()
     // that is not known, as all there is of the volume may be rounding.
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
-    float most_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
-    bool wide = abs(volume) > 0.1 * most_edge + rounding;  // pixels, times the longest edge
+    float max_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
+    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // pixels, times the longest edge
     if (!wide) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
 #elif defined(SQUARES)
     int across = int(square.y >> 20), number = int(square.y & 0xfffffu);

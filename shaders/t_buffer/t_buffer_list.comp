@@ -19,11 +19,11 @@ void main()
     for (int i = begin; i < end; ++i) marks += uint(bitCount(large[i]));
     found[own] = marks;
     barrier();
-    uint place = 0u;
-    for (int i = 0; i < own; ++i) place += found[i];
+    uint slot = 0u;
+    for (int i = 0; i < own; ++i) slot += found[i];
     if (own == 255)
     {
-        command[0] = uint(vertices) * (place + marks);
+        command[0] = uint(vertices) * (slot + marks);
         command[1] = 1u;
         command[2] = 0u;
         command[3] = 0u;
@@ -38,8 +38,8 @@ void main()
             int bit = findLSB(word);
             word &= word - 1u;
             for (int corner = 0; corner < vertices; ++corner)
-                elements[int(place) * vertices + corner] = uint((32 * i + bit) * vertices + corner);
-            ++place;
+                elements[int(slot) * vertices + corner] = uint((32 * i + bit) * vertices + corner);
+            ++slot;
         }
     }
 }

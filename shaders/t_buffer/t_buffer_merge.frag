@@ -7,7 +7,7 @@
 UINT_TEXELS(rg32ui, drawn);  // number + 1, bits of t
 uniform ivec2 eye_size;
 
-layout(std430, binding = 2) buffer Nearest { uint least_t[]; };
+layout(std430, binding = 2) buffer Nearest { uint min_t[]; };
 layout(std430, binding = 3) buffer Numbers { uint lowest[]; };
 
 layout(location = 0) out uvec2 found;
@@ -21,7 +21,7 @@ void main()
     if (number != NOTHING)
     {
         // Bits of positive floats have their order.
-        uvec2 small = uvec2((number & NUMBER) + 1u, least_t[at]);
+        uvec2 small = uvec2((number & NUMBER) + 1u, min_t[at]);
         if (found.x == 0u || small.y < found.y || (small.y == found.y && small.x < found.x)) found = small;
     }
 }

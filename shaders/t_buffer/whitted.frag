@@ -26,7 +26,7 @@
 #endif
 
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
-uniform int max_depth;         // surfaces on the way of light to the eye
+uniform int max_depth;         // surfaces between light and eye
 uniform vec3 ambient;
 
 #ifdef COUNT_TESTS
@@ -101,7 +101,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
 }
 
 #ifdef LIGHT_SAMPLES
-// The same, of light points and the sky: always by rays, as the points are others in every path set.
+// The same, of light samples and the sky: always by rays, as the points are others in every path set.
 vec3 light_from_samples(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
 {
     vec3 sum = vec3(0.0);
@@ -153,10 +153,10 @@ void main()
         vec3 size = abs(s.position);
         rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
 
-        float light_point;
-        L += weight * (ambient * bsdf.diffuse + emitted(s, front, light_point));
+        float pdf_area;
+        L += weight * (ambient * bsdf.diffuse + emitted(s, front, pdf_area));
 #ifdef SPLIT_LIGHT
-        if (depth <= 2) direct_part += weight * emitted(s, front, light_point);
+        if (depth <= 2) direct_part += weight * emitted(s, front, pdf_area);
 #endif
 #ifdef COUNT_TESTS
         uint before = tests;

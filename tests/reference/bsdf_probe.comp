@@ -6,7 +6,7 @@
 #define HAS_MIRRORS 1
 #define HAS_MICROFACETS 1
 #define HAS_GLASS 1
-#define HAS_BRUSHES 1
+#define HAS_ANISOTROPY 1
 #include "bsdf/bsdf.glsl"
 
 layout(local_size_x = 64) in;
@@ -43,9 +43,9 @@ void main()
     Lobe through = through_lobe(b, wo * axes, wi * axes);
     bool above = wi.z > 0.0;
     found[LOBES * i] = above ? vec4(diffuse_eval(b, N, wo, wi), wi.z / PI) : vec4(0.0);
-    found[LOBES * i + 1] = vec4(base.f, base.density);
-    found[LOBES * i + 2] = vec4(coat.f, coat.density);
-    found[LOBES * i + 3] = vec4(through.f, through.density);
+    found[LOBES * i + 1] = vec4(base.f, base.pdf);
+    found[LOBES * i + 2] = vec4(coat.f, coat.pdf);
+    found[LOBES * i + 3] = vec4(through.f, through.pdf);
     found[LOBES * i + 4] = above ? vec4(bsdf_eval(b, N, wo, wi), 0.0) : vec4(0.0);
     found[LOBES * i + 5] = vec4(mirrored(b, wo.z), coat_reflects(b, wo.z));
 }

@@ -268,7 +268,7 @@ def textures() -> dict[str, Witness]:
                     ior=1.0,
                 )
             ),
-            notes=("its pane reflects", "glass and the rest"),
+            notes=("its thin dielectric reflects", "glass and the rest"),
             depth=THROUGH,
         ),
         "normal-map": Witness(room(*textured("normal_texture", bumps(), reflectance=np.full(3, 0.6)), **GRAZING)),

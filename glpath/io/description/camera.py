@@ -21,7 +21,7 @@ class CameraKey(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class View(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all cameras have in common."""
+    """The fields of all cameras."""
 
     position: Annotated[Vector, Meta(description="Where the eye is, [x, y, z] in scene units.")]
     target: Annotated[Vector, Meta(description="A point in the middle of the picture, [x, y, z] in scene units.")]

@@ -21,7 +21,7 @@ Flux = (
     Annotated[
         float | Vector,
         Meta(
-            description="All that the light sends, in W, or lm where photometric, in place of the intensity: one "
+            description="All that the light sends, in W, or lm where photometric, instead of the intensity: one "
             "number or [r, g, b]; of a profile it then takes the form alone."
         ),
     ]
@@ -44,7 +44,7 @@ Falloff = Annotated[
 
 
 class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all punctual lights have in common: points and parallel light, without extent."""
+    """The fields of all punctual lights: points, spots and parallel light."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
     unit: OwnUnit = UNSET
@@ -108,7 +108,7 @@ class SpotLight(Light, tag="spot", kw_only=True):
 class DirectionalLight(Light, tag="directional", kw_only=True):
     """Parallel light from infinitely far, like the sun's."""
 
-    direction: Annotated[Vector, Meta(description="The way the light goes, of any length but zero.")]
+    direction: Annotated[Vector, Meta(description="The direction in which light travels, of any length but zero.")]
     irradiance: Annotated[
         float | Vector,
         Meta(
@@ -158,7 +158,7 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
             float,
             Meta(
                 ge=0,
-                description="Of a sky of the CIE, in place of `zenith`: of a horizontal surface in the open, "
+                description="Of a sky of the CIE, instead of `zenith`: of a horizontal surface in the open, "
                 "lx where photometric, or W m^-2.",
             ),
         ]
@@ -191,7 +191,7 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         Annotated[
             str,
             Meta(
-                description="An environment map in place of zenith and horizon: an equirectangular picture, EXR, "
+                description="An environment map instead of zenith and horizon: an equirectangular picture, EXR, "
                 "HDR, PNG or JPEG, its first row up; a relative path starts at the folder of the scene file."
             ),
         ]

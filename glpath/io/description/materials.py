@@ -13,7 +13,7 @@ MAX_TEXTURE_PIXELS = 2**26
 
 
 class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all materials have in common."""
+    """The fields of all materials."""
 
     reflectance: (
         Annotated[
@@ -106,7 +106,7 @@ class Principled(Surface, tag="principled", kw_only=True):
     thin: Annotated[
         bool,
         Meta(
-            description="true: glass is a pane, which does not refract. false: the surface of a solid that does, "
+            description="true: a thin dielectric, which does not refract. false: the surface of a solid that does, "
             "which should be closed, with its fronts outward."
         ),
     ] = False

@@ -31,7 +31,7 @@ class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
         Annotated[
             float | Vector,
             Meta(
-                description="All that the shape sends, in W, or lm where photometric, in place of the radiance: "
+                description="All that the shape sends, in W, or lm where photometric, instead of the radiance: "
                 "one number or [r, g, b]; of a material without an emission_texture."
             ),
         ]
@@ -96,13 +96,13 @@ _Motion = Annotated[
     list[Key],
     Meta(
         description="Keys where it moves, { time, transform }, for the camera's shutter. Between them it turns the "
-        "shorter way and goes straight; it is held before the first and after the last."
+        "shorter arc and moves on a line; it is held before the first and after the last."
     ),
 ]
 
 
 class Shape(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """What all shapes have in common."""
+    """The fields of all shapes."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
     material: Annotated[

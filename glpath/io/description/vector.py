@@ -1,4 +1,4 @@
-"""What several tables of a scene file are made of."""
+"""Types that several tables of a scene file use."""
 
 from __future__ import annotations
 

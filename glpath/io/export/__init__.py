@@ -32,7 +32,7 @@ def export(
 
     The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light is in cd,
     lx and cd m^-2 in .glb, watts being 179 lumens; in .xml its numbers are those of the scene, of either unit. What
-    the format does not know is approximated or left out, and a SceneWarning says so.
+    the format does not know is approximated or left out, with a SceneWarning.
 
     scene      : as `glpath.load_scene` takes it
     path       : .xml for Mitsuba 3, with a folder NAME_files beside it of meshes (PLY) and images (PNG, EXR);
@@ -73,7 +73,7 @@ def is_for_mitsuba(path: str | Path) -> bool:
 
 
 def check_export(path: str | Path, max_depth: int | None, spp: int | None) -> None:
-    """Raise UsageError for a file that is of no format known here, and numbers that it has no place for."""
+    """Raise UsageError for an unknown file format, and for numbers that the format does not hold."""
     suffix = Path(path).suffix.lower()
     if suffix not in (_MITSUBA, _GLTF):
         raise UsageError(
@@ -86,6 +86,6 @@ def check_export(path: str | Path, max_depth: int | None, spp: int | None) -> No
         if value is None:
             continue
         if suffix == _GLTF:
-            raise UsageError(f"{path}: glTF has no place for {name}.", f"Leave it out, or write {_MITSUBA}.")
+            raise UsageError(f"{path}: glTF has no field for {name}.", f"Leave it out, or write {_MITSUBA}.")
         if not isinstance(value, int) or value < 1:
             raise UsageError(f"{name} is {value}; must be a whole number, at least 1.")

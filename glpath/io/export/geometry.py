@@ -15,7 +15,7 @@ _HORIZON = 100.0
 
 
 class Notes:
-    """What a file says otherwise than the scene, in the order in which it was met, each text once."""
+    """How a file differs from the scene, in the order found, each text once."""
 
     def __init__(self) -> None:
         self._subjects: dict[tuple[str, str], dict[str, None]] = {}
@@ -136,7 +136,7 @@ def _square(scene: Scene, plane: Shape) -> Shape:
 def behind(scene: Scene) -> float:
     """How far, in scene units, the back of a surface is from its front where either is triangles of its own.
 
-    Viewers cull what they see from behind; whoever does not, as path tracers do, would meet either at random. A
-    depth-buffer tells so much apart, and nobody sees it.
+    Viewers cull what they see from behind; path tracers do not, and would hit either at random. A
+    depth-buffer resolves so much, and it is not visible.
     """
     return 2e-5 * float(np.linalg.norm(np.ptp(np.stack(scene.bounds), axis=0)))

@@ -33,9 +33,9 @@ from glpath.io.gltf.load import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
 
-# Of two edges of a map, the cosine up to which it is a rotation with a scale.
+# The cosine between two edges of a map up to which it is a rotation with a scale.
 _SHEAR = 1e-6
-# Of a spot, in radians: the inner angle is below the outer, the outer at most a right angle.
+# Limits of a spot, radians: the inner angle is below the outer, the outer at most a right angle.
 _EDGE = 1e-4
 
 
@@ -142,9 +142,9 @@ class _Writer:
         if light.profile is not None:
             self.notes.add("its profile is left out: it sends its mean in all directions", "light", light.name)
             intensity = intensity * (light.profile.flux / (4 * math.pi))
-        brightest = float(intensity.max())
-        made: dict[str, Any] = {"name": light.name, "type": light.kind, "intensity": brightest}
-        made["color"] = (intensity / brightest).tolist() if brightest > 0 else [1.0, 1.0, 1.0]
+        max_intensity = float(intensity.max())
+        made: dict[str, Any] = {"name": light.name, "type": light.kind, "intensity": max_intensity}
+        made["color"] = (intensity / max_intensity).tolist() if max_intensity > 0 else [1.0, 1.0, 1.0]
         if light.kind == "spot":
             if light.cone[1] > 90:
                 self.notes.add("its cone ends at 90 degrees", "light", light.name)

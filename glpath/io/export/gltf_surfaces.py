@@ -123,7 +123,7 @@ class Surfaces:
                 self._note(material, "Phong's highlight beside a mirror is left out")
         elif np.any(highlight > 0):
             self._note(material, "Phong's highlight is microfacets (GGX) of about the same width and albedo")
-            # Of the same width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is alpha's root.
+            # The same width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is alpha's root.
             reflected, roughness = np.minimum(highlight, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
         # Alike from all sides: at normal incidence F0 times the colour times the weight, at grazing incidence the
         # weight. The base has what is left, so that it is divided by that.
@@ -138,7 +138,7 @@ class Surfaces:
         return base, roughness, 0.0
 
     def _layers(self, extensions: dict[str, Any], material: Material) -> None:
-        """What the extensions say of microfacets, where it is not what they say without."""
+        """The extensions of microfacets, where they differ from their defaults."""
         use = self.file.use
         if material.ior != 1.5:
             extensions[use("KHR_materials_ior")] = {"ior": material.ior}
@@ -171,7 +171,7 @@ class Surfaces:
         slot = material.emission_texture
         if slot is not None:
             made.emissiveTexture = self._slot(slot, srgb=True)
-            emission = emission * self._brightest(slot.texture)
+            emission = emission * self._max_emission(slot.texture)
         emission = conversion(self.scene.unit, "photometric") * emission
         strength = max(float(emission.max()), 1.0)
         made.emissiveFactor = (emission / strength).tolist()
@@ -240,14 +240,14 @@ class Surfaces:
         if texture.image.dtype == np.uint8 and texture.srgb == srgb:
             return np.asarray(texture.image, np.uint8)
         values = texture.linear().astype(np.float64)
-        values[..., :3] /= self._brightest(number)
+        values[..., :3] /= self._max_emission(number)
         values = np.clip(values, 0.0, 1.0)
         if srgb:
             values[..., :3] = encode_srgb(values[..., :3])
         return np.asarray(np.round(255.0 * values), np.uint8)
 
-    def _brightest(self, number: int) -> float:
-        """What a texture is divided by, so that it is at most one."""
+    def _max_emission(self, number: int) -> float:
+        """The divisor that makes a texture at most one."""
         image = self.scene.textures[number].image
         return 1.0 if image.dtype == np.uint8 else max(float(image[..., :3].max()), 1.0)
 
@@ -276,6 +276,5 @@ def _uv_transform(matrix: Float64) -> tuple[dict[str, Any], bool]:
 
 
 def _as_dictionary(info: Any) -> dict[str, Any]:
-    """Of a texture within an extension."""
     made = {"index": info.index, "texCoord": info.texCoord}
     return made | ({"extensions": info.extensions} if info.extensions else {})

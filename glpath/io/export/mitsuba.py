@@ -70,7 +70,7 @@ def described(
 ) -> MitsubaScene:
     """The scene in Mitsuba's plugins, in triangles.
 
-    instances : a mesh that stands in several places is kept once; False makes triangles of all, which take more
+    instances : a mesh with several instances is kept once; False makes triangles of all, which take more
                 memory and less time to trace
 
     Raises SceneError for what `path_traceable` refuses.
@@ -101,7 +101,7 @@ def described(
 
 
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:
-    """Of paths with so many vertices."""
+    """The integrator for paths with so many vertices."""
     return {"type": plugin, "max_depth": max_depth + 1, "rr_depth": 5}
 
 
@@ -169,7 +169,7 @@ def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: Surfaces, bsdf: Plug
 def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
     slot = scene.materials[shape.material].emission_texture
     opacity = _opacity_everywhere(scene, shape)
-    # Of what a mask lets through, Mitsuba takes the light all the same.
+    # Mitsuba takes the light of what a mask lets through all the same.
     emission = shape.emission if opacity is None else shape.emission * opacity
     if slot is None:
         return rgb(emission)
@@ -178,7 +178,7 @@ def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
 
 
 def _opacity_everywhere(scene: Scene, shape: Shape) -> float | None:
-    """The opacity that a shape has all over; None where it differs from place to place."""
+    """The opacity that a shape has all over; None where it varies."""
     material = scene.materials[shape.material]
     if material.alpha == "opaque":
         return 1.0

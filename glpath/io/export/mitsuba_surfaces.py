@@ -79,7 +79,7 @@ class Surfaces:
         return {"type": "ref", "id": self._known[key]}
 
     def medium(self, number: int) -> Plugin | None:
-        """What is inside of a solid that takes from light; only volpath knows of it."""
+        """The absorbing medium inside a solid; only volpath renders it."""
         material = self.scene.materials[number]
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None
@@ -92,8 +92,6 @@ class Surfaces:
 
 @dataclass
 class _Surface:
-    """One material."""
-
     owner: Surfaces
     material: Material
     coloured: bool
@@ -108,7 +106,6 @@ class _Surface:
         self.owner.notes.add(text, "material", self.material.name)
 
     def _opaque(self, two_sided: bool) -> Plugin:
-        """All but glass."""
         front = self._front()
         return {"type": "twosided", "bsdf": front} if two_sided else front
 
@@ -206,13 +203,14 @@ class _Surface:
         alpha = (material.roughness or 0.0) ** 2
         made: Plugin = {"int_ior": material.ior, "ext_ior": 1.0, "specular_transmittance": self._colour()}
         if material.thin:
-            # A pane of Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
+            # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
             reflected, grazing = material.dielectric
             root = np.sqrt(reflected.mean() / (2.0 - reflected.mean()))
             made["int_ior"] = float((1.0 + root) / (1.0 - root))
             if grazing > 0 or alpha >= SMOOTH:
                 self._note(
-                    "its pane reflects as ours at normal incidence, with an index for that, and not as rough"
+                    "its thin dielectric reflects as ours at normal incidence, with an index for that, "
+                    "and not as rough"
                 )
             return {"type": "thindielectric", **made}
         if alpha < SMOOTH:
@@ -263,7 +261,7 @@ def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: 
     if texture.filter == "nearest":
         made["filter_type"] = "nearest"
     if texture.wrap[0] != texture.wrap[1]:
-        note(f'the texture "{texture.name}" goes on along v as along u: {texture.wrap[0]}')
+        note(f'the texture "{texture.name}" is wrapped along v as along u: {texture.wrap[0]}')
     if texture.wrap[0] != "repeat":
         made["wrap_mode"] = texture.wrap[0]
     matrix = map_downwards(slot.uv_transform, texture.scale)

@@ -31,7 +31,7 @@ _TYPES = {
 
 @dataclass
 class Accessors:
-    """Those of a document, each decoded once."""
+    """The accessors of a document, each decoded once."""
 
     document: Document
     _stored: dict[int, NDArray[Any]] = field(default_factory=dict)

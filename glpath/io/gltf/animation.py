@@ -18,13 +18,13 @@ from glpath.scene.model import Float64
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 # While a shutter is open: a turn of a hundred degrees between two of them would still be less than half a turn.
-_EVEN_TIMES, _MOST_KEYS = 17, 64
+_EVEN_TIMES, _MAX_KEYS = 17, 64
 _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 
 
 def poses_at(document: Document, accessors: Accessors, time: float | None) -> dict[int, dict[str, Float64]]:
-    """What the animations say of nodes, by the number of the node; nothing without a time, in seconds."""
+    """The animated values of nodes, by the number of the node; none without a time, in seconds."""
     animations = document.all("animations")
     poses: dict[int, dict[str, Float64]] = {}
     if time is None:
@@ -61,15 +61,15 @@ def poses_at(document: Document, accessors: Accessors, time: float | None) -> di
 def shutter_times(document: Document, accessors: Accessors, opened: float, closed: float) -> Float64:
     """(K,) times at which nodes are looked for, so that what lies between goes nearly straight: even ones and keys.
 
-    Keys beyond `_MOST_KEYS` are left out.
+    Keys beyond `_MAX_KEYS` are left out.
     """
     keys: list[Float64] = []
     for animation in document.all("animations"):
         for sampler in animation.tables("samplers"):
             every, at = accessors.document.all("accessors"), sampler.location.field("input")
             times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
-            keys.append(times[(times > opened) & (times < closed)][:_MOST_KEYS])
-    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MOST_KEYS]
+            keys.append(times[(times > opened) & (times < closed)][:_MAX_KEYS])
+    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MAX_KEYS]
     return np.union1d(np.linspace(opened, closed, _EVEN_TIMES), inside)
 
 
@@ -115,7 +115,7 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
 
 
 def slerp(a: Float64, b: Float64, t: float) -> Float64:
-    """(4,) between two unit quaternions, the shorter way round [Shoemake 1985]."""
+    """(4,) between two unit quaternions, on the shorter arc [Shoemake 1985]."""
     cosine = float(a @ b)
     b, cosine = (b, cosine) if cosine >= 0 else (-b, -cosine)
     if cosine > 1 - 1e-12:
@@ -125,6 +125,6 @@ def slerp(a: Float64, b: Float64, t: float) -> Float64:
 
 
 def _unit(quaternion: Float64) -> Float64:
-    """Of length 1; zero stays, which the node that has it refuses."""
+    """The vector at length 1; zero stays, which its node refuses."""
     length = np.linalg.norm(quaternion)
     return np.asarray(quaternion / length if length > 0 else quaternion)

@@ -1,8 +1,8 @@
 """The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
 
 The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
-an error names its place. pygltflib would make dataclasses of it, but takes values of any type for them, drops what
-it does not know, and opens whatever a URI names; it stays with what is written.
+an error names its location. pygltflib takes values of any type, drops what it does
+not know, and opens any URI; it stays with what is written.
 
 Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
 """
@@ -51,7 +51,7 @@ KNOWN_EXTENSIONS = (
     "KHR_texture_basisu",
     "KHR_texture_transform",
 )
-#: Those of which a part of the look is lost, with what that is. They may be required: a picture can be made.
+#: Extensions of which a part of the look is lost, with that part. They may be required: a picture can be made.
 UNUSED_EXTENSIONS = {
     "EXT_lights_image_based": "light from an image all around",
     "KHR_animation_pointer": "animations of other things than nodes",
@@ -68,7 +68,7 @@ _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 @dataclass
 class Notes:
-    """What the file holds that is not used, each text once, in the order in which it was found."""
+    """Notes on unused contents of the file, each text once, in the order found."""
 
     texts: dict[str, None] = field(default_factory=dict)
 
@@ -106,12 +106,12 @@ class Document:
     def take(self, size: int, location: SourceLocation) -> None:
         """Count bytes that are about to be decoded. Raises SceneError when all together are too many."""
         self._decoded += size
-        most = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
-        most = min(most, limits.MAX_DECODED_BYTES)
-        if self._decoded > most:
+        allowed = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
+        allowed = min(allowed, limits.MAX_DECODED_BYTES)
+        if self._decoded > allowed:
             raise location.error(
                 f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "
-                f"{self.stored:,} bytes may unfold to {most:,}.",
+                f"{self.stored:,} bytes may unfold to {allowed:,}.",
                 "Simplify the model, or split it into several files.",
             )
 
@@ -179,7 +179,7 @@ class Document:
         return memoryview(data)[offset : offset + length]
 
     def resolve(self, uri: str, location: SourceLocation) -> bytes:
-        """What a URI holds or names: data, or a file in the folder of the model. Raises SceneError."""
+        """The bytes of a URI: data, or a file in the folder of the model. Raises SceneError."""
         if uri[:5].lower() == "data:":
             return _data(uri, location)
         scheme = _SCHEME.match(uri)
@@ -232,9 +232,11 @@ def read_document(path: Path) -> Document:
     document = Document(root, location, path.parent, binary, len(content))
     _check_version(root)
     _check_extensions(document)
-    for name, most in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
-        if len(document.all(name)) > most:
-            raise location.field(name).error(f"has {len(document.all(name)):,} entries; at most {most:,} are read.")
+    for name, max_count in (("nodes", limits.MAX_NODES), ("accessors", limits.MAX_ACCESSORS)):
+        if len(document.all(name)) > max_count:
+            raise location.field(name).error(
+                f"has {len(document.all(name)):,} entries; at most {max_count:,} are read."
+            )
     return document
 
 
@@ -251,7 +253,6 @@ def read_file(path: Path, location: SourceLocation) -> bytes:
 
 
 def _chunks(content: bytes, location: SourceLocation) -> tuple[bytes, bytes | None]:
-    """The JSON and the binary chunk of a .glb."""
     broken = "The file is cut off, or was written wrongly."
     if len(content) < 20:
         raise location.error(f"is a .glb of {len(content)} bytes, less than its header has.", broken)
@@ -309,9 +310,9 @@ def _decoded(text: bytes, location: SourceLocation) -> dict[str, Any]:
 
 def _check_version(root: Table) -> None:
     asset = root.table("asset")
-    version, least = str(asset.values.get("version", "")), asset.text("minVersion") or "2.0"
-    if not version.startswith("2.") or not least.startswith("2.0"):
-        needed = version if not version.startswith("2.") else least
+    version, min_version = str(asset.values.get("version", "")), asset.text("minVersion") or "2.0"
+    if not version.startswith("2.") or not min_version.startswith("2.0"):
+        needed = version if not version.startswith("2.") else min_version
         raise asset.location.field("version").error(
             f"is {needed!r}, but glTF 2.0 is read.", "Convert the file, e.g. by opening it in Blender."
         )
@@ -338,7 +339,6 @@ def _check_extensions(document: Document) -> None:
 
 
 def _data(uri: str, location: SourceLocation) -> bytes:
-    """What a data: URI holds."""
     head, comma, body = uri[5:].partition(",")
     if not comma:
         raise location.error("is a data: URI without data.", "The file is cut off, or was written wrongly.")

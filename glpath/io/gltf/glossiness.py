@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from glpath.film.image import encode_srgb
 from glpath.scene.model import Float64
 
-#: What a dielectric of index 1.5 reflects at normal incidence.
+#: Reflectance of a dielectric of index 1.5 at normal incidence.
 F0 = 0.04
 _TINY = 1e-6
 

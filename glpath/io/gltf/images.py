@@ -78,7 +78,6 @@ def _format(data: bytes) -> str | None:
 
 
 def _size(data: bytes, kind: str) -> tuple[int, int]:
-    """Width and height, from the header."""
     if kind == "KTX2":
         width, height = struct.unpack_from("<II", data, 20)
         return width, height
@@ -93,7 +92,7 @@ def _size(data: bytes, kind: str) -> tuple[int, int]:
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:
-    """Of the container's first chunk [RFC 9649], as Pillow takes memory for all pixels to read it."""
+    """The size in the container's first chunk [RFC 9649], as Pillow takes memory for all pixels to read it."""
     chunk = data[12:16]
     if chunk == b"VP8X":
         return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")

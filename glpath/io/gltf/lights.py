@@ -44,7 +44,7 @@ class ModelCamera:
     motion: tuple[CameraKey, ...] = ()
 
     def through(self, times: Float64, others: Sequence[ModelCamera]) -> ModelCamera:
-        """The camera with the places where it is at some times, (K,) seconds, where these differ."""
+        """The camera with its positions at some times, (K,) seconds, where these differ."""
         first = others[0]
         if all(np.array_equal(first.position, c.position) and _looks_alike(first, c) for c in others):
             return self

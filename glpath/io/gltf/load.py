@@ -1,7 +1,7 @@
 """glTF 2.0 models: `read_gltf`.
 
-What is not used of a file is said in `Model.notes`; what must not be in one (paths that leave its folder, lengths
-that lie, nodes in a circle) is a SceneError that names the place.
+What is not used of a file is listed in `Model.notes`; what must not be in one (paths that leave its folder, lengths
+that lie, nodes in a circle) is a SceneError that names the location.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import shown
 
-#: What `glpath export` writes into a file's extras: the backs of one-sided materials were black in the scene.
+#: A mark of `glpath export` in a file's extras: the backs of one-sided materials were black in the scene.
 BLACK_BACKS = {"backs": "black"}
 
-# Of its longest, the shortest axis of what a map makes of a unit sphere: below it is flat.
+# The shortest axis of a mapped unit sphere over its longest: below it is flat.
 _FLAT = 1e-9
 # Faces above which it is not asked whether a mesh is closed.
 _LONG_TEST = 2**20
@@ -48,7 +48,7 @@ _MIRRORED = " (mirrored)"
 
 @dataclass(frozen=True)
 class Model:
-    """What a model file holds, as glpath's own data.
+    """A model file, as glpath's own data.
 
     source    : the file
     name      : of its scene, or of the file
@@ -57,7 +57,7 @@ class Model:
     cameras   : all of the scene
     camera    : the one that was asked for, else the first; None where there is none
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
-    notes     : what the file holds that is not used, each said once
+    notes     : what the file holds that is not used, each once
     unit      : of its light; None where the format has none
     """
 
@@ -210,7 +210,7 @@ class _Group:
     motion: Motion | None = None
     nodes: list[int] = field(default_factory=list)
 
-    def place_nodes(self, world: Float64) -> None:
+    def add_instances(self, world: Float64) -> None:
         """Have the instances of `nodes` among `maps`."""
         if self.nodes:
             self.maps.append(world[self.nodes, :3])
@@ -233,8 +233,6 @@ class _Part:
 
 
 class _Shapes:
-    """Makes the shapes of a document."""
-
     def __init__(
         self,
         document: Document,
@@ -274,7 +272,7 @@ class _Shapes:
                 self._check_extent(part.mesh, self.nodes.world[part.nodes, :3], part.primitive)
         shapes = []
         for group in self.groups.values():
-            group.place_nodes(self.nodes.world)
+            group.add_instances(self.nodes.world)
             surface = self.surfaces.surfaces[group.surface]
             shapes.append(
                 Shape(
@@ -330,7 +328,7 @@ class _Shapes:
         return parts
 
     def _surface(self, primitive: Table) -> tuple[int, frozenset[int]]:
-        """Of a primitive, and the texture coordinates that it asks for."""
+        """The material of a primitive, and the texture coordinates that it needs."""
         material = primitive.index("material", self.document.all("materials"), "materials")
         surface = self.surfaces.number(material)
         slots = self.surfaces.surfaces[surface].material.slots.values()
@@ -373,7 +371,7 @@ class _Shapes:
             else:
                 made = self.primitives.skinned(primitive, weights, uv_sets, skin)
             if made is not None:
-                self._place(part, made, surface, maps, primitive, index)
+                self._add_shape(part, made, surface, maps, primitive, index)
 
     def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
         """(M,) of the morph targets: animated, the node's, or the mesh's."""
@@ -396,7 +394,7 @@ class _Shapes:
         index = node.index("skin", skins, "skins")
         return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
 
-    def _place(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
+    def _add_shape(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
         """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
         determinant, size = _stretch(maps[:, :, :3])
         flat = ~(np.abs(determinant) > _FLAT * size)
@@ -412,11 +410,11 @@ class _Shapes:
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
                 path = None  # its joints say where it is
-            # What moves is a shape of its own, as its instances all go one way.
+            # A moving node is a shape of its own, as instances move together.
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])
-            self.groups[key].place_nodes(self.nodes.world)
+            self.groups[key].add_instances(self.nodes.world)
             self.groups[key].maps.append(maps[chosen])
             if path is not None:
                 assert self.paths is not None, "asked above"

@@ -17,10 +17,10 @@ from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation
 
-#: What an animation says of a node: translation, rotation (x, y, z, w), scale and weights.
+#: Animated properties of a node: translation, rotation (x, y, z, w), scale and weights.
 Pose = Mapping[str, Float64]
 
-_NOBODY: list[int] = []
+_NO_CHILDREN: list[int] = []
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Nodes:
         tables = document.all("nodes")
         world = _local_maps(tables, poses)
         children = [
-            tables[index].indices("children", tables, "nodes") if "children" in values else _NOBODY
+            tables[index].indices("children", tables, "nodes") if "children" in values else _NO_CHILDREN
             for index, values in enumerate(tables.values)
         ]
         parent = _parents(tables, children)
@@ -71,7 +71,6 @@ class Nodes:
 
 
 def _parents(tables: Tables, children: list[list[int]]) -> dict[int, int]:
-    """The parent of each node that has one."""
     parent: dict[int, int] = {}
     for index, below in enumerate(children):
         for i, child in enumerate(below):
@@ -89,13 +88,13 @@ def _on_a_circle(parent: Mapping[int, int], count: int) -> int:
     """The number of a node that is its own ancestor."""
     settled: set[int] = set()
     for start in range(count):
-        index, on_the_way = start, set[int]()
+        index, on_path = start, set[int]()
         while index in parent and index not in settled:
-            if index in on_the_way:
+            if index in on_path:
                 return index
-            on_the_way.add(index)
+            on_path.add(index)
             index = parent[index]
-        settled |= on_the_way
+        settled |= on_path
     raise AssertionError("a node was not reached, but none is on a circle")
 
 

@@ -22,14 +22,14 @@ from glpath.scene.model import Float64, Mesh
 from glpath.scene.tessellate import without_area
 
 _MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines", 4: "triangles", 5: "strip", 6: "fan"}
-#: Those of an attribute that are read, and how many numbers each may have.
+#: The attributes that are read, and how many numbers each may have.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """What moves the vertices of a mesh.
+    """A skin: it moves the vertices of a mesh.
 
     world_from_mesh : (J, 4, 4), for each joint
     """
@@ -116,7 +116,7 @@ class Primitives:
         return found
 
     def _unpacked(self, primitive: Table) -> dict[str, NDArray[Any]] | None:
-        """What Draco packed, with "faces"; None where the file has the same as accessors."""
+        """Draco's attributes, with "faces"; None where the file has the same as accessors."""
         extension = primitive.extension(compression.DRACO)
         if extension is None:
             return None
@@ -171,7 +171,7 @@ class Primitives:
         return order[np.stack(corners, axis=1)]
 
     def _morphed(self, found: dict[str, NDArray[Any]], targets: Tables, morph: Float64) -> None:
-        """Add the morph targets with their weights, in location."""
+        """Add the morph targets with their weights, in place."""
         every = self.accessors.document.all("accessors")
         changed = set()
         for target, weight in zip(targets, morph, strict=False):

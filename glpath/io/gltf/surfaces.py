@@ -55,7 +55,7 @@ class _LookUp:
 
 @dataclass
 class Surfaces:
-    """Those of a document that shapes use, and their textures."""
+    """The materials of a document that shapes use, and their textures."""
 
     document: Document
     surfaces: list[Surface] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Surfaces:
     _names: set[str] = field(default_factory=set)
 
     def number(self, index: int | None) -> int:
-        """The place in `surfaces` of a material of the document; None is glTF's default."""
+        """The index in `surfaces` of a material of the document; None is glTF's default."""
         if index not in self._numbers:
             table = Table({}, self.document.location.field("materials"))
             if index is not None:
@@ -194,13 +194,12 @@ class Surfaces:
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
     def _emission_texture(self, table: Table) -> dict[str, Any]:
-        """Of surfaces that send light: the factor is 0 by default, and then so is the product."""
+        """The texture of emitting surfaces: the factor is 0 by default, and then so is the product."""
         if not table.numbers("emissiveFactor", (0, 0, 0), 0.0).any():
             return {}
         return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}
 
     def _layers(self, table: Table) -> dict[str, Any]:
-        """What the extensions say, as fields of the material."""
         fields: dict[str, Any] = {}
         ior = table.extension("KHR_materials_ior")
         if ior is not None:
@@ -261,7 +260,6 @@ class Surfaces:
         return np.clip(values, 0.0, 1.0)
 
     def _slot(self, owner: Table, name: str, *, srgb: bool) -> TextureSlot | None:
-        """The texture of that name, and how it is looked up."""
         found = self._look_up(owner, name) if name in owner else None
         return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
 
@@ -289,7 +287,7 @@ class Surfaces:
         )
 
     def _texture(self, found: _LookUp, srgb: bool) -> int:
-        """The place in `textures` of a texture of the document, of one colour space."""
+        """The index in `textures` of a texture of the document, of one colour space."""
         key = (found.source, found.wrap, found.filter, srgb)
         if key not in self._texture_numbers:
             image = self._image(found.source)
@@ -354,7 +352,7 @@ def _uv_transform(table: Table) -> Float64:
     """(2, 3): KHR_texture_transform with v upwards.
 
     The extension's text turns coordinates counter-clockwise as one sees the image, with v downwards, and so do
-    viewers; its GLSL turns them the other way round [KhronosGroup/glTF issue 1563].
+    viewers; its GLSL turns them clockwise [KhronosGroup/glTF issue 1563].
     """
     angle = table.number("rotation", 0.0)
     c, s = np.cos(angle), np.sin(angle)

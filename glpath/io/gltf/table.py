@@ -1,4 +1,4 @@
-"""Objects of a glTF file's JSON, each with its place, and their values checked when they are asked for."""
+"""Objects of a glTF file's JSON, each with its location, and their values checked when they are asked for."""
 
 from __future__ import annotations
 

@@ -103,7 +103,6 @@ def _sheet(
 
 
 def _lights() -> list[dict[str, Any]]:
-    """Two rows of five panels, just below the ceiling, that light downwards."""
     return [
         _sheet(
             f"light-{row}-{column}",

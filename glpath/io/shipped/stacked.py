@@ -31,9 +31,9 @@ _COLOURS = {
     "violet": (0.48, 0.20, 0.60),
 }
 # Up to so many objects each is a shape of its own; a million names and ranges would take longer than all the rest.
-_MOST_SHAPES = 10_000
+_MAX_SHAPES = 10_000
 # Triangles lean by so many degrees, every other one forwards, or all were in one plane without a shadow. They are
-# somewhat smaller than their place, so that no two share an edge.
+# somewhat smaller than their cell, so that no two share an edge.
 _LEAN = 20.0
 _INSET = 0.94
 _ROW = np.sqrt(3)
@@ -59,11 +59,11 @@ def stacked(
     """
     half_width = max(1, round(resolution * aspect)) / resolution
     if kind == "sphere":
-        places = _pile_of_spheres(objects, half_width)
-        # Of the box around all, the side that is nearest to the camera and so appears largest.
-        front = np.array([places.min(axis=0) - [1, 1, -1], places.max(axis=0) + 1])
+        positions = _pile_of_spheres(objects, half_width)
+        # The side of the box around all that is nearest to the camera and appears largest.
+        front = np.array([positions.min(axis=0) - [1, 1, -1], positions.max(axis=0) + 1])
         middle, radius = _fit(front, half_width)
-        centres = radius * (places - middle)
+        centres = radius * (positions - middle)
         spheres = np.zeros((objects, 3, 4))
         spheres[:, range(3), range(3)] = radius
         spheres[:, :, 3] = centres
@@ -102,7 +102,7 @@ def stacked(
 
 def _shapes(objects: int, kind: str, geometry_of: Callable[[slice], dict[str, Any]]) -> list[Shape]:
     colours = len(_COLOURS)
-    if objects <= _MOST_SHAPES:
+    if objects <= _MAX_SHAPES:
         return [
             Shape(f"{kind}-{i}", material=i % colours, subdivisions=2, **geometry_of(slice(i, i + 1)))
             for i in range(objects)
@@ -127,9 +127,9 @@ def _pile_of_spheres(objects: int, half_width: float) -> Float64:
         return np.stack([np.zeros(objects), 2.0 * np.arange(objects), np.zeros(objects)], axis=1)
     row, column = _row_and_column(np.arange(objects), column_count)
     in_row = np.bincount(row)
-    places = column_count - row % 2
-    # What lies on top is in the middle, as far as the hollows allow.
-    shift = (places - in_row[row]) // 2
+    positions = column_count - row % 2
+    # The top row is in the middle, as far as the hollows allow.
+    shift = (positions - in_row[row]) // 2
     return np.stack([2.0 * (column + shift) + row % 2, _ROW * row, np.zeros(objects)], axis=1)
 
 
@@ -153,14 +153,14 @@ def _wall_of_triangles(objects: int, half_width: float) -> Float64:
     height = _ROW / 2
     # Around the centroid of one that points up; its mirror image points down.
     corners = _INSET * np.array([[-0.5, -height / 3], [0.5, -height / 3], [0, 2 * height / 3]])
-    place = np.stack([(column + 1) / 2, height * (row + 0.5 - up / 6), np.zeros(objects)], axis=1)
+    centre = np.stack([(column + 1) / 2, height * (row + 0.5 - up / 6), np.zeros(objects)], axis=1)
     lean = np.radians(_LEAN)
     y = up[:, None] * corners[:, 1]
     # In rows of an even number of triangles, neighbours would lean alike over the whole wall.
-    way = np.where((column + row) % 2 == 0, 1.0, -1.0)[:, None]
+    sign = np.where((column + row) % 2 == 0, 1.0, -1.0)[:, None]
     x = up[:, None] * corners[:, 0]  # turned by half, not mirrored: the corners stay counter-clockwise
-    shape = np.stack([x, y * np.cos(lean), -way * y * np.sin(lean)], axis=2)
-    triangles = place[:, None, :] + shape
+    shape = np.stack([x, y * np.cos(lean), -sign * y * np.sin(lean)], axis=2)
+    triangles = centre[:, None, :] + shape
     middle, size = _fit(triangles.reshape(-1, 3), half_width)
     return np.asarray(size * (triangles - middle))
 
@@ -169,6 +169,6 @@ def _fit(points: Float64, half_width: float) -> tuple[Float64, float]:
     """The middle of points (N, 3), and the largest size about it at which all of them are in view."""
     middle = np.append((points.min(axis=0) + points.max(axis=0))[:2] / 2, 0.0)
     x, y = np.abs(points - middle).T[:2]
-    # What is nearer by z is seen larger: size * |x| <= half_width * (1 - size * z / distance).
+    # An object nearer by z is seen larger: size * |x| <= half_width * (1 - size * z / distance).
     nearer = points[:, 2] / _DISTANCE
     return middle, float(1 / np.max([x / half_width + nearer, y + nearer]))

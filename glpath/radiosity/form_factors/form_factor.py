@@ -43,7 +43,7 @@ KINDS: tuple[Kind, ...] = ("polygon", "disc")
 #: The distance in sizes of a part of an emitter from which one sample stands for the part.
 FIVE_TIMES = 5.0
 #: Share of all points above which their shafts, made once for all of them, are worth it for some.
-_MOST = 0.4
+_MAX_SHARE = 0.4
 #: Height of a point before an emitter, in that emitter's size, below which it is not lit by it.
 _LEVEL = 1e-9
 
@@ -57,7 +57,7 @@ class FormFactors:
     visibility : among its occluders, of `Occluders.of_scene`
     emitters   : elements whose sides `shooting` emit
     kind       : see above
-    most       : samples of an emitter, at most: 1, 4, 9, 16 or 25
+    max_samples       : samples of an emitter, at most: 1, 4, 9, 16 or 25
     points     : per receiver: 1, 4, 9, ...
     together   : emitters of a batch, at most
     """
@@ -70,7 +70,7 @@ class FormFactors:
         shooting: Sides,
         *,
         kind: Kind = "polygon",
-        most: int = 25,
+        max_samples: int = 25,
         points: int = 4,
         together: int = 1,
     ) -> None:
@@ -78,7 +78,7 @@ class FormFactors:
         self.visibility = visibility
         self.kind = kind
         self.points = points
-        side = round(most**0.5)
+        side = round(max_samples**0.5)
         self._tiers = np.array(sorted({1, (1 + side) // 2, side}), np.int64)
         self._samples = {int(k): sub_triangles(int(k)) for k in self._tiers}
         self._polygon = occluder_of_triangle(visibility.occluders.parallelogram)
@@ -122,7 +122,7 @@ class FormFactors:
                 continue
             samples = np.einsum("sc,bcx->bsx", self._samples[int(k)], corners)
             source = Emitter(samples.reshape(-1, 3), normal, int(self._own[which[0]]))
-            if len(some) > _MOST * len(tier) and at.prepared is not None:
+            if len(some) > _MAX_SHARE * len(tier) and at.prepared is not None:
                 some = np.arange(len(tier))
                 visible, counts = self.visibility.step(source, at.prepared)
             else:
@@ -144,14 +144,14 @@ class FormFactors:
             return list(pool.map(lambda b: self.of_batch(b, at), batches))
 
 
-def _batches(middles: Float64, group: Int64, most: int) -> list[Int64]:
+def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:
     """Numbers of points (N, 3) of one group that lie together, at most so many in each."""
     order = np.argsort(group, kind="stable")
     pending = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
     done = []
     while pending:
         part = pending.pop()
-        if len(part) <= most:
+        if len(part) <= max_samples:
             done.append(part)
             continue
         axis = np.argmax(np.ptp(middles[part], axis=0))

@@ -7,7 +7,7 @@ Cost:     a ray from each point to each punctual light that it faces, and `SKY_R
           more, half of which go where those from the same element have seen the sky.
           Light passes through a triangle by its mean opacity, and straight through panes.
 Poor at:  an environment map that is seen through small openings, which few of a point's rays go through; solid and
-          frosted glass, behind which it is dark here.
+          rough transmission, behind which it is dark here.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SKY_RAYS = 64
 BINS = 64
 _GUIDED = 0.5  # of all rays; the others go by the cosine, and carry twice as much at most
 #: Rays that are aimed by guides, of all points, and of each: a mean over many elements needs fewer of each.
-_AIMED_RAYS, _LEAST_AIMED, _MOST_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
+_AIMED_RAYS, _MIN_AIMED, _MAX_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
 #: Points that are looked at together, so that their rays fit into memory.
 _TOGETHER = 4096
 #: What lies this share of a distance before a light does not count: the light may stand on a surface.
@@ -77,7 +77,7 @@ class DirectLight:
 
         What they bring is left out then, and so does not decide what counts: the mean is right.
         """
-        rays = int(np.clip(_AIMED_RAYS // max(len(points), 1), _LEAST_AIMED, _MOST_AIMED))
+        rays = int(np.clip(_AIMED_RAYS // max(len(points), 1), _MIN_AIMED, _MAX_AIMED))
         parts = [slice(i, i + _AIMED_TOGETHER) for i in range(0, len(points), _AIMED_TOGETHER)]
         bins, found = np.zeros((len(sides), BINS)), np.zeros((len(points), 3))
 
@@ -201,9 +201,9 @@ def _about(normals: Float64, u: Float64) -> Float64:
 
 
 def guides_of(weights: Float64) -> Float64:
-    """(P, BINS): sums of the chances of the bins, from what each is worth (P, BINS), told from few rays.
+    """(P, BINS): sums of the chances of the bins, from what each is worth (P, BINS), estimated from few rays.
 
-    What no ray has met is beside what one has, or anywhere: half of all go by the cosine.
+    What no ray has hit is beside what one has, or anywhere: half of all go by the cosine.
     """
     side = round(BINS**0.5)
     grid = weights.reshape(-1, side, side)
@@ -264,17 +264,17 @@ def _free(rays, opacity, glass, normals, points, triangle, wi, end, work, free):
     o, found = work[0], work[1]
     for p in range(len(points)):
         for k in range(wi.shape[1]):
-            share, own, way = free[p, k], triangle[p], end[p]
+            share, own, remaining = free[p, k], triangle[p], end[p]
             for c in range(3):
                 o[c] = points[p, c]
                 share[c] = 1.0
             while max(share[0], share[1], share[2]) > 0:
                 hit = nearest(rays, o, wi[p, k], own, found)
-                if hit < 0 or found[0] >= way:
+                if hit < 0 or found[0] >= remaining:
                     break
                 passes = 1.0 - opacity[hit]
                 left = 0.0
-                if glass.pane[hit]:
+                if glass.thin[hit]:
                     cosine = 0.0
                     for c in range(3):
                         cosine += normals[hit, c] * wi[p, k, c]
@@ -282,6 +282,6 @@ def _free(rays, opacity, glass, normals, points, triangle, wi, end, work, free):
                 for c in range(3):
                     share[c] *= passes + opacity[hit] * left * glass.clear[hit, c]
                 own = hit
-                way -= found[0]
+                remaining -= found[0]
                 for c in range(3):
                     o[c] += found[0] * wi[p, k, c]

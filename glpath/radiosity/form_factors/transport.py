@@ -25,7 +25,7 @@ Float32 = NDArray[np.float32]
 
 #: Points of receivers times emitters that a call is worth: fewer, and calling costs more than what is done.
 _WORTH_A_CALL = 100_000
-_MOST_TOGETHER = 64
+_MAX_TOGETHER = 64
 #: Share of an element that counts where all of it is buried: next to nothing.
 _BURIED = 1e-6
 
@@ -35,12 +35,12 @@ class FormFactorOptions:
     """How form factors are found, see `glpath.radiosity.form_factors.form_factor`.
 
     kind   : "polygon" or "disc"
-    most   : samples of an emitter, at most
+    max_samples   : samples of an emitter, at most
     points : of a receiver
     """
 
     kind: Kind = "polygon"
-    most: int = 25
+    max_samples: int = 25
     points: int = 4
 
 
@@ -51,7 +51,7 @@ class Transport:
     ----------
     mesh  : patches and elements
     cache : bytes that columns may take; the oldest go first
-    shafts : how what stands in the way is found
+    shafts : how occluders are found
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class Transport:
             mesh.patches,
             self.sides,
             kind=options.kind,
-            most=options.most,
+            max_samples=options.max_samples,
             points=options.points,
-            together=min(max(1, together), _MOST_TOGETHER),
+            together=min(max(1, together), _MAX_TOGETHER),
         )
         self._lights = DirectLight(scene)
         self._columns: dict[int, Float32] = {}
@@ -198,7 +198,7 @@ class Transport:
         now: Float64,
         old: dict[int, Float32],
     ) -> None:
-        """What new elements `numbers` get from all that shot. Fills `now` and makes the kept columns longer."""
+        """The light of new elements `numbers` from all that shot. Fills `now` and makes the kept columns longer."""
         f = self.form_factors
         batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=(0, 2)))]).tolist()
         cores = core_count()

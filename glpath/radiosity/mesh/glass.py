@@ -1,9 +1,9 @@
-"""Glass, as light passes through it: panes straight, solids by refraction, each what its surface does not reflect.
+"""Glass: thin dielectrics transmit light straight, solids by refraction, what the surface does not reflect.
 
-To the solvers a surface reflects as if it were dull. What glass lets through goes on behind it, by the angle at
-which it comes, as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, of a solid by Fresnel's.
+To the solvers all surfaces are diffuse. What glass lets through continues behind it, by the angle of incidence,
+as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, of a solid by Fresnel's.
 
-Poor at:  frosted glass, whose light goes on as if it were clear.
+Poor at:  rough transmission, which is treated as clear.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from glpath.system.kernels import inner_kernel
 
 
 class Glass(NamedTuple):
-    """Of a scene's triangles.
+    """The glass of a scene's triangles.
 
     clear : (T, 3) share that is let through where nothing is reflected; 0 of what is no glass
     layer : (T, 4) what its surface reflects at normal and at grazing incidence, the share of it that is no metal,
-            and that under varnish
+            and that under a clearcoat
     ior   : (T,) of refraction, of solids; 0 for what is thin
-    pane  : (T,) bool: thin and smooth, so that rays to a light go through
+    thin  : (T,) bool: thin and smooth, so that rays to a light go through
     attenuation : (T, 3) inside of solids, per scene unit
     """
 
     clear: Float64
     layer: Float64
     ior: Float64
-    pane: NDArray[np.bool_]
+    thin: NDArray[np.bool_]
     attenuation: Float64
 
     @classmethod

@@ -47,7 +47,7 @@ def element_index(n: ArrayLike, i: ArrayLike, j: ArrayLike, upper: ArrayLike) ->
 
 
 def locate(n: ArrayLike, b1: ArrayLike, b2: ArrayLike) -> tuple[Int64, Int64, Int64, Float64, Float64]:
-    """Cell i, j, whether in its upper element, and the place (fx, fy) in the cell, 0 to 1, of barycentric points.
+    """Of barycentric points cell i, j, whether in its upper element, and the position (fx, fy) in it, 0 to 1.
 
     Points outside of the triangle are taken to the nearest element in x, then in y.
     """
@@ -66,9 +66,9 @@ def locate(n: ArrayLike, b1: ArrayLike, b2: ArrayLike) -> tuple[Int64, Int64, In
 def vertex_barycentrics(n: int) -> Float64:
     """(V, 2): b1 and b2 of the vertices, in their order. Not to be written to."""
     j, i = np.array([(j, i) for j in range(n + 1) for i in range(n + 1 - j)], float).reshape(-1, 2).T
-    places = np.stack([i, j], axis=1) / n
-    places.flags.writeable = False
-    return places
+    corners = np.stack([i, j], axis=1) / n
+    corners.flags.writeable = False
+    return corners
 
 
 @lru_cache(maxsize=64)

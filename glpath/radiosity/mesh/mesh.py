@@ -65,7 +65,7 @@ class Elements:
         """Each in four of half the size: (4 E,), those of an element one behind the other."""
         up = self.upper[:, None]
         i, j = 2 * self.i[:, None], 2 * self.j[:, None]
-        # The one in the middle comes last and is the other way up.
+        # The one in the middle comes last and is upside down.
         di = np.where(up, [[1, 0, 1, 1]], [[0, 1, 0, 0]])
         dj = np.where(up, [[1, 1, 0, 1]], [[0, 0, 1, 0]])
         upper = np.where([[0, 0, 0, 1]], 1 - up, up)
@@ -83,9 +83,9 @@ class Elements:
         """Their numbers in their triangles' lattices."""
         return lattice.element_index(self.n, self.i, self.j, self.upper)
 
-    def points(self, scene: Scene, places: Float64) -> Float64:
-        """(E, k, 3): the points of barycentric places (k, 3) in each element."""
-        b = np.einsum("kc,ecx->ekx", places, self.corners() / self.n[:, None, None])
+    def points(self, scene: Scene, barycentric: Float64) -> Float64:
+        """(E, k, 3): the points of barycentric coordinates (k, 3) in each element."""
+        b = np.einsum("kc,ecx->ekx", barycentric, self.corners() / self.n[:, None, None])
         triangles = scene.triangles[self.triangle]
         edges = triangles[:, 1:] - triangles[:, :1]
         return np.asarray(triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges))
@@ -143,11 +143,11 @@ def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> In
     """
     longest = _longest(scene)
     parts = np.maximum(np.ceil(longest / size - 1e-9), 1)
-    least = np.full(surface.max(initial=-1) + 1, np.inf)
-    most = np.zeros_like(least)
-    np.minimum.at(least, surface, parts)
-    np.maximum.at(most, surface, parts)
-    uneven = (least != most)[surface]
+    min_parts = np.full(surface.max(initial=-1) + 1, np.inf)
+    max_parts = np.zeros_like(min_parts)
+    np.minimum.at(min_parts, surface, parts)
+    np.maximum.at(max_parts, surface, parts)
+    uneven = (min_parts != max_parts)[surface]
     return np.asarray(np.where(uneven, 2 ** np.ceil(np.log2(parts)), parts), np.int64)
 
 
@@ -195,7 +195,7 @@ def surfaces(scene: Scene) -> Int64:
 
 
 def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
-    """(N,) int64 numbers of points (N, 3), the same for points of one group at one place."""
+    """(N,) int64 numbers of points (N, 3), the same for points of one group at one position."""
     lower, upper = scene.bounds
     steps = np.round((points - lower) / (_WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)))
     # Two numbers instead of four make the sorting three times as fast.

@@ -15,7 +15,7 @@ from glpath.scene.model import Float64
 
 #: How often the vertices are moved towards what the elements' means ask for.
 _CORRECTIONS = 2
-#: Of vertices, each in the middle of an edge that ends at the next.
+#: Numbers of vertices, each in the middle of an edge that ends at the next.
 _LONGEST_CHAIN = 64
 
 
@@ -62,8 +62,8 @@ def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
     ratio = (n // leaf.n)[:, None, None]
     origin = leaf.corners()[:, :1] * ratio
     # The edges of an element go along the axes, forwards in a lower one and backwards in an upper.
-    way = np.where(leaf.upper, -1, 1)[:, None, None]
-    x, y = np.moveaxis((corners - origin) * way / ratio, 2, 0)
+    sign = np.where(leaf.upper, -1, 1)[:, None, None]
+    x, y = np.moveaxis((corners - origin) * sign / ratio, 2, 0)
     return np.stack([1 - x - y, x, y], axis=2)
 
 
@@ -76,10 +76,10 @@ class _Nodes:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        places = mesh.elements.points(mesh.scene, np.eye(3))
+        corners_of = mesh.elements.points(mesh.scene, np.eye(3))
         surface = mesh.surface[mesh.elements.triangle]
-        ends, of_surface = _edges_with_middles(places, surface)
-        corners = places.reshape(-1, 3)
+        ends, of_surface = _edges_with_middles(corners_of, surface)
+        corners = corners_of.reshape(-1, 3)
         number = weld(
             mesh.scene,
             np.concatenate([corners, ends.mean(axis=1), ends.reshape(-1, 3)]),
@@ -127,12 +127,12 @@ class _Nodes:
             values[self.hanging[:, 0]] = wanted
 
 
-def _edges_with_middles(places: Float64, surface: Int64) -> tuple[Float64, Int64]:
+def _edges_with_middles(corners_of: Float64, surface: Int64) -> tuple[Float64, Int64]:
     """(m, 2, 3) ends of edges that may have a vertex in their middle, and their surfaces (m,).
 
-    places: (E, 3, 3). Halves of an edge are edges too, as long as their surface has edges as short as a half.
+    corners_of: (E, 3, 3). Halves of an edge are edges too, as long as their surface has edges as short as a half.
     """
-    ends = np.stack([places, np.roll(places, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    ends = np.stack([corners_of, np.roll(corners_of, -1, axis=1)], axis=2).reshape(-1, 2, 3)
     of = np.repeat(surface, 3)
     shortest = np.full(surface.max(initial=-1) + 1, np.inf)
     np.minimum.at(shortest, of, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))

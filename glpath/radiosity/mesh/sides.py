@@ -91,7 +91,7 @@ def open_points(
     """(R, count, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is.
 
     solid : (T,) which triangles belong to closed surfaces; those that the camera or a light is in are rooms, no
-            solids, whichever way their fronts look
+            solids, whichever side their fronts are
     count : 1, 4, 9, ...
     """
     solid = solid & ~_inhabited(scene)[scene.triangle_shape]
@@ -100,9 +100,9 @@ def open_points(
     if not (solid.any() and len(sides)):
         return points, is_open
 
-    def free(places: Float64, normal: Float64) -> NDArray[np.bool_]:
-        normals = np.repeat(normal, places.shape[1], axis=0)
-        return in_the_open(scene, solid, places.reshape(-1, 3), normals).reshape(places.shape[:2])
+    def free(tested: Float64, normal: Float64) -> NDArray[np.bool_]:
+        normals = np.repeat(normal, tested.shape[1], axis=0)
+        return in_the_open(scene, solid, tested.reshape(-1, 3), normals).reshape(tested.shape[:2])
 
     # A closer look at triangles of which something is buried.
     triangle = elements.triangle[sides.element]
@@ -121,9 +121,9 @@ def open_points(
 
 
 def _inhabited(scene: Scene) -> NDArray[np.bool_]:
-    """(shapes,) bool: whether the camera, a lamp or a light with a place is within a shape of triangles."""
+    """(shapes,) bool: whether the camera, a lamp or a positional light is within a shape of triangles."""
     inside = np.zeros(len(scene.shapes), bool)
-    places = [
+    points = [
         scene.camera.at().position,
         *(light.position for light in scene.lights if light.kind != "directional"),
     ]
@@ -135,22 +135,22 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
             np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         )
         off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[part][largest]
-        places += [corners[largest].mean(axis=0) + side * off for side in (1, -1)[: 1 + shape.emission_two_sided]]
+        points += [corners[largest].mean(axis=0) + side * off for side in (1, -1)[: 1 + shape.emission_two_sided]]
     for number, part in enumerate(scene.shapes.ranges):
         corners = scene.triangles[part]
         if scene.shapes[number].primitive == "triangle" and len(corners):
             low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-            near = [p for p in places if (p > low).all() and (p < high).all()]
-            inside[number] = any(_within(corners, place) for place in near)
+            near = [p for p in points if (p > low).all() and (p < high).all()]
+            inside[number] = any(_within(corners, point) for point in near)
     return inside
 
 
-def _within(triangles: Float64, place: Float64) -> bool:
-    """Whether a closed surface of triangles (T, 3, 3) is around a place: by the solid angle that it fills.
+def _within(triangles: Float64, point: Float64) -> bool:
+    """Whether a closed surface of triangles (T, 3, 3) is around a point: by the solid angle that it fills.
 
     A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
     """
-    a, b, c = np.moveaxis(triangles - place, 1, 0)
+    a, b, c = np.moveaxis(triangles - point, 1, 0)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     dots = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
     angle = 2.0 * np.arctan2((a * np.cross(b, c)).sum(1), dots).sum()
@@ -180,12 +180,12 @@ def _in_the_open(rays, solid, face, points, normals, off, work, free):  # type: 
     """Fill free (P,), which is all False; off (P,): how far apart faces in one plane may be; work: (3, 3)."""
     o, d, found = work[0], work[1], work[2]
     for p in range(len(points)):
-        for way in range(4):
+        for attempt in range(4):
             for k in range(3):
                 o[k] = points[p, k]
                 d[k] = normals[p, k]
-            if way > 0:
-                d[way - 1] += 0.7 if normals[p, way - 1] > 0 else -0.7
+            if attempt > 0:
+                d[attempt - 1] += 0.7 if normals[p, attempt - 1] > 0 else -0.7
             hit, first = -1, 0.0
             buried = False
             for face_there in range(2):

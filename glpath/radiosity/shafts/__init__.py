@@ -1,1 +1,1 @@
-"""Who stands between two surfaces [SC]: shafts, candidate lists and the casting of rays through them."""
+"""What occludes two surfaces from each other [SC]: shafts, candidate lists and the casting of rays through them."""

@@ -26,7 +26,7 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 @inner_kernel
 def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
-    """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of the way from a to b, finite.
+    """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of b - a, finite.
 
     Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the
     order.
@@ -48,7 +48,7 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _occluder(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
-    """The first polygon of a list between a and b, or -1; its place there; tests of boxes and of objects."""
+    """The first polygon of a list between a and b, or -1; its index there; tests of boxes and of objects."""
     ix = iy = iz = 0.0
     if found.boxed:
         ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
@@ -174,7 +174,7 @@ def _cast_together(  # type: ignore[no-untyped-def]
     if found.begin == found.end:
         counts[FREE] += left
     boxes = False
-    most = 0
+    max_blocked = 0
     for i in range(found.begin, found.end):
         if left == 0:
             break
@@ -185,8 +185,8 @@ def _cast_together(  # type: ignore[no-untyped-def]
             counts[OBJECT_TESTS] += left
             before = left
             left = _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
-            if before - left > most:
-                most = before - left
+            if before - left > max_blocked:
+                max_blocked = before - left
                 work.latest[OCCLUDER] = x
     if left and boxes:
         for k in range(count):
@@ -229,9 +229,9 @@ def _start(source, lit, common, group, begin, count, clear, before):  # type: ig
             for k in range(count):
                 clear[s, k] = before[k]
         elif flat:  # as `before_receiver`, with one normal
-            reach = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
+            height = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
             for k in range(count):
-                clear[s, k] = before[k] & (reach > heights[begin + k])
+                clear[s, k] = before[k] & (height > heights[begin + k])
         else:
             for k in range(count):
                 clear[s, k] = before[k] and before_receiver(lit, begin + k, source, s)
@@ -303,12 +303,12 @@ def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type
 @kernel_part
 def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
     """How far the emitter reaches before points in a box that all have this normal; 0 where they haven't one."""
-    most = 0.0
+    max_height = 0.0
     for k in range(3):
         n = groups.normal[group, k]
         i, j = (k + 3, k) if n > 0 else (k, k + 3)
-        most += n * (source.box[i] - groups.boxes[group, j])
-    return most
+        max_height += n * (source.box[i] - groups.boxes[group, j])
+    return max_height
 
 
 @kernel
@@ -349,7 +349,7 @@ def cast_groups(  # type: ignore[no-untyped-def]
                 _keep_list(work.lists, level, found)
                 group += 1
                 continue
-            built = True  # nothing is in the way of any of its parts
+            built = True  # nothing occludes any of its parts
         if settings.together:
             _cast_together(
                 tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible

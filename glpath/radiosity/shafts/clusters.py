@@ -63,52 +63,51 @@ def _insert_all(boxes, coming, nodes, child, sibling, parent, children):  # type
         if root < 0:
             root = item
             continue
-        # The way down along the least growth; on it, the cheapest place to stay. Testing a node's children costs
+        # Down along the least growth; among these nodes, the cheapest parent. Testing a node's children costs
         # its area times their number, so growth costs the growth of the area times the number.
-        node, inherited, best, place = root, 0.0, np.inf, -1
+        node, inherited, best, chosen = root, 0.0, np.inf, -1
         while True:
             grown = _union_area(nodes, node, boxes, item)
-            if node < n:  # the two become a pair in the place of the one
+            if node < n:  # the two become a pair instead of the one
                 cost = inherited + 2 * grown
             else:
                 inherited += (grown - _area(nodes, node)) * children[node]
                 cost = inherited + grown
             if cost < best:
-                best, place = cost, node
+                best, chosen = cost, node
             if node < n or inherited >= best:
                 break
-            below, least, least_area = child[node], np.inf, np.inf
+            below, min_growth, min_area = child[node], np.inf, np.inf
             while below >= 0:
                 area = _area(nodes, below)
                 growth = _union_area(nodes, below, boxes, item) - area
-                if growth < least or (growth == least and area < least_area):
-                    least, least_area, node = growth, area, below
+                if growth < min_growth or (growth == min_growth and area < min_area):
+                    min_growth, min_area, node = growth, area, below
                 below = sibling[below]
-        if place < n:
+        if chosen < n:
             pair = size
             size += 1
             for k in range(6):
-                nodes[pair, k] = nodes[place, k]
-            _replace(root, place, pair, child, sibling, parent)
-            if place == root:
+                nodes[pair, k] = nodes[chosen, k]
+            _replace(root, chosen, pair, child, sibling, parent)
+            if chosen == root:
                 root = pair
-            child[pair], children[pair] = place, 1
-            sibling[place], parent[place] = -1, pair
-            place = pair
-        sibling[item], parent[item] = child[place], place
-        child[place] = item
-        children[place] += 1
-        while place >= 0:
+            child[pair], children[pair] = chosen, 1
+            sibling[chosen], parent[chosen] = -1, pair
+            chosen = pair
+        sibling[item], parent[item] = child[chosen], chosen
+        child[chosen] = item
+        children[chosen] += 1
+        while chosen >= 0:
             for k in range(3):
-                nodes[place, k] = min(nodes[place, k], boxes[item, k])
-                nodes[place, k + 3] = max(nodes[place, k + 3], boxes[item, k + 3])
-            place = parent[place]
+                nodes[chosen, k] = min(nodes[chosen, k], boxes[item, k])
+                nodes[chosen, k + 3] = max(nodes[chosen, k + 3], boxes[item, k + 3])
+            chosen = parent[chosen]
     return size, root
 
 
 @kernel_part
 def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped-def]
-    """Put `new` where `old` hangs."""
     above = parent[old]
     parent[new] = above
     sibling[new] = sibling[old]

@@ -57,7 +57,7 @@ class Occluders:
 
     corners       : (N, 3, 3) float64: a corner and the next one on either side, counter-clockwise from the front
     parallelogram : (N,) bool; a triangle otherwise
-    solid         : (N,) bool, part of a closed surface, so that whatever meets its back must have met a front
+    solid         : (N,) bool, part of a closed surface, so that whatever hits its back must have hit a front
     shape         : (N,) int32, of the scene's shapes
     clear         : (N,) bool, hides nothing; None: all hide what is behind them
     """
@@ -136,7 +136,7 @@ class Occluders:
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
 
     def polygons(self, solids: bool) -> Polygons:
-        """What the kernels test. solids: a solid's polygon blocks only who comes from its front."""
+        """The records of the kernels. solids: a solid's polygon blocks only rays from its front."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal = self._normals()
@@ -182,13 +182,13 @@ class Occluders:
 
 
 def _closed(triangles: Float64) -> bool:
-    """Whether every edge is passed once either way, vertices compared exactly."""
+    """Whether every edge is passed once in either direction, vertices compared exactly."""
     vertices = triangles.reshape(-1, 3) + 0.0  # -0 is 0
     _, which = np.unique(vertices, axis=0, return_inverse=True)
     faces = which.reshape(-1, 3)
-    ways = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    there = np.unique(ways, axis=0)
-    return len(there) == len(ways) and np.array_equal(there, np.unique(ways[:, ::-1], axis=0))
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    there = np.unique(edges, axis=0)
+    return len(there) == len(edges) and np.array_equal(there, np.unique(edges[:, ::-1], axis=0))
 
 
 @kernel
@@ -217,7 +217,7 @@ def _parallelograms(triangles, shape, corners, first, two):  # type: ignore[no-u
 def _apex(triangles, t):  # type: ignore[no-untyped-def]
     """Which corner of triangle t is opposite to the next, where the two are a parallelogram; -1 where they aren't.
 
-    They are when they share an edge, passed in opposite ways, whose middle is the middle of the other two corners.
+    They are when they share an edge, passed in opposite directions, with the middle of the other two corners.
     """
     a, b = triangles[t], triangles[t + 1]
     for i in range(3):
@@ -252,7 +252,7 @@ def visible_by_all(
 
 @inner_kernel
 def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
-    """A linear form of a point. All ways of testing compute it here, so that they round alike."""
+    """A linear form of a point. All tests compute it here, so that they round alike."""
     return f0 * x + f1 * y + f2 * z + f3
 
 
@@ -272,7 +272,7 @@ def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-d
 
 @inner_kernel
 def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-untyped-def]
-    """Whether polygon x stands between points a and b: the one test that everything rests on."""
+    """Whether polygon x occludes points a and b from each other: the test that everything rests on."""
     f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
     ha, hb = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
     if (ha > 0) == (hb > 0):
@@ -306,23 +306,23 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
     That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon
     that a lies behind [SC, Enhancements]. size: the largest coordinate.
     """
-    least_a = most_a = least_b = most_b = forms[x, 3]
+    min_a = max_a = min_b = max_b = forms[x, 3]
     for k in range(3):
         f = forms[x, k]
         i, j = (k, k + 3) if f > 0 else (k + 3, k)
-        least_a += f * a[i]
-        most_a += f * a[j]
-        least_b += f * b[i]
-        most_b += f * b[j]
+        min_a += f * a[i]
+        max_a += f * a[j]
+        min_b += f * b[i]
+        max_b += f * b[j]
     tiny = _ROUNDING * size * length[x]
     far = 2 * tiny / ENDS
-    if (least_a > tiny and least_b > tiny) or (most_a < -tiny and most_b < -tiny):
+    if (min_a > tiny and min_b > tiny) or (max_a < -tiny and max_b < -tiny):
         return True
-    if (least_a >= -tiny and least_b >= far) or (least_a >= far and least_b >= -tiny):
+    if (min_a >= -tiny and min_b >= far) or (min_a >= far and min_b >= -tiny):
         return True
-    if (most_a <= tiny and most_b <= -far) or (most_a <= -far and most_b <= tiny):
+    if (max_a <= tiny and max_b <= -far) or (max_a <= -far and max_b <= tiny):
         return True
-    return flags[x] & SOLID and most_a < -tiny
+    return flags[x] & SOLID and max_a < -tiny
 
 
 @kernel

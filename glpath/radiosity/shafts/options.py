@@ -67,9 +67,9 @@ class ShaftOptions:
                         either
     order             : of the candidate list: as found; the "largest first", or the "last occluder first", which
                         pay where most rays are blocked and tested one by one
-    least_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
+    min_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
                         out; None for all planes unsorted, which pays for very few boxes
-    longest           : number of candidates beyond which "always open" gives way to "ratio open"; 0: no limit. Pays
+    longest           : number of candidates beyond which "always open" becomes "ratio open"; 0: no limit. Pays
                         in scenes of many thousands of polygons
     no_shaft_below    : number of rays below which no shaft is built: pays with few receiver points
     keep_closed_below : number of rays below which the strategy is "keep closed", likewise
@@ -91,7 +91,7 @@ class ShaftOptions:
     group: int = 512
     nested: bool = True
     order: OrderName = "found"
-    least_cut: float | None = 0.02
+    min_cut: float | None = 0.02
     longest: int = 1500
     no_shaft_below: int = 0
     keep_closed_below: int = 0
@@ -136,7 +136,6 @@ _TRUTHS = {"yes": True, "true": True, "no": False, "false": False}
 
 
 def _value_of(name: str, word: str) -> Any:
-    """What is typed for an option, of its kind."""
     kind = _KINDS[name]
     if kind in ("StrategyName", "OrderName"):
         return word  # looked at by the options
@@ -162,14 +161,14 @@ PAPER = ShaftOptions(
     clump=0,
     group=0,
     nested=False,
-    least_cut=None,
+    min_cut=None,
     longest=0,
 )
 
 
 @dataclass
 class Statistics:
-    """What a step did. Rays are segments that are cast because both ends face each other.
+    """Counts of a step. Rays are segments that are cast because both ends face each other.
 
     shafts       : formed
     empty_shafts : without any candidate, so that all their rays are free

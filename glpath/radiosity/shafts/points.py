@@ -86,13 +86,13 @@ def group_points(
         skip = np.arange(1, len(start) + 1)
     size = np.diff(start, append=count)
     order = np.concatenate([np.arange(start[i], start[i] + size[i]) for i in leaves])
-    most = 4 * count + len(skip)
-    boxes = np.empty((most, 6))
-    skips, begin, end, of_polygon = (np.empty(most, np.int64) for _ in range(4))
+    max_nodes = 4 * count + len(skip)
+    boxes = np.empty((max_nodes, 6))
+    skips, begin, end, of_polygon = (np.empty(max_nodes, np.int64) for _ in range(4))
     n, levels = _groups(
         np.ascontiguousarray(points), order, size[leaves], skip, clump or count, group or count, nested,
         np.ascontiguousarray(polygon, np.int32), boxes, skips, begin, end, of_polygon,
-        np.empty(len(skip) + 1, np.int64), np.empty((most + 2, 4), np.int64),
+        np.empty(len(skip) + 1, np.int64), np.empty((max_nodes + 2, 4), np.int64),
         _Workspace(np.empty((1, 6)), np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)),
     )  # fmt: skip
     boxes = boxes[:n].copy()

@@ -16,7 +16,7 @@ _START = 1e-9
 
 
 class Rays(NamedTuple):
-    """What `nearest` needs.
+    """The tree and triangles of `nearest`.
 
     boxes   : (M, 6) of a BVH; see `Bvh` for skip, first, items (its count) and order
     corners : (T, 9): corner 0 of each triangle, and the edges from it to corners 1 and 2

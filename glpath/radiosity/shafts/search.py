@@ -1,4 +1,4 @@
-"""What can stand between an emitter and a group of receiver points: the emitter list, and the lists of shafts.
+"""Candidates between an emitter and a group of receiver points: the emitter list, and the lists of shafts.
 
 Kernels. A list is a range of `Work`, and starts from the list of the group around, if there is one: shafts within
 shafts [SC, Future Work].
@@ -34,7 +34,7 @@ _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
 
 
 class SearchTree(NamedTuple):
-    """`Tree`, with the way up."""
+    """`Tree`, with the parents."""
 
     boxes: Float64
     skip: Int32
@@ -65,7 +65,7 @@ class Settings(NamedTuple):
     together: bool
     object_boxes: bool
     order: int
-    least_cut: float
+    min_cut: float
     longest: int
     no_shaft_below: int
     keep_closed_below: int
@@ -77,8 +77,8 @@ class Work(NamedTuple):
     """Room that a thread works in.
 
     nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's
-                            own: nodes of the tree, what is known of each (see `place_box`), the polygon of a leaf
-                            or -1
+                            own: nodes of the tree, what is known of each (see `classify_box`), the polygon of a
+                            leaf or -1
     planes .. extent      : the latest shaft
     a, b                  : its reference boxes
     stack                 : of `gather`
@@ -157,10 +157,10 @@ def _upwards(tree, parent, leaf_of):  # type: ignore[no-untyped-def]
 @inner_kernel
 def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
     """The largest height of boxes[i] over a plane (4,)."""
-    most = plane[3]
+    max_height = plane[3]
     for k in range(3):
-        most += plane[k] * boxes[i, k + 3 if plane[k] > 0 else k]
-    return most
+        max_height += plane[k] * boxes[i, k + 3 if plane[k] > 0 else k]
+    return max_height
 
 
 @kernel
@@ -173,7 +173,7 @@ def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching, found, f
     n = 0
     if not len(tree.skip):
         return n
-    # Walk up from the emitter; the siblings on the way are looked at. An emitter that is none of the objects, or
+    # Walk up from the emitter; the siblings of its nodes are looked at. An emitter that is none of the objects, or
     # that has a larger box than its polygon, starts at the root.
     below = leaf
     node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
@@ -282,7 +282,7 @@ def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, wo
     if ray_count(source, groups, group) < settings.keep_closed_below:
         strategy = _KEEP_CLOSED
     n = form_shaft(
-        work.a, work.b, settings.slack, settings.least_cut, work.planes, work.near, work.extent
+        work.a, work.b, settings.slack, settings.min_cut, work.planes, work.near, work.extent
     )  # fmt: skip
     size, tests = gather(
         tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes, work.near,

@@ -34,10 +34,10 @@ from glpath.system.kernels import inner_kernel, kernel, outer
 
 #: A box as six numbers: lo.x lo.y lo.z hi.x hi.y hi.z. Offsets and faces count in this order.
 FACES = ("MIN_X", "MIN_Y", "MIN_Z", "MAX_X", "MAX_Y", "MAX_Z")
-MOST_PLANES = 8
+MAX_PLANES = 8
 
 
-class Place(IntEnum):
+class Containment(IntEnum):
     """Where a box or a sphere lies with respect to a shaft."""
 
     OUTSIDE = 0
@@ -46,7 +46,7 @@ class Place(IntEnum):
 
 
 class Strategy(IntEnum):
-    """What to do with a box of several items that is not outside [SC, Creating the Candidate List].
+    """How to treat a box of several items that is not outside [SC, Creating the Candidate List].
 
     KEEP_CLOSED  : a candidate. The quickest list, and the longest rays
     ALWAYS_OPEN  : open it, so that the list holds objects only
@@ -61,7 +61,7 @@ class Strategy(IntEnum):
     RATIO_OPEN = 3
 
 
-_OUTSIDE, _OVERLAPPING, _INSIDE = (int(p) for p in Place)
+_OUTSIDE, _OVERLAPPING, _INSIDE = (int(p) for p in Containment)
 _ENCLOSING = 3  # overlaps, and has a whole reference box in it, so that every ray hits it
 _KEEP_CLOSED, _ALWAYS_OPEN, _OVERLAP_OPEN, _RATIO_OPEN = (int(s) for s in Strategy)
 
@@ -99,49 +99,49 @@ class Shaft:
 
     @classmethod
     def between(
-        cls, box_a: ArrayLike, box_b: ArrayLike, *, slack: float = 0.0, least_cut: float | None = None
+        cls, box_a: ArrayLike, box_b: ArrayLike, *, slack: float = 0.0, min_cut: float | None = None
     ) -> Shaft:
         """The shaft between two boxes, each [lower, upper] or six numbers; flat, equal, nested: all are allowed.
 
         Parameters
         ----------
         slack     : length by which the shaft is larger on every side, so that rounding cannot lose what touches it
-        least_cut : sort the planes by the volume that each cuts off the extent box, largest first, and leave out
+        min_cut : sort the planes by the volume that each cuts off the extent box, largest first, and leave out
                     those that cut off less than this share of it [SC, Future Work]; None takes them as they come
         """
         a, b = _box(box_a, "box_a"), _box(box_b, "box_b")
         planes, near, extent = empty_shaft()
-        n = _form_shaft(a, b, slack, -1.0 if least_cut is None else least_cut, planes, near, extent)
+        n = _form_shaft(a, b, slack, -1.0 if min_cut is None else min_cut, planes, near, extent)
         faces_a = tuple(name for f, name in enumerate(FACES) if _beyond(a, b, f))
         faces_b = tuple(name for f, name in enumerate(FACES) if _beyond(b, a, f))
         full, corners = _with_three_axes(planes[:n], near[:n])
         return cls(a, b, extent, faces_a, faces_b, full, corners)
 
     def classify(self, boxes: ArrayLike) -> NDArray[np.int8]:
-        """(N,) int8 of `Place`, for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
+        """(N,) int8 of `Containment`, for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
         given = np.ascontiguousarray(boxes, np.float64)
         if given.ndim < 2 or given[0:1].size not in (0, 6) or given.size % 6:
             raise UsageError(f"Shaft.classify: boxes of shape {given.shape}; allowed are (N, 2, 3) and (N, 6).")
         planes, near = _with_two_axes(self.planes, self.near)
         each = given.reshape(-1, 6)
-        places = np.empty(len(each), np.int8)
-        _classify_boxes(each, self.box_a, self.box_b, self.extent, planes, near, len(planes), places)
-        return places
+        found = np.empty(len(each), np.int8)
+        _classify_boxes(each, self.box_a, self.box_b, self.extent, planes, near, len(planes), found)
+        return found
 
     def classify_spheres(self, centres: ArrayLike, radii: ArrayLike) -> NDArray[np.int8]:
-        """(N,) int8 of `Place`, for spheres: centres (N, 3), radii (N,) >= 0.
+        """(N,) int8 of `Containment`, for spheres: centres (N, 3), radii (N,) >= 0.
 
         A sphere can be called overlapping though it is outside, near an edge of the shaft [SC, figure 4]; never the
-        other way round. INSIDE is T < -radius, see ERRATA of the paper: its comparison is printed the other way.
+        reverse. INSIDE is T < -radius, see ERRATA of the paper: its comparison is printed reversed.
         """
         centre = np.ascontiguousarray(centres, np.float64).reshape(-1, 3)
         radius = np.ascontiguousarray(np.broadcast_to(np.asarray(radii, np.float64), len(centre)))
         if not (radius >= 0).all():
             raise UsageError(f"Shaft.classify_spheres: a radius is {radius.min():g}; allowed are those from 0.")
         unit = self.planes / np.linalg.norm(self.planes[:, :3], axis=1, keepdims=True)
-        places = np.empty(len(centre), np.int8)
-        _classify_spheres(centre, radius, self.box_a, self.box_b, self.extent, unit, places)
-        return places
+        found = np.empty(len(centre), np.int8)
+        _classify_spheres(centre, radius, self.box_a, self.box_b, self.extent, unit, found)
+        return found
 
 
 class Tree(NamedTuple):
@@ -169,7 +169,7 @@ def candidate_list(
 ) -> Int32:
     """The nodes that can stand between the two boxes of a shaft [SC, Creating the Candidate List].
 
-    All items not below one of these nodes are outside the shaft. An empty list: nothing is in the way.
+    All items not below one of these nodes are outside the shaft. An empty list: nothing occludes.
 
     Parameters
     ----------
@@ -224,11 +224,11 @@ def _with_two_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, N
 
 def empty_shaft() -> tuple[Float64, NDArray[np.int64], Float64]:
     """Room for planes (8, 4), their near corners (8, 2) and the extent (6,): what `form_shaft` fills."""
-    return np.empty((MOST_PLANES, 4)), np.empty((MOST_PLANES, 2), np.int64), np.empty(6)
+    return np.empty((MAX_PLANES, 4)), np.empty((MAX_PLANES, 2), np.int64), np.empty(6)
 
 
 def empty_stack(nodes: int) -> Int32:
-    """Room for what `gather` has still to look at: node, flag and place, (nodes + 1, 3) int32."""
+    """Room for what `gather` has still to look at: node, flag and containment, (nodes + 1, 3) int32."""
     return np.empty((nodes + 1, 3), np.int32)
 
 
@@ -239,7 +239,7 @@ def _beyond(a, b, face):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def form_shaft(a, b, slack, least_cut, planes, near, extent):  # type: ignore[no-untyped-def]
+def form_shaft(a, b, slack, min_cut, planes, near, extent):  # type: ignore[no-untyped-def]
     """Fill planes, their near corners and the extent; return the number of planes. See `Shaft.between`.
 
     planes : (8, 4): the two coordinates of the normal that are not 0, the distance, and the share that it cuts off,
@@ -263,10 +263,10 @@ def form_shaft(a, b, slack, least_cut, planes, near, extent):  # type: ignore[no
             nj = across if g >= 3 else -across
             distance = -(ni * a[f] + nj * a[g]) - slack * (along + across)
             cut = 0.0
-            if least_cut >= 0:
+            if min_cut >= 0:
                 # A prism: half a rectangle, of the extent box's cross-section.
                 cut = 0.5 * (across / (extent[i + 3] - extent[i])) * (along / (extent[j + 3] - extent[j]))
-                if cut < least_cut:
+                if cut < min_cut:
                     continue
             at = n
             while at > 0 and cut > planes[at - 1, 3]:  # equal ones, all of them without an order, stay as they come
@@ -303,8 +303,8 @@ def encloses(boxes, i, other):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def place_box(boxes, i, flag, a, b, extent, planes, near, n, whole):  # type: ignore[no-untyped-def]
-    """The place of boxes[i]: outside, overlapping, inside (asked only where `whole`), or enclosing a reference box.
+def classify_box(boxes, i, flag, a, b, extent, planes, near, n, whole):  # type: ignore[no-untyped-def]
+    """`Containment` of boxes[i], INSIDE only where `whole`; or `_ENCLOSING`.
 
     flag : what is known of the box and reference box a, the emitter's [SC, Enhancements]: 1 they overlap, 0 they
            don't, -1 nothing. Where it is known, the box does not enclose a
@@ -341,23 +341,23 @@ def _within(boxes, i, extent, planes, near, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _classify_boxes(boxes, a, b, extent, planes, near, n, places):  # type: ignore[no-untyped-def]
+def _classify_boxes(boxes, a, b, extent, planes, near, n, found):  # type: ignore[no-untyped-def]
     for i in range(len(boxes)):
-        place = place_box(boxes, i, np.int64(-1), a, b, extent, planes, near, n, True)
-        if place == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
-            place = _INSIDE if _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
-        places[i] = place
+        containment = classify_box(boxes, i, np.int64(-1), a, b, extent, planes, near, n, True)
+        if containment == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
+            containment = _INSIDE if _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
+        found[i] = containment
 
 
 @kernel
-def _classify_spheres(centres, radii, a, b, extent, planes, places):  # type: ignore[no-untyped-def]
+def _classify_spheres(centres, radii, a, b, extent, planes, found):  # type: ignore[no-untyped-def]
     """planes: (P, 4), of unit normals."""
     for i in range(len(centres)):
         c, r = centres[i], radii[i]
         if _distance_squared(c, extent) > r * r:
-            places[i] = _OUTSIDE
+            found[i] = _OUTSIDE
             continue
-        places[i] = _OVERLAPPING
+        found[i] = _OVERLAPPING
         inside = True
         for k in range(3):
             inside = inside and c[k] - r >= extent[k] and c[k] + r <= extent[k + 3]
@@ -365,12 +365,12 @@ def _classify_spheres(centres, radii, a, b, extent, planes, places):  # type: ig
         for p in range(len(planes)):
             t = planes[p, 0] * c[0] + planes[p, 1] * c[1] + planes[p, 2] * c[2] + planes[p, 3]
             if t > r and not touches:
-                places[i] = _OUTSIDE
+                found[i] = _OUTSIDE
                 inside = False
                 break
             inside = inside and t <= -r
         if inside:
-            places[i] = _INSIDE
+            found[i] = _INSIDE
 
 
 @inner_kernel
@@ -386,15 +386,15 @@ def _distance_squared(point, box):  # type: ignore[no-untyped-def]
 @inner_kernel
 def gather(  # type: ignore[no-untyped-def]
     tree, roots, flags, begin, end, a, b, extent, planes, near, n, strategy, ratio, open_enclosing, mark, number,
-    stack, found, found_flags, size, most,
+    stack, found, found_flags, size, max_candidates,
 ):  # fmt: skip
     """Append to `found`, from `size` on, the candidates below roots[begin:end]; see `candidate_list`.
 
-    flags  : (len(roots),) int8, see `place_box`; what is known of a candidate goes to `found_flags`
+    flags  : (len(roots),) int8, see `classify_box`; what is known of a candidate goes to `found_flags`
     mark   : (M,) int64; children that are outside, but whose parent is a candidate, are marked with `number`, that
              of the shaft [SC, Enhancements: mailbox]. Without marks where it is empty
     stack  : of `empty_stack`
-    most   : give up beyond that many candidates
+    max_candidates   : give up beyond that many candidates
 
     Returns the new size, -1 where it gave up, and how many boxes were tested.
     `found` may be where the roots lie, behind them.
@@ -408,15 +408,15 @@ def gather(  # type: ignore[no-untyped-def]
         top = 1
         while top:
             top -= 1
-            node, flag, place = np.int64(stack[top, 0]), np.int64(stack[top, 1]), np.int64(stack[top, 2])
-            if place < 0:
+            node, flag, containment = np.int64(stack[top, 0]), np.int64(stack[top, 1]), np.int64(stack[top, 2])
+            if containment < 0:
                 tests += 1
-                place = place_box(boxes, node, flag, a, b, extent, planes, near, n, whole)
-            if place == _OUTSIDE:
+                containment = classify_box(boxes, node, flag, a, b, extent, planes, near, n, whole)
+            if containment == _OUTSIDE:
                 continue
-            opened = strategy == _ALWAYS_OPEN or (place == _ENCLOSING and open_enclosing)
-            opened = opened or (strategy == _OVERLAP_OPEN and place != _INSIDE)
-            keep = items[node] > 0 or not (opened or (strategy == _RATIO_OPEN and place != _INSIDE))
+            opened = strategy == _ALWAYS_OPEN or (containment == _ENCLOSING and open_enclosing)
+            opened = opened or (strategy == _OVERLAP_OPEN and containment != _INSIDE)
+            keep = items[node] > 0 or not (opened or (strategy == _RATIO_OPEN and containment != _INSIDE))
             if not keep:
                 # A child's box overlaps the emitter's only where its parent's does.
                 below = 0 if flag == 0 else -1
@@ -424,12 +424,12 @@ def gather(  # type: ignore[no-untyped-def]
                 child = node + 1
                 while child < skip[node]:
                     children += 1
-                    place = np.int64(-1)
+                    containment = np.int64(-1)
                     if not opened:
                         tests += 1
-                        place = place_box(boxes, child, below, a, b, extent, planes, near, n, whole)
-                    if place != _OUTSIDE:
-                        stack[top, 0], stack[top, 1], stack[top, 2] = child, below, place
+                        containment = classify_box(boxes, child, below, a, b, extent, planes, near, n, whole)
+                    if containment != _OUTSIDE:
+                        stack[top, 0], stack[top, 1], stack[top, 2] = child, below, containment
                         top += 1
                     elif len(mark):
                         mark[child] = number
@@ -438,7 +438,7 @@ def gather(  # type: ignore[no-untyped-def]
                     top = base
                     keep = True
             if keep:
-                if size - start >= most:
+                if size - start >= max_candidates:
                     return -1, tests
                 found[size], found_flags[size] = node, flag
                 size += 1

@@ -44,7 +44,7 @@ class Prepared(NamedTuple):
 
 @dataclass
 class Visibility:
-    """Who sees whom among some occluders.
+    """Visibility among some occluders.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Visibility:
         return self.occluders.polygons(self.options.solids)
 
     def visible(self, points_a: ArrayLike, points_b: ArrayLike) -> NDArray[np.bool_]:
-        """(A, B) bool: whether nothing stands between each point of one set and each of the other.
+        """(A, B) bool: whether nothing occludes each point of one set from each of the other.
 
         points_a, points_b : (A, 3) and (B, 3). Occluders within a share of 1e-5 of the segment from its ends don't
         count, so that points may lie on surfaces. `ShaftOptions.solids` takes points_a for the emitter.
@@ -134,7 +134,7 @@ class Visibility:
         roots, flags = self.emitter_list(emitter)
         settings = Settings(
             int(STRATEGIES[o.strategy]), float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
-            o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.least_cut is None else float(o.least_cut),
+            o.together, o.object_boxes, ORDERS[o.order], -1.0 if o.min_cut is None else float(o.min_cut),
             o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below,
             self.occluders.slack, self.occluders.size,
         )  # fmt: skip

@@ -1,13 +1,13 @@
 """The largest kernels, compiled by processes beside this one, which meanwhile compiles the others.
 
 Numba compiles under Python's lock, one kernel after the other: on a new machine half of the first solution's time
-is that of the ray caster, `casting.cast_groups`. Whoever is about to compile several kernels lets other processes
+is that of the ray caster, `casting.cast_groups`. Before several kernels are compiled, other processes
 begin with it, and with the largest kernel that it calls. All keep what they compile in one cache, where each finds
 what it needs, or waits for it (`kernel_cache`). Nothing depends on these processes: where they cannot run, this one
 compiles all.
 
-They solve two facing squares with plain Python in the place of all other kernels. So a kernel meets arguments of
-the very types that it has elsewhere, and no list of types has to be kept.
+They solve two facing squares with plain Python instead of all other kernels. So a kernel gets arguments of
+the same types as elsewhere, and no list of types has to be kept.
 """
 
 from __future__ import annotations

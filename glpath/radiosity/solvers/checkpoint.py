@@ -1,4 +1,4 @@
-"""The state of a solver on disk while it works, so that it can go on where it was killed, to the same bits.
+"""The state of a solver on disk while it works, so that it can resume where it was killed, bit-identical.
 
     checkpoint = SolverCheckpoint("s.checkpoint.npz", seconds=60)
     solution = solve_radiosity(scene, checkpoint=checkpoint)
@@ -31,7 +31,7 @@ _FORMAT = 1
 
 
 class Solver(Protocol):
-    """What has a state to keep."""
+    """A solver with a state to keep."""
 
     whole: bool
 
@@ -39,7 +39,7 @@ class Solver(Protocol):
         """All that the solution depends on."""
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from it."""
+        """Resume from it."""
 
 
 @dataclass
@@ -49,13 +49,13 @@ class SolverCheckpoint(CheckpointFile):
     steps : shots of a patch, or batches of particles
     """
 
-    holder = "a solver that goes on with it"
+    holder = "a solver that resumes from it"
     work = "solving"
 
     _made_by: str = ""
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
-        """Go on with the file where there is one; whether there was.
+        """Resume from the file; whether there was one.
 
         Raises UsageError, with all that differs, for one of another scene, setting or version; ImageError for a
         file that is no checkpoint.
@@ -79,7 +79,7 @@ class SolverCheckpoint(CheckpointFile):
             if differ:
                 words = [f"{name} is {held.get(name)} in it, {asked.get(name)} is asked for" for name in differ]
                 raise UsageError(
-                    f"{self.path}: cannot be gone on with: {'; '.join(words)}.",
+                    f"{self.path}: cannot be resumed from: {'; '.join(words)}.",
                     "Ask for what it was made with; or remove it, and the solver begins anew.",
                 )
             solver.restore({name: stored.read(name, "iufb") for name in solver.state()})

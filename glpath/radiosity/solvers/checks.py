@@ -1,4 +1,4 @@
-"""What `solve_radiosity` refuses, before the work begins: options, scenes, and meshes larger than the memory."""
+"""Checks of `solve_radiosity` before the work begins: options, scenes, and meshes larger than the memory."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def check_options(options: dict[str, object]) -> None:
             raise UsageError(
                 f"solve_radiosity: {name} is {o[name]!r}; allowed are {', '.join(str(a) for a in allowed)}."
             )
-    for name, least in (("splits", 0), ("adaptive", 0), ("max_steps", 1), ("particles", 1), ("seed", 0)):
-        if not (isinstance(o[name], int) and int(str(o[name])) >= least):
-            raise UsageError(f"solve_radiosity: {name} is {o[name]}; must be a whole number from {least}.")
+    for name, min_value in (("splits", 0), ("adaptive", 0), ("max_steps", 1), ("particles", 1), ("seed", 0)):
+        if not (isinstance(o[name], int) and int(str(o[name])) >= min_value):
+            raise UsageError(f"solve_radiosity: {name} is {o[name]}; must be a whole number from {min_value}.")
     if not (
         isinstance(o["receiver_points"], int) and 1 <= o["receiver_points"] == math.isqrt(o["receiver_points"]) ** 2
     ):
@@ -45,10 +45,10 @@ def check_options(options: dict[str, object]) -> None:
         raise UsageError("solve_radiosity: patches and size contradict each other.", "Give one of them.")
     if o["patches"] is not None and not int(str(o["patches"])) >= 1:
         raise UsageError(f"solve_radiosity: patches is {o['patches']}; must be a whole number from 1.")
-    for name, above, most in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):
+    for name, above, max_value in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):
         value = o[name]
-        if value is not None and not above < float(str(value)) < most:
-            bound = f"above {above:g}" + (f" and below {most:g}" if most < math.inf else " and finite")
+        if value is not None and not above < float(str(value)) < max_value:
+            bound = f"above {above:g}" + (f" and below {max_value:g}" if max_value < math.inf else " and finite")
             raise UsageError(f"solve_radiosity: {name} is {value}; must be {bound}.")
     if o["adaptive"] and o["method"] != "progressive":
         raise UsageError(

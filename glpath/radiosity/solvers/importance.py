@@ -1,4 +1,4 @@
-"""What a camera sees of a scene's light, by particles from its eye: where the solver's own have to start and go.
+"""Importance of a scene's light for a camera, by particles from its eye: the solver's own start and go by it.
 
 Importance, the adjoint of radiance (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination
 computation).
@@ -48,7 +48,7 @@ def visits_from_camera(
 ) -> Float64:
     """(2, C): importance of the sides of cells, how much of the light that they send a camera sees, about.
 
-    Paths leave the camera, half of them in its view and half all around, as it may turn, and go on as particles do.
+    Paths leave the camera, half in its view and half all around, as it may turn, and continue as particles do.
     What is counted is where they arrive after the surface that the eye sees.
 
     came : (2, C, BINS), if given, is added the same by the bins of directions back along these paths
@@ -70,7 +70,7 @@ def _from_camera(
     seed: int,
     batches: int,
     in_view: float,
-    most: int,
+    max_reflections: int,
     came: Float64 | None,
 ) -> Float64:
     """(2, C, 3): what paths from a camera bring to sides of cells after the surface that the eye sees."""
@@ -86,7 +86,7 @@ def _from_camera(
         random = np.random.default_rng([seed, i, 0])
         origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
         starts = Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
-        shoot_batch(1 << 40 | i, seed, rays, surfaces, lamps, starts, most, np.empty((4, 3)), flux, bins)
+        shoot_batch(1 << 40 | i, seed, rays, surfaces, lamps, starts, max_reflections, np.empty((4, 3)), flux, bins)
     return np.asarray(flux[INDIRECT])
 
 

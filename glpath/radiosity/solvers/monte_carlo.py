@@ -1,8 +1,8 @@
 """Monte Carlo radiosity: particles leave the lights, and leave their energy where they hit (stochastic shooting).
 
 The solver behind the pictures of the path-buffer paper [PB 4]. A particle starts on an emitter, by its power, and
-goes on from every surface in a direction by the cosine, with the reflectance for its chance of survival (Pattanaik
-& Mudur 1992). No form factors and no matrix: the only error is noise, by the root of the number of particles.
+continues from every surface in a direction by the cosine; it survives with the probability of the reflectance
+(Pattanaik & Mudur 1992). No form factors and no matrix: the only error is noise, by the root of their number.
 
 S. Pattanaik, S. Mudur, "Computation of global illumination by Monte Carlo simulation of the particle model of
 light", 1992.
@@ -36,10 +36,10 @@ from glpath.system.machine import core_count
 _START_RAYS = 4
 #: Rays to the sky from each of four points of a cell that a camera's paths visit, and of one that none has visited.
 _CELL_RAYS, _FAR_RAYS = 16, 4
-#: So many sides of cells that matter most have so many: a window may be small.
+#: So many of the most important sides of cells have so many: a window may be small.
 _CLOSER, _CLOSE_RAYS = 2048, 100
-#: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was met.
-_SPREAD, _UNMET = 0.25, 0.2
+#: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
+_SPREAD, _UNHIT = 0.25, 0.2
 
 
 class _Lit(NamedTuple):
@@ -175,7 +175,7 @@ class Shooting:
         return starts, total
 
     def _start_cells(self) -> Elements:
-        """Those of `start_cells`, and smaller ones where elements are small: where the camera looks."""
+        """The cells of `start_cells`, and smaller ones where the camera looks, as elements are."""
         cells = start_cells(self.mesh.scene, self.mesh.surface)
         if len(self.mesh.elements) > CELLS // 2:
             return cells
@@ -200,8 +200,8 @@ class Shooting:
         lit, from_sky = np.zeros(visits.shape), np.zeros((*visits.shape, BINS))
         worth = visits * reflectance
         random = np.random.default_rng([self.seed, 1])
-        least = np.sort(worth, axis=None)[-_CLOSER] if worth.size > _CLOSER else 0.0
-        close, there = worth > least, worth > 0
+        threshold = np.sort(worth, axis=None)[-_CLOSER] if worth.size > _CLOSER else 0.0
+        close, there = worth > threshold, worth > 0
         for some, rays in ((close, _CLOSE_RAYS), (there & ~close, _CELL_RAYS), (~there, _FAR_RAYS)):
             back, cell = np.nonzero(some & (reflectance > 0))
             triangle, each = cells.triangle[cell], 4
@@ -213,13 +213,13 @@ class Shooting:
             irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays)
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
-        # A window, a lamp or a way to the camera may have been missed by all of a few rays: what has a small chance
-        # to start comes with much energy, and a single particle of it would be a large error.
+        # A window, a lamp or a path to the camera may have been missed by all of a few rays: what seldom
+        # starts comes with much energy, and a single particle of it would be a large error.
         usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
-        return np.asarray(reflectance * visits * (lit + _UNMET * usual)), from_sky
+        return np.asarray(reflectance * visits * (lit + _UNHIT * usual)), from_sky
 
     def _starts(self, number: int) -> Starts:
-        """Those of a batch: how many start on an element is even, as far as its chance allows."""
+        """The starts of a batch: even over elements, as far as their probabilities allow."""
         lit, count = self._lit, self._lit_count
         random = np.random.default_rng([self.seed, number])
         at = (np.arange(count) + random.random()) / max(count, 1)
@@ -264,7 +264,7 @@ class Shooting:
         return {"flux": self.flux, "square": self.square, "view": self.view, "counts": counts}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        """Resume from a state of the same scene and settings. Raises ValueError for one of another mesh."""
         for name in ("flux", "square", "view"):
             if state[name].shape != getattr(self, name).shape:
                 raise ValueError(
@@ -315,7 +315,6 @@ class Shooting:
 
 
 def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
-    """`Shooting.open_areas` and `Shooting.lit`."""
     occluders = Occluders.of_scene(mesh.scene)
     sides = Sides.of(mesh.scene, mesh.elements)
     solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]

@@ -1,4 +1,4 @@
-"""The kernels that a solution takes, so that it can be said how many there are to compile before the first."""
+"""The kernels that a solution needs, so that their number is known before the first is compiled."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ _OF_METHOD: dict[str, tuple[Any, ...]] = {
 
 
 def kernels_of(method: str, direct_light: bool) -> tuple[Any, ...]:
-    """Those of a method; direct_light: there are lights that are no patches, or a sky."""
+    """The kernels of a method; direct_light: with punctual lights or a sky."""
     return (*_ALWAYS, *_OF_METHOD[method], *((lights._free,) if direct_light else ()))

@@ -1,4 +1,4 @@
-"""A batch of particles: what they start from, what they meet, and their way, which is one kernel.
+"""A batch of particles: what they start from, what they hit, and their paths, which are one kernel.
 
 Particles of the solver leave lamps or lit surfaces; those of a camera leave its eye and say what it sees.
 """
@@ -25,13 +25,14 @@ BATCH = 1 << 14
 #: More reflections than any particle has.
 ENDLESS = 1 << 62
 #: Surfaces of glass that a particle passes or is mirrored by, one behind the other.
-_MOST_THROUGH = 64
+_MAX_THROUGH = 64
 
 
 class Surfaces(NamedTuple):
-    """What a particle meets: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices, from `begin` on.
+    """The surfaces that particles hit: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices.
 
     reflectance : of glass without that of its surface, which mirrors
+    begin       : where lattices begin
     """
 
     normals: Float64
@@ -104,10 +105,10 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def shoot_batch(number, seed, rays, surfaces, lamps, starts, most, work, flux, came):  # type: ignore[no-untyped-def]
+def shoot_batch(number, seed, rays, surfaces, lamps, starts, max_reflections, work, flux, came):  # type: ignore[no-untyped-def]
     """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3).
 
-    most : reflections after which a particle ends where it arrives
+    max_reflections : reflections after which a particle ends where it arrives
     came : (2, E, BINS), or (2, 0, BINS); adds what arrives after being reflected, by the bin that it came from
     """
     corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
@@ -172,9 +173,9 @@ def shoot_batch(number, seed, rays, surfaces, lamps, starts, most, work, flux, c
                 flux[part, back, at, k] += w[k]
                 survival = max(survival, reflectance[back, triangle, k])
             state, u = _random(state)
-            chance, met = survival, u < surfaces.opacity[triangle]
-            if is_glass and met:
-                # As a path of the shaders: mirrored, through, or met by what of the base is dull.
+            chance, hit_surface = survival, u < surfaces.opacity[triangle]
+            if is_glass and hit_surface:
+                # As a path of the shaders: mirrored, transmitted, or at the diffuse part of the base.
                 inside = back == 1 and glass.ior[triangle] > 0
                 mirrored, left = at_glass(glass, triangle, abs(along), inside)
                 clear = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
@@ -182,7 +183,7 @@ def shoot_batch(number, seed, rays, surfaces, lamps, starts, most, work, flux, c
                 state, u = _random(state)
                 if u < mirrored + through:
                     passed += 1
-                    if passed > _MOST_THROUGH:
+                    if passed > _MAX_THROUGH:
                         break
                     leaves = False
                     scale, bends = 1.0, -2 * along
@@ -195,7 +196,7 @@ def shoot_batch(number, seed, rays, surfaces, lamps, starts, most, work, flux, c
                             bends = (far if along > 0 else -far) - scale * along
                         for k in range(3):
                             w[k] *= glass.clear[triangle, k] / clear
-                    if u < mirrored or not glass.pane[triangle]:
+                    if u < mirrored or not glass.thin[triangle]:
                         part = 1  # which rays to a light do not find
                     for k in range(3):
                         d[k] = scale * d[k] + bends * normals[triangle, k]
@@ -210,12 +211,12 @@ def shoot_batch(number, seed, rays, surfaces, lamps, starts, most, work, flux, c
             leaves = u < chance
             if leaves:
                 reflections += 1
-                if reflections > most:
+                if reflections > max_reflections:
                     break
                 part = 1
                 for k in range(3):
                     w[k] *= reflectance[back, triangle, k] / survival
-            elif met:
+            elif hit_surface:
                 break  # absorbed; what it does not meet, it passes through, as it is
     return hits
 

@@ -96,9 +96,9 @@ class Refinement:
         self.whole = True
         return float(received / t.areas[side])
 
-    def run(self, until: float, most: int, on_step: Callable[[float], None]) -> None:
-        """Shoot until so small a share is left, or so many steps were taken in all; `on_step` is told the share."""
-        while self.steps < most:
+    def run(self, until: float, max_count: int, on_step: Callable[[float], None]) -> None:
+        """Shoot until so small a share is left, or so many steps were taken in all; `on_step` gets the share."""
+        while self.steps < max_count:
             energy = self._energy()
             left = float(energy.sum())
             if left <= until * self._emitted:
@@ -120,11 +120,11 @@ class Refinement:
         reflectance = (t.sides.reflectance * t.areas[:, None]).sum(axis=0) / total
         return np.asarray(np.maximum(mean, 0.0) / (1 - reflectance))
 
-    def split(self, threshold: float, most: int) -> int:
+    def split(self, threshold: float, max_count: int) -> int:
         """Split the elements over which the radiosity changes fast, the fastest first; returns how many.
 
         threshold : of the difference between two corners, as a share of the scene's mean
-        most      : elements to be split
+        max_count      : elements to be split
         """
         t = self.transport
         elements = t.elements
@@ -134,8 +134,8 @@ class Refinement:
         areas = t.mesh.areas[elements.element]
         mean = (reflected[elements.back, elements.element] * areas[:, None]).sum() / (3 * areas.sum())
         which = change > threshold * mean
-        if which.sum() > most:
-            which &= change >= np.sort(change[which])[-most] if most > 0 else False
+        if which.sum() > max_count:
+            which &= change >= np.sort(change[which])[-max_count] if max_count > 0 else False
         if not which.any():
             return 0
         self.whole = False
@@ -160,7 +160,7 @@ class Refinement:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        """Resume from a state of the same scene and settings. Raises ValueError for one of another mesh."""
         ends = np.cumsum(state["split_sizes"])
         for which in np.split(state["splits"], ends[:-1]) if len(ends) else []:
             # Nothing has shot: elements are split without looking for what arrives at them.

@@ -39,10 +39,10 @@ from glpath.system.kernels import announced, waiting
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
 #: Share of the free memory that kept form factors may take, and how much of it at most.
-_CACHE_SHARE, _CACHE_MOST = 0.25, 4 << 30
+_CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
 #: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
 #: until the standard error of what a gather finds for the camera is such a share of it.
-_MOST_BATCHES, _VIEW_ERROR = 64, 0.003
+_MAX_BATCHES, _VIEW_ERROR = 64, 0.003
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -69,7 +69,7 @@ class RadiosityProgress:
 
 
 class RadiosityInterrupted(KeyboardInterrupt):
-    """Ctrl-C came while a solution was under way. `solution` is what there was; None before there was any."""
+    """Ctrl-C interrupted a solution. `solution` is what there was; None before there was any."""
 
     def __init__(self, solution: RadiositySolution | None) -> None:
         kept = "" if solution is None else kept_in("RadiosityInterrupted", "solution", "render(radiosity=solution)")
@@ -82,8 +82,6 @@ Report = Callable[[RadiosityProgress], None]
 
 @dataclass
 class _Run:
-    """One call of `solve_radiosity`."""
-
     scene: Scene
     method: Method
     settings: dict[str, object]
@@ -171,7 +169,7 @@ def solve_radiosity(
     overshoot  : patches shoot some of what they will get later, too (Feda & Purgathofer 1992)
     ambient    : add what the unshot energy will amount to, spread evenly (Cohen et al. 1988): right in the mean
                  for a closed room, whose solution may then end early
-    form_factors    : "polygon", exact where nothing is in the way, or "disc" (Wallace et al. 1989)
+    form_factors    : "polygon", exact where nothing occludes, or "disc" (Wallace et al. 1989)
     emitter_samples : 1, 4, 9, 16 or 25: the most of an emitter; the farther, the fewer
     receiver_points : 1, 4, 9, ...: per element
     particles  : of "monte-carlo", rounded up to whole batches of 16,384. With `for_camera` and a sky or punctual
@@ -179,12 +177,12 @@ def solve_radiosity(
                  has a standard error of 0.3 %; `statistics` have it, `view_mean` and `view_error`, W sr^-1 m^-2
     seed       : of "monte-carlo"
     for_camera : of "monte-carlo": elements are smaller, and reflected light of the sky and of punctual lights has
-                 more particles, where it matters to what the scene's camera sees. For pictures from about there, of
+                 more particles, where the scene's camera sees its effect. For pictures from about there, of
                  scenes that are much larger than what is seen: a room under the sky
-    shafts     : of "progressive" and "matrix": how what stands in the way is found (Haines & Wallace 1991), which
+    shafts     : of "progressive" and "matrix": how occluders are found (Haines & Wallace 1991), which
                  changes the time alone; see `glpath.radiosity.ShaftOptions`
     on_progress: called with a `RadiosityProgress` now and then
-    checkpoint : where the solver's state is kept meanwhile, and from where it goes on, to the same bits; not of
+    checkpoint : where the solver's state is kept meanwhile, and from where it resumes, bit-identical; not of
                  "matrix"
 
     Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
@@ -237,7 +235,7 @@ def solve_radiosity(
     with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
             return _monte_carlo(run, mesh, particles, seed, for_camera, checkpoint)
-        cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MOST))
+        cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
         transport = Transport(
             mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
         )
@@ -359,7 +357,7 @@ def _monte_carlo(
             shooting.shoot(batches - shooting.particles // BATCH, report)
             view = shooting.view_error()
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
-            if enough or batches + asked > max(asked, _MOST_BATCHES):
+            if enough or batches + asked > max(asked, _MAX_BATCHES):
                 return solution()
             # At the same numbers, however many threads there are.
             batches += asked
@@ -370,7 +368,6 @@ def _monte_carlo(
 
 
 def _settings(options: dict[str, object], size: float) -> dict[str, object]:
-    """What decides the result, for the method that was chosen."""
     of = {
         "progressive": ("splits", "adaptive", "threshold", "unshot", "max_steps", "overshoot", "ambient",
                         "form_factors", "emitter_samples", "receiver_points"),

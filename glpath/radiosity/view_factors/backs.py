@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.radiosity.view_factors.hidden import BLOCKS, MOST_POINTS, SOBOL, mixed, point_of
+from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, SOBOL, mixed, point_of
 from glpath.system.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
@@ -38,20 +38,20 @@ _TASK = 64
 
 
 def back_shares(
-    where: Geometry, closed: bool, error: float, threads: int, stop: Int64, tell: Callable[[], None]
+    where: Geometry, closed: bool, error: float, threads: int, stop: Int64, report: Callable[[], None]
 ) -> tuple[Float64, Float64]:
-    """Of each row of the matrix, the share that arrives at backs, and its standard error: (rows,) each.
+    """(rows,) shares of each row of the matrix that arrive at backs, and (rows,) standard errors.
 
     closed : whether faces are closed surfaces, so that backs are hardly to be seen
     stop   : (1,), what is not 0 ends it
-    tell   : called now and then
+    report   : called now and then
     """
     total = len(where.facets.sides)
     shares, errors = np.zeros((2, total))
     few = max(_CLOSED if closed else _OPEN, _ALTOGETHER // total)
-    few = min(1 << (few - 1).bit_length(), MOST_POINTS)
+    few = min(1 << (few - 1).bit_length(), MAX_POINTS)
 
-    def cast(first: int, most: int) -> None:
+    def cast(first: int, max_points: int) -> None:
         starts = iter(range(0, total, _TASK))
         failures: list[BaseException] = []
 
@@ -60,7 +60,7 @@ def back_shares(
                 for begin in starts:
                     end = min(begin + _TASK, total)
                     back_rays(
-                        begin, end, where.facets, where.tree, SOBOL, where.eps, first, most, _SHARE * error,
+                        begin, end, where.facets, where.tree, SOBOL, where.eps, first, max_points, _SHARE * error,
                         shares, errors, np.empty(len(where.facets.corners[0])), stop,
                     )  # fmt: skip
             except BaseException as failed:
@@ -73,7 +73,7 @@ def back_shares(
             for thread in running:
                 while thread.is_alive():
                     thread.join(0.1)
-                    tell()
+                    report()
         except BaseException:
             stop[0] = 1
             raise
@@ -83,7 +83,7 @@ def back_shares(
     cast(few, few)
     if shares.any():
         enough = min(max(256, 1 << round(-np.log2(error))), 4096)
-        cast(max(few, enough), MOST_POINTS)
+        cast(max(few, enough), MAX_POINTS)
     else:
         errors[:] = 0.0
     rows = len(where.areas)
@@ -100,9 +100,9 @@ def is_closed(outlines: Sequence[Sequence[int]]) -> bool:
 
 @kernel
 def back_rays(  # type: ignore[no-untyped-def]
-    begin, end, facets, tree, sobol, eps, first, most, tolerance, shares, errors, fan, stop
+    begin, end, facets, tree, sobol, eps, first, max_points, tolerance, shares, errors, fan, stop
 ):
-    """Shares of facets begin to end, by rays that are doubled from `first` to `most` until each is known."""
+    """Shares of facets begin to end, by rays that are doubled from `first` to `max_points` until each is known."""
     sums = (0.0, 0.0, 0.0, 0.0)
     for i in range(begin, end):
         r0 = mixed(mixed(i) ^ 0x2545F49)
@@ -151,10 +151,10 @@ def back_rays(  # type: ignore[no-untyped-def]
             found = s0 + s1 + s2 + s3
             mean = 0.25 * found
             square = (s0 - mean) ** 2 + (s1 - mean) ** 2 + (s2 - mean) ** 2 + (s3 - mean) ** 2
-            # Of few rays all may agree by chance: one of them counts.
+            # Few rays may all agree accidentally: one of them counts.
             off = np.sqrt(square * BLOCKS / (BLOCKS - 1.0) + (0.1 if 0 < found < points else 0.0)) / points
             shares[i], errors[i] = found / points, off
-            if off <= tolerance or points >= most:
+            if off <= tolerance or points >= max_points:
                 break
             sums = (s0 + s1, s2 + s3, 0.0, 0.0)
             filled = BLOCKS // 2
@@ -162,14 +162,14 @@ def back_rays(  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _meets_back(x, y, z, dx, dy, dz, least, facets, tree, eps):  # type: ignore[no-untyped-def]
-    """1 where what a ray meets first, beyond `least`, is the back of a facet, and no front is in its place."""
+def _meets_back(x, y, z, dx, dy, dz, min_t, facets, tree, eps):  # type: ignore[no-untyped-def]
+    """1 where what a ray meets first, beyond `min_t`, is the back of a facet, and no front coincides."""
     front = back = np.inf
     ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
     boxes, skip = tree.boxes, tree.skip
     node, count = 0, len(skip)
     while node < count:
-        near, far = least - eps, min(front, back) + 4 * eps
+        near, far = min_t - eps, min(front, back) + 4 * eps
         a, b = (boxes[node, 0] - eps - x) * ix, (boxes[node, 3] + eps - x) * ix
         near, far = max(near, min(a, b)), min(far, max(a, b))
         a, b = (boxes[node, 1] - eps - y) * iy, (boxes[node, 4] + eps - y) * iy
@@ -185,7 +185,7 @@ def _meets_back(x, y, z, dx, dy, dz, least, facets, tree, eps):  # type: ignore[
             slope = p[j, 0] * dx + p[j, 1] * dy + p[j, 2] * dz
             if slope != 0:
                 t = -(p[j, 0] * x + p[j, 1] * y + p[j, 2] * z + p[j, 3]) / slope
-                if t > least and t < min(front, back) + 4 * eps:
+                if t > min_t and t < min(front, back) + 4 * eps:
                     hx, hy, hz = x + t * dx, y + t * dy, z + t * dz
                     inside = True
                     for e in range(facets.sides[j]):

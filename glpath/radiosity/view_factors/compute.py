@@ -50,11 +50,11 @@ _BYTES_PER_FACTOR = 40
 _OVERLAP = 0.01
 #: Bytes below which it is not asked whether there are so many.
 _ASKED = 8 << 20
-#: What a row's error is made of: how many standard errors, as points say them, which are cautious, so that it is
+#: Parts of a row's error: how many standard errors, as points say them, which are cautious, so that it is
 #: about one and a half true ones; how many of backs, of which rays say less; and the width of a strip along its
 #: edges, in lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more.
 _CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
-#: Of a partial file: another number is another layout, or another way to compute.
+#: Format of a partial file: another number is another layout, or another method.
 _FORMAT = 4
 
 
@@ -107,7 +107,7 @@ def view_factors(
 ) -> ViewFactors:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
-    Where shafts prove that nothing stands between two faces, there is no ray: of faces apart from each other Gauss
+    Where shafts prove that two faces are unoccluded, there is no ray: of faces apart from each other Gauss
     points on both, as many as the error asks for, of others the double contour integral. Where something does,
     visibility is exact from every point of the smaller face, and points, Sobol's, scrambled, are doubled
     until their own spread is below what is wanted. Both sides of a face hide; only the front sends and receives:
@@ -120,7 +120,7 @@ def view_factors(
                   flat, counter-clockwise seen from the front
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : wanted of a row's sum, 0.1 to 1e-7. In closed rooms 99 rows of 100 meet it, most by far; see
+    error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 meet it, most by far; see
                   `ViewFactors.error` and `statistics["rows_beyond_error"]`. Of a single factor F, from the smaller
                   of two faces, it promises error sqrt(F): 99 of 100 factors past occluders meet that, the worst of
                   thousands is 3 times that far off. Factors below the square of `error` may be found as 0
@@ -128,7 +128,7 @@ def view_factors(
     flip        : fronts are where a face's corners run clockwise, as for the inside of a model
     threads     : that share the work; None for one per core
     resume      : a file that keeps the rows that are done, every 20 seconds and when it is interrupted, and from
-                  which another call with the same faces and error goes on. It is removed in the end. One process
+                  which another call with the same faces and error resumes. It is removed in the end. One process
                   has it at a time
     on_progress : called with a `ViewFactorProgress`
 
@@ -176,7 +176,7 @@ def view_factors(
 
 
 def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
-    """Nothing hides one of two faces in one place from what sees both, whose row adds up to more than 1."""
+    """Coinciding faces do not hide each other: the row of what sees both adds up to more than 1."""
     over = found.row_sums - 1
     allowed = np.maximum(max(_OVERLAP, 3 * found.statistics["error"]), 5 * found.error)
     if (too_much := np.flatnonzero(over > allowed)).size:
@@ -190,7 +190,7 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
 
 
 def _warn_of_backs(found: ViewFactors, source: str) -> None:
-    """What arrives at backs is in no factor, and no sky either."""
+    """Light that arrives at backs is in no factor, and not in the sky's."""
     if (seen := np.flatnonzero(found.backs > np.maximum(found.statistics["error"], found.backs_error))).size:
         i = int(seen[np.argmax(found.backs[seen])])
         name = f" ({found.names[i]})" if found.names else ""
@@ -205,14 +205,14 @@ def _warn_of_backs(found: ViewFactors, source: str) -> None:
 
 
 def kernels_of() -> tuple[Any, ...]:
-    """Those that view factors take."""
+    """The kernels of view factors."""
     return (bvh._build, exchange_rows, back_rays)
 
 
 class _Rows(CheckpointFile):
     """The file of the rows that are done."""
 
-    holder = "a matrix of view factors that goes on with it"
+    holder = "a matrix of view factors that resumes from it"
     work = "the matrix"
 
 
@@ -364,7 +364,7 @@ class _Run:
             "rows_beyond_error": int((error > self.error * areas).sum()),
             "rows_that_see_backs": int((backs > 0).sum()),
             "backs": float(backs @ areas / areas.sum()),
-            "backs_most": float(backs.max()),
+            "backs_max": float(backs.max()),
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
         return ViewFactors(matrix, areas, error / areas, faces.names, statistics, backs, _OF_BACKS * backs_error)
@@ -394,7 +394,7 @@ def _task(
     where: Geometry, faces: Faces, task: int, rows: int, error: float, stop: Int64, done: Int64
 ) -> _Part | None:
     """Rows of one task; None where `stop` ended it. What one core needs of memory is made for it anew, which takes
-    no time beside the rows."""
+    no time compared with the rows."""
     total = len(where.facets.sides)
     first, last = task * rows, min((task + 1) * rows, total)
     work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop, done)
@@ -449,7 +449,7 @@ def _joined(parts: list[_Part]) -> _Part:
 
 
 def _read_part(path: Path, key: str) -> _Part:
-    with open_npz(path, "view factors to go on with", "Remove it to begin anew.") as arrays:
+    with open_npz(path, "view factors to resume", "Remove it to begin anew.") as arrays:
         if str(arrays.read("key", "U", ())) != key:
             raise ImageError(
                 f"{path}: holds rows of other faces, of another error or of another version of glpath.",

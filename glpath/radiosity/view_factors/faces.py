@@ -67,7 +67,7 @@ class Faces:
 
 
 def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) -> Faces:
-    """What `glpath.view_factors` takes, as faces. Raises SceneError and UsageError."""
+    """The argument of `glpath.view_factors`, as faces. Raises SceneError and UsageError."""
     shape_of: Int64 | None = None
     shape_names: list[str] = []
     if isinstance(given, np.ndarray | list):
@@ -211,7 +211,7 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
             f"{source}: faces[{face}]: vertex {at} is {vertices[at].tolist()}; coordinates must be finite numbers.",
             f"{len(bad)} vertices of faces are not." if len(bad) > 1 else "",
         )
-    # Those that are equal but for rounding become one, or neighbours would not know of each other.
+    # Vertices equal but for rounding become one, or neighbours would not be found.
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     step = max(float((high - low).max()), np.finfo(float).tiny) * 1e-12
     keys = np.round((np.where(used[:, None], vertices, low) - low) / step).astype(np.int64)
@@ -269,7 +269,7 @@ def _without_repeats(outline: Outline) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """What the kernels work on: facets in the order of a BVH, and occluders.
+    """The input of the kernels: facets in the order of a BVH, and occluders.
 
     row : (n,) int64, the row of the matrix of each facet
     eps : length below which a distance is rounding
@@ -302,11 +302,11 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
-        # Of the two sides of a sheet one is enough: either hides.
+        # One of a sheet's two sides is enough: either hides.
         walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
-        facets = plain.taken(bvh.order)
+        facets = plain.select(bvh.order)
         row = of_row[bvh.order].astype(np.int64)
         areas = np.bincount(row, facets.areas, faces.row_count).astype(np.float64)
         around = np.linalg.norm(np.roll(facets.corners, -1, axis=1) - facets.corners, axis=2).sum(axis=1)

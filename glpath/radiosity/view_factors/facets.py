@@ -71,7 +71,7 @@ def merged(
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
     points = list(map(tuple, np.asarray(vertices, np.float64).tolist()))
-    # Of a union the area vector is the sum, so that its normal is that of all it came from.
+    # A union's area vector is the sum, so that its normal is that of its parts.
     vectors = [_area_vector(points, shape) for shape in shapes if shape is not None]
     units = [_unit(vector) for vector in vectors]
     labels = list(labels)
@@ -230,7 +230,7 @@ def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) 
     return np.asarray(order[labels], np.int64)
 
 
-def convex_parts(vertices: Float64, outline: Outline, most: int) -> list[Outline]:
+def convex_parts(vertices: Float64, outline: Outline, max_corners: int) -> list[Outline]:
     """A flat polygon as convex ones of at most so many corners; itself where it is one.
 
     By cutting off ears: the first corner that turns inward and whose triangle holds no other corner.
@@ -246,7 +246,7 @@ def convex_parts(vertices: Float64, outline: Outline, most: int) -> list[Outline
     n = len(outline)
     # A quad whose area is right but that crosses itself, or a star, turns outward somewhere or goes round twice.
     if all(turn(outline[k - 1], outline[k], outline[(k + 1) % n]) >= 0 for k in range(n)):
-        step = most - 2
+        step = max_corners - 2
         return [(outline[0], *outline[k : k + step + 1]) for k in range(1, n - 1, step)]
     left = list(outline)
     parts: list[Outline] = []

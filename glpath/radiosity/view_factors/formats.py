@@ -29,13 +29,13 @@ Float64 = NDArray[np.float64]
 #: Of uDALES; the number of the experiment stands behind each.
 _UDALES = ("vfsparse.inp", "svf.inp", "facetarea.inp", "vf.nc.inp")
 #: Bytes that netCDF of version 3 has for a variable.
-_NETCDF_MOST = (1 << 31) - 4
+_NETCDF_MAX = (1 << 31) - 4
 #: What ends a field, an object or a line in an .idf.
 _IDF_MARKS = ",;!\n\r"
 
 
 def file_kind(path: str | Path) -> str:
-    """What a file of that name holds: "npz", "csv", "idf", or the name of uDALES's without the number. Raises
+    """The format of a file of that name: "npz", "csv", "idf", or the name of uDALES's without the number. Raises
     UsageError for other names."""
     name = Path(path).name.lower()
     for kind in _UDALES:
@@ -54,7 +54,7 @@ def file_kind(path: str | Path) -> str:
 
 def write_text(matrix: Any, backs: Float64, path: Path, csv: bool) -> None:
     """A line for each factor that is not 0: "i,j,F" counted from 0 behind a line of names, and "i,backs,F" in the
-    end for rows that see backs; or uDALES's "i j F" counted from 1, which has no place for these."""
+    end for rows that see backs; or uDALES's "i j F" counted from 1, which has no field for these."""
     m = sparse.coo_array(matrix)
     i, j = m.coords
     with open(path, "w", encoding="utf-8") as file:
@@ -85,8 +85,8 @@ def write_netcdf(matrix: Any, backs: Float64, path: Path) -> None:
 
     n = matrix.shape[0]
     remedy = "vfsparse.inp holds the same where lvfsparse is .true. in &ENERGYBALANCE."
-    if 4 * n * n > _NETCDF_MOST:
-        raise UsageError(f"vf.nc.inp: {n:,} rows; netCDF has room for {int((_NETCDF_MOST / 4) ** 0.5):,}.", remedy)
+    if 4 * n * n > _NETCDF_MAX:
+        raise UsageError(f"vf.nc.inp: {n:,} rows; netCDF has room for {int((_NETCDF_MAX / 4) ** 0.5):,}.", remedy)
     require_memory(8.0 * n * n, f"vf.nc.inp: a dense matrix of {n:,} rows", remedy)
     with netcdf_file(path, "w") as file:
         file.createDimension("rows", n)

@@ -1,4 +1,4 @@
-"""What a polygon sees of another past occluders: exact from every point, by quadrature over the points.
+"""Visibility of a polygon from another past occluders: exact from every point, quadrature over the points.
 
 Occluders that remain between two polygons are clipped to what lies before both. From a point, each casts a pyramid
 whose planes divide what is seen of the other polygon into convex parts; those that no pyramid holds are seen, and
@@ -24,7 +24,7 @@ BLOCKS = 4
 #: Where all points say the same, standard error of the share, times points: a shadow may pass between them.
 MISSED = 0.3
 #: Points of Sobol's sequence that there are.
-MOST_POINTS = 1 << 16
+MAX_POINTS = 1 << 16
 #: Of the share of the exchange area without occluders, which is known, by which points are off it, what counts as
 #: one standard error.
 UNKNOWN = 0.5
@@ -68,10 +68,10 @@ def hides_all(a, n, b, m, occluders, o, eps, at_a, at_b):  # type: ignore[no-unt
 def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
     """Plane k of the pyramid from a point over occluder o: its normal inward, of any length, and what rounding is
     of a height over it."""
-    n = work.shade_count[o]
+    n = work.clipped_count[o]
     j = k + 1 if k + 1 < n else 0
-    ax, ay, az = work.shades[o, k, 0] - x, work.shades[o, k, 1] - y, work.shades[o, k, 2] - z
-    bx, by, bz = work.shades[o, j, 0] - x, work.shades[o, j, 1] - y, work.shades[o, j, 2] - z
+    ax, ay, az = work.clipped[o, k, 0] - x, work.clipped[o, k, 1] - y, work.clipped[o, k, 2] - z
+    bx, by, bz = work.clipped[o, j, 0] - x, work.clipped[o, j, 1] - y, work.clipped[o, j, 2] - z
     # Counter-clockwise from the front, so clockwise seen from a point before it.
     sign = -work.fronts[o]
     cx, cy, cz = sign * (ay * bz - az * by), sign * (az * bx - ax * bz), sign * (ax * by - ay * bx)
@@ -97,17 +97,17 @@ def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[no-untyped-def]
+def seen_from(x, y, z, nx, ny, nz, b, m, clipped, planes, work):  # type: ignore[no-untyped-def]
     """Form factors from a point with a normal to polygon b[:m]: of what is seen past the occluders, and of all."""
     parts, corners, following = work.parts, work.part_corners, work.following
     for k in range(m):
         parts[0, k, 0], parts[0, k, 1], parts[0, k, 2] = b[k, 0] - x, b[k, 1] - y, b[k, 2] - z
     corners[0], following[0] = m, 0
     whole = lambert(parts, 0, m, nx, ny, nz)
-    # Planes are made when they are asked for: most occluders are beside what is looked at, and the first says so.
+    # Planes are made when they are asked for: most occluders are beside what is looked at, and the first is enough.
     pyramid, made, fronts = work.pyramid, work.made, work.fronts
-    for o in range(shades):
-        h = height(planes, work.shade_plane[o], x, y, z)
+    for o in range(clipped):
+        h = height(planes, work.clipped_plane[o], x, y, z)
         fronts[o] = 0.0 if abs(h) <= work.eps else 1.0 if h > 0 else -1.0
         made[o] = 0
     seen = 0.0
@@ -117,13 +117,13 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
         top -= 1
         n, o = corners[top], following[top]
         alive = True
-        while alive and o < shades:
+        while alive and o < clipped:
             if fronts[o] == 0:  # edge-on
                 o += 1
                 continue
             # Outside of one plane: the pyramid leaves it alone. Inside of all: nothing of it is seen.
             outside, inside = False, True
-            sides = work.shade_count[o]
+            sides = work.clipped_count[o]
             e = work.parting[o]
             for _ in range(sides):
                 if made[o] >> e & 1 == 0:
@@ -150,7 +150,7 @@ def seen_from(x, y, z, nx, ny, nz, b, m, shades, planes, work):  # type: ignore[
             if top + sides + 2 >= PARTS:
                 work.lost[0] += 1  # too many pieces: the rest counts as seen
                 break
-            # Cut: what lies outside of a side goes on the stack, the remainder to the next side.
+            # Cut: what lies outside of a side is pushed, the remainder to the next side.
             in_one = False
             rest = top + sides + 1
             for k in range(n):
@@ -229,7 +229,7 @@ def point_of(a, n, first, second, fan, begin):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def seen_share(  # type: ignore[no-untyped-def]
-    a, n, plane, b, m, exchange, tolerance, first, most, seed, shades, planes, work
+    a, n, plane, b, m, exchange, tolerance, first, max_points, seed, clipped, planes, work
 ):
     """The share of an exchange area that is seen past occluders, its standard error, and how many points it took.
 
@@ -239,13 +239,13 @@ def seen_share(  # type: ignore[no-untyped-def]
 
     exchange    : of the two polygons, without occluders
     tolerance   : of the exchange area, one standard error
-    first, most : points at first, and at most; powers of 2 from `BLOCKS` to `MOST_POINTS`
+    first, max_points : points at first, and at most; powers of 2 from `BLOCKS` to `MAX_POINTS`
     seed        : of the scrambling
     """
     r0 = mixed(seed)
     r1 = mixed(r0)
     sums, sobol = work.blocks, work.sobol
-    for o in range(shades):
+    for o in range(clipped):
         work.parting[o] = 0
     size = first // BLOCKS
     filled = points = 0
@@ -257,7 +257,7 @@ def seen_share(  # type: ignore[no-untyped-def]
                     a, n, _scrambled(sobol[points, 0], r0), _scrambled(sobol[points, 1], r1), work.fan, points == 0
                 )
                 points += 1
-                s, w = seen_from(x, y, z, plane[0], plane[1], plane[2], b, m, shades, planes, work)
+                s, w = seen_from(x, y, z, plane[0], plane[1], plane[2], b, m, clipped, planes, work)
                 seen += s
                 whole += w
             sums[block, 0], sums[block, 1] = seen, whole
@@ -281,7 +281,7 @@ def seen_share(  # type: ignore[no-untyped-def]
         if exchange > 0:
             variance += (UNKNOWN * min(abs(whole * work.fan[n - 2] / (points * exchange) - 1), 1.0)) ** 2
         uncertain = np.sqrt(variance)
-        if uncertain * exchange <= tolerance or points >= most:
+        if uncertain * exchange <= tolerance or points >= max_points:
             return share, uncertain, points
         for block in range(BLOCKS // 2):
             for j in range(2):
@@ -292,7 +292,6 @@ def seen_share(  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _reversed(x):  # type: ignore[no-untyped-def]
-    """The 32 bits of x in reverse."""
     x = (x >> 1 & 0x55555555) | ((x & 0x55555555) << 1)
     x = (x >> 2 & 0x33333333) | ((x & 0x33333333) << 2)
     x = (x >> 4 & 0x0F0F0F0F) | ((x & 0x0F0F0F0F) << 4)
@@ -344,4 +343,4 @@ def sobol_points(count: int) -> np.ndarray:
     return points
 
 
-SOBOL = sobol_points(MOST_POINTS)
+SOBOL = sobol_points(MAX_POINTS)

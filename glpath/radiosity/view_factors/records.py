@@ -1,4 +1,4 @@
-"""What the kernels of view factors work on: convex polygons, a tree over them, and the room of one thread."""
+"""The records of the kernels of view factors: convex polygons, a BVH, and the work space of a thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
 #: How often a polygon is halved, and the occluders that count between two then.
-DEEPEST, MOST_SHADES = 14, 256
+DEEPEST, MAX_CLIPPED = 14, 256
 
 
 class Polygons(NamedTuple):
@@ -39,7 +39,7 @@ class Polygons(NamedTuple):
     boxes: Float64
     areas: Float64
 
-    def taken(self, which: NDArray[Any]) -> Polygons:
+    def select(self, which: NDArray[Any]) -> Polygons:
         """Some of them, in that order."""
         return Polygons(*(np.ascontiguousarray(part[which]) for part in self))
 
@@ -99,9 +99,9 @@ class Work(NamedTuple):
     hull: Float64
     at_a: Float64
     at_b: Float64
-    shades: Float64
-    shade_count: Int64
-    shade_plane: Int64
+    clipped: Float64
+    clipped_count: Int64
+    clipped_plane: Int64
     pyramid: Float64
     made: Int64
     parting: Int64
@@ -144,13 +144,13 @@ class Work(NamedTuple):
             hull=np.empty((4 * ROOM, 4)),
             at_a=np.empty(ROOM),
             at_b=np.empty(ROOM),
-            shades=np.empty((MOST_SHADES, ROOM, 3)),
-            shade_count=np.empty(MOST_SHADES, np.int64),
-            shade_plane=np.empty(MOST_SHADES, np.int64),
-            pyramid=np.empty((MOST_SHADES, ROOM, 4)),
-            made=np.empty(MOST_SHADES, np.int64),
-            parting=np.empty(MOST_SHADES, np.int64),
-            fronts=np.empty(MOST_SHADES),
+            clipped=np.empty((MAX_CLIPPED, ROOM, 3)),
+            clipped_count=np.empty(MAX_CLIPPED, np.int64),
+            clipped_plane=np.empty(MAX_CLIPPED, np.int64),
+            pyramid=np.empty((MAX_CLIPPED, ROOM, 4)),
+            made=np.empty(MAX_CLIPPED, np.int64),
+            parting=np.empty(MAX_CLIPPED, np.int64),
+            fronts=np.empty(MAX_CLIPPED),
             parts=np.empty((PARTS + 2, 2 * ROOM, 3)),
             part_corners=np.empty(PARTS + 2, np.int64),
             following=np.empty(PARTS + 2, np.int64),

@@ -31,9 +31,9 @@ from glpath.system.npz import open_npz
 
 Float64 = NDArray[np.float64]
 
-#: Of the file: another number is another layout.
+#: Format of the file: another number is another layout.
 FORMAT = 2
-#: What a row of a closed room may lack of 1, or have too much, before it is enforced.
+#: Allowed error of the row sums of a closed room, before it is enforced.
 _OPEN = 0.02
 _ROUNDS = 20
 
@@ -43,7 +43,7 @@ class ViewFactors:
     """View factors between N faces or groups of faces, and to what is around them.
 
     matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the share of what leaves the front of i that
-                 arrives at the front of j without being stopped on its way
+                 arrives at the front of j unoccluded
     areas      : (N,) float64, scene units squared
     error      : (N,) float64, an estimate of the error of each row's sum, from the standard errors of its factors,
                  as if independent. It is statistical, no proven bound: in the tests' random closed rooms (slits,
@@ -56,7 +56,7 @@ class ViewFactors:
     statistics : what it took, and what was enforced, as JSON has values
     backs      : (N,) float64, the share that arrives at backs of faces, by rays: neither in the matrix nor sky. Of
                  a model without faults it is 0. None for zeros
-    backs_error : (N,) float64, of `backs`, cautiously; 0 where none was met
+    backs_error : (N,) float64, of `backs`, cautiously; 0 where none was hit
 
     >>> import glpath
     >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
@@ -144,7 +144,7 @@ class ViewFactors:
 
     def save(self, path: str | Path) -> None:
         """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another name, and
-        for what the program that reads it has no place for.
+        for what the program that reads it cannot hold.
 
         Only where backs are seen, files that hold factors have their shares, too, as what a row lacks of 1 would
         count as sky.
@@ -155,7 +155,7 @@ class ViewFactors:
         .idf : EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, for a closed zone that is called as the file
                is (without .idf), whose surfaces are called as the groups are; all N^2 factors, and backs as remarks
         vfsparse.inp.001  : what uDALES reads: "i j F" for each factor, counted from 1; `nnz` of its ENERGYBALANCE
-                            is their number, matrix.nnz. It has no place for backs
+                            is their number, matrix.nnz. It has no field for backs
         vf.nc.inp.001     : the same in full, netCDF of float32, for uDALES without `lvfsparse`; backs in a variable
         svf.inp.001       : its sky view factors, `sky`, a line for each row
         facetarea.inp.001 : its areas of facets
@@ -192,7 +192,7 @@ class ViewFactors:
 
     @classmethod
     def load(cls, path: str | Path) -> ViewFactors:
-        """What `save` wrote as .npz. Raises ImageError for anything else."""
+        """Read an .npz of `save`. Raises ImageError for anything else."""
         with open_npz(path, "view factors", "Files of `glpath viewfactors` with .npz are.") as arrays:
             if int(arrays.read("glpath_view_factors", "iu", ())) != FORMAT:
                 raise ImageError(f"{path}: is of another version of glpath.", "Compute the view factors again.")

@@ -1,6 +1,6 @@
 """Rows of exchange areas: from one facet through a BVH of all others, with the occluders of its shafts [SC].
 
-On the way down, the list of occluders of a node is what is left of its parent's in the shaft between the facet and
+A node's list of occluders is what is left of its parent's in the shaft between the facet and
 the node's box. Where one of them hides all of the box, the whole branch is left out; where the list is empty, all
 below is seen, and no occluder is looked for again.
 """
@@ -9,42 +9,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from glpath.radiosity.shafts.shaft import form_shaft, place_box
+from glpath.radiosity.shafts.shaft import classify_box, form_shaft
 from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
 from glpath.radiosity.view_factors.exchange import exchange
-from glpath.radiosity.view_factors.hidden import BLOCKS, MOST_POINTS, hides_all, mixed, seen_share
-from glpath.radiosity.view_factors.records import DEEPEST, MOST_SHADES
+from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, hides_all, mixed, seen_share
+from glpath.radiosity.view_factors.records import DEEPEST, MAX_CLIPPED
 from glpath.system.kernels import inner_kernel, kernel
 
-#: Of the error wanted of a row, what the standard error of a factor F may be, times the square root of F: the
+#: Share of the target error of a row's sum for the standard error of a factor F, times the square root of F: the
 #: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
 _SHARE = 0.4
-#: Of the error wanted of a row, what is allowed where nothing stands between.
+#: Share of the target error of a row's sum that is allowed where nothing occludes.
 _EXACT = 0.05
-#: Of what is allowed there, what counts as one standard error. Rules are taken by bounds on their errors, which are
+#: Share of that which counts as one standard error. Rules are taken by bounds on their errors, which are
 #: 0.02 to 0.3 of them.
 _OF_BOUND = 0.16
 #: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
 _COARSE = 6.0
 #: An exchange area of so many tolerances begins with another point, up to `_TRIED`; of parts of a pair one does.
-#: A few may agree by chance, and would be taken where they miss what hides a little: the sum would be too large.
+#: A few may agree accidentally, and would be taken where they miss what hides a little: the sum would be too large.
 _A_POINT, _TRIED = 3.0, 128
 #: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; and beyond
 #: which no point is tried.
-_FEW_SHADES, _MANY_SHADES = 6, 48
+_FEW_OCCLUDERS, _MANY_OCCLUDERS = 6, 48
 
 # Where each stands in the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
 #: Pairs of facets looked at, and that face each other; branches of the BVH and pairs that one occluder hides; pairs
 #: proven to see all of each other, and those that something may hide; points for these; parts of pairs with more
-#: occluders than `MOST_SHADES`, or with more pieces seen between them than there is room for.
+#: occluders than `MAX_CLIPPED`, or with more pieces seen between them than there is room for.
 COUNT_NAMES = (
     "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
 )  # fmt: skip
 
 
 @inner_kernel
-def _in_reach(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
+def _may_occlude(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
     """0 where occluder o cannot stand between a[:n] and a box, as neither reaches across its plane; 2 where its
     plane parts them, and nothing in the box lies in it; else 1."""
     p = occluders.planes
@@ -58,7 +58,7 @@ def _in_reach(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
         low_b += f * (box[k] if f > 0 else box[k + 3])
         high_b += f * (box[k + 3] if f > 0 else box[k])
     parted = _parted(low_a, high_a, low_b, high_b, eps)
-    # What lies in the plane, as the neighbours of the occluder do, is not hidden by it.
+    # Faces in the plane, such as the occluder's neighbours, are not hidden by it.
     return 1 if parted == 2 and low_b <= eps and high_b >= -eps else parted
 
 
@@ -160,18 +160,18 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
             if depth == 0:
                 counts[HIDDEN] += 1
             continue
-        # Of those, what lies before both polygons; in the shadow of a face's own plane are all its neighbours.
-        shades, kept = 0, end
+        # Their parts before both polygons; in the shadow of a face's own plane are all its neighbours.
+        clipped, kept = 0, end
         for c in range(end, put):
             o = np.int64(lists[c])
             k = clip(occluders.corners[o], occluders.sides[o], facets.planes, i, eps, work.spare)
-            k = clip(work.spare, k, facets.planes, j, eps, work.shades[min(shades, MOST_SHADES - 1)]) if k else 0
+            k = clip(work.spare, k, facets.planes, j, eps, work.clipped[min(clipped, MAX_CLIPPED - 1)]) if k else 0
             if k:
                 lists[kept] = o
                 kept += 1
-                if shades < MOST_SHADES:
-                    work.shade_count[shades], work.shade_plane[shades] = k, o
-                    shades += 1
+                if clipped < MAX_CLIPPED:
+                    work.clipped_count[clipped], work.clipped_plane[clipped] = k, o
+                    clipped += 1
         put = kept
         part = max(tolerance, 0.0) * 0.7**depth
         allowed = max(_EXACT * floor, 0.1 * part)
@@ -188,23 +188,23 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         # Squares of what the parts of a pair may be off add up to that of the pair, however unequal they are.
         part = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
         coarse = whole <= _COARSE * part
-        crowded = put - end > MOST_SHADES
-        may_halve = depth < DEEPEST and (crowded or (put - end > _FEW_SHADES and not coarse))
-        if may_halve and put - end > _MANY_SHADES and _halve(a, n, b, m, top, work):
+        crowded = put - end > MAX_CLIPPED
+        may_halve = depth < DEEPEST and (crowded or (put - end > _FEW_OCCLUDERS and not coarse))
+        if may_halve and put - end > _MANY_OCCLUDERS and _halve(a, n, b, m, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
         _, radius_a = measure(a, n, work.centre_a)
         _, radius_b = measure(b, m, work.centre_b)
         on_a = radius_a <= radius_b
         if depth < DEEPEST and not coarse:
-            # What a point sees leaps where it steps over the line that an occluder stands on.
+            # Visibility jumps where a point crosses the line that an occluder stands on.
             if on_a:
-                stands = _standing(a, n, facets.planes, i, shades, work)
+                stands = _standing(a, n, facets.planes, i, clipped, work)
             else:
-                stands = _standing(b, m, facets.planes, j, shades, work)
+                stands = _standing(b, m, facets.planes, j, clipped, work)
             if stands >= 0:
                 for k in range(4):
-                    work.hull[0, k] = occluders.planes[work.shade_plane[stands], k]
+                    work.hull[0, k] = occluders.planes[work.clipped_plane[stands], k]
                     work.hull[1, k] = -work.hull[0, k]
                 if _divide(a, n, b, m, on_a, top, work):
                     top = _push_halves(pairs, top, end, put, depth)
@@ -212,22 +212,22 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         first = BLOCKS
         while first < _TRIED and first * (_A_POINT if depth == 0 else 1.0) * part < whole:
             first *= 2
-        most = _TRIED if may_halve else MOST_POINTS
+        max_points = _TRIED if may_halve else MAX_POINTS
         seed = mixed(seed)
         work.lost[0] = 0
         if on_a:
             share, uncertain, points = seen_share(
-                a, n, facets.planes[i], b, m, whole, part, first, most, seed, shades, occluders.planes, work
+                a, n, facets.planes[i], b, m, whole, part, first, max_points, seed, clipped, occluders.planes, work
             )
         else:
             share, uncertain, points = seen_share(
-                b, m, facets.planes[j], a, n, whole, part, first, most, seed, shades, occluders.planes, work
+                b, m, facets.planes[j], a, n, whole, part, first, max_points, seed, clipped, occluders.planes, work
             )
         counts[POINTS] += points
         if may_halve and whole * uncertain > part and _halve(a, n, b, m, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
-        counts[CROWDED] += work.lost[0] > 0 or put - end > MOST_SHADES
+        counts[CROWDED] += work.lost[0] > 0 or put - end > MAX_CLIPPED
         value += whole * share
         variance += (whole * uncertain) ** 2 + (_OF_BOUND * wrong) ** 2
     return value, variance
@@ -243,7 +243,7 @@ def _push_halves(pairs, top, begin, end, depth):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _apart(o, occluders, a, n, b, m, eps):  # type: ignore[no-untyped-def]
-    """As `_in_reach`, for two polygons."""
+    """As `_may_occlude`, for two polygons."""
     low_a, high_a, low_b, high_b = np.inf, -np.inf, np.inf, -np.inf
     for k in range(n):
         h = height(occluders.planes, o, a[k, 0], a[k, 1], a[k, 2])
@@ -307,21 +307,24 @@ def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _standing(polygon, n, planes, i, shades, work):  # type: ignore[no-untyped-def]
-    """Of work.shades[:shades] the one that stands on polygon[:n], in planes[i], along the longest line that is not
-    its edge; -1 where none does."""
+def _standing(polygon, n, planes, i, clipped, work):  # type: ignore[no-untyped-def]
+    """The one of work.clipped[:clipped] that stands on polygon[:n], in planes[i], along the longest line that is
+    not its edge; -1 where none does."""
     eps = work.eps
     found, longest = -1, 8 * eps
-    for s in range(shades):
-        count = work.shade_count[s]
-        shade = work.shades[s]
+    for s in range(clipped):
+        count = work.clipped_count[s]
+        outline = work.clipped[s]
         last = count - 1
-        touches = abs(height(planes, i, shade[last, 0], shade[last, 1], shade[last, 2])) <= 2 * eps
+        touches = abs(height(planes, i, outline[last, 0], outline[last, 1], outline[last, 2])) <= 2 * eps
         for k in range(count):
-            touched, touches = touches, abs(height(planes, i, shade[k, 0], shade[k, 1], shade[k, 2])) <= 2 * eps
+            touched, touches = (
+                touches,
+                abs(height(planes, i, outline[k, 0], outline[k, 1], outline[k, 2])) <= 2 * eps,
+            )
             if touched and touches:
-                x, y, z = shade[last, 0], shade[last, 1], shade[last, 2]
-                dx, dy, dz = shade[k, 0] - x, shade[k, 1] - y, shade[k, 2] - z
+                x, y, z = outline[last, 0], outline[last, 1], outline[last, 2]
+                dx, dy, dz = outline[k, 0] - x, outline[k, 1] - y, outline[k, 2] - z
                 begin, end = 0.0, 1.0
                 for c in range(n):
                     j = c + 1 if c + 1 < n else 0
@@ -415,11 +418,11 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                 hidden = False
                 for c in range(begin, end):
                     hider = np.int64(lists[c])
-                    if place_box(
+                    if classify_box(
                         occluders.boxes, hider, -1, own_box, box, work.extent, work.shaft, work.near, planes, False
                     ) == 0:  # fmt: skip
                         continue
-                    parted = _in_reach(hider, occluders, own, n, box, eps)
+                    parted = _may_occlude(hider, occluders, own, n, box, eps)
                     if parted == 0:
                         continue
                     if parted == 2 and not leaf:

@@ -1,8 +1,8 @@
-"""Pixels where a lamp ends: in each set, the lamps seen there are looked for at several places of the pixel.
+"""Emitter silhouette antialiasing: each set samples the pixels where a lamp ends at several points.
 
-A lamp is a hundred times as bright as what it lights, and all pixels meet its edge at the same few places, one a
-set: of a picture that was denoised, that is most of the error that is left. The pixels are few, so that eight rays
-more for each cost next to nothing. What lamps light has no part in this.
+A lamp is a hundred times as bright as what it lights, and all pixels sample its edge at the same position, one a
+set: in a denoised picture this is most of the remaining error. Eight more rays for these few pixels cost next to
+nothing. What lamps light is not affected.
 
 Cost:     five views of the scene for each window, and a draw of the pixels that are found for each set.
 Poor at:  lamps narrower than a pixel, some of which are not found; their paths see them, as everything else.
@@ -23,21 +23,21 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh
 from glpath.gl.variants import defined
-from glpath.sampling.points import Sampling, pixel_places
+from glpath.sampling.points import Sampling, pixel_samples
 
-#: Places in each path set, a power of two.
-PLACES = 8
+#: Samples of a pixel in each path set, a power of two.
+SUBSAMPLES = 8
 # Where edges are looked for, x to the right and y down: one that goes through a pixel has some of the pixel's
 # corners on one side and some on the other. They are the same for all path sets, so that what a set finds has no
 # part in where it looks, and the pixel's own, so that a picture in tiles has the bits of the picture in one.
 _SEARCH = ((0.5, 0.5), (-0.05, -0.05), (1.05, -0.05), (-0.05, 1.05), (1.05, 1.05))
 
 
-class LampEdges:
-    """The light of lamps' edges in one window of the image.
+class EmitterSilhouettes:
+    """The light of emitters' silhouettes in one window of the image.
 
     size     : (width, height) of the window, pixels
-    textures : for programs that include lamp_edges.glsl
+    textures : for programs that include emitter_silhouettes.glsl
     eye_defines : see `gl.camera.camera_defines`
     """
 
@@ -56,28 +56,28 @@ class LampEdges:
         emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
         self._shines = np.append(emits[scene.scene.triangle_shape], False)  # where nothing is seen
         # Their pixels side by side, as a device shades them in squares.
-        self._most_across = -(-math.isqrt(size[0] * size[1]) // 8) * 8 + 8
-        square = (self._most_across,) * 2
+        self._max_across = -(-math.isqrt(size[0] * size[1]) // 8) * 8 + 8
+        square = (self._max_across,) * 2
         self.textures = {
-            "lamp_place": gl.texture(size, 1, dtype="u4"),
+            "lamp_texel": gl.texture(size, 1, dtype="u4"),
             "lamp_light": gl.texture(square, 4, dtype="f4"),
         }
         self._pixels = gl.texture(square, 1, dtype="u4")
         for texture in (*self.textures.values(), self._pixels):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._pass = Pass(
-            "lamp edges",
+            "emitter silhouettes",
             gl,
             load_program(
                 gl,
                 vertex="gl/fullscreen.vert",
-                fragment="lights/lamp_edges.frag",
+                fragment="lights/emitter_silhouettes.frag",
                 generated={**scene.generated, **bvh.generated},
                 defines={
                     **scene.defines,
                     **eye_defines,
                     **defined(HAS_SKY=scene.scene.sky is not None),
-                    "PLACES": PLACES,
+                    "SUBSAMPLES": SUBSAMPLES,
                 },
             ),
             gl.framebuffer([self.textures["lamp_light"]]),
@@ -90,35 +90,35 @@ class LampEdges:
         return any(shape.emits and shape.primitive == "triangle" for shape in scene.scene.shapes)
 
     def find(self, seen_from: Callable[[NDArray[np.float64]], NDArray[np.int64]]) -> None:
-        """Go on with another window or sensor.
+        """Find the pixels of another window or sensor.
 
-        seen_from : from a place in the pixels to the number of the triangle that each sees, (h, w), -1 for none
+        seen_from : from a position in the pixels to the number of the triangle that each sees, (h, w), -1 for none
         """
-        shines = [self._shines[seen_from(np.array(place))] for place in _SEARCH]
+        shines = [self._shines[seen_from(np.array(sample))] for sample in _SEARCH]
         edges = np.any(shines, axis=0) & ~np.all(shines, axis=0)
         y, x = np.nonzero(edges[::-1])
-        across = min(-(-math.isqrt(len(x)) // 8) * 8 + 8, self._most_across)
+        across = min(-(-math.isqrt(len(x)) // 8) * 8 + 8, self._max_across)
         row, column = np.divmod(np.arange(len(x)), across)
         where = np.zeros(edges.shape, np.uint32)
         where[y, x] = _packed(column, row)
-        self.textures["lamp_place"].write(where.tobytes())
-        pixels = np.zeros((self._most_across,) * 2, np.uint32)
+        self.textures["lamp_texel"].write(where.tobytes())
+        pixels = np.zeros((self._max_across,) * 2, np.uint32)
         pixels[row, column] = _packed(x, y)
         self._pixels.write(pixels.tobytes())
         self._pass.area = (0, 0, across, int(row.max(initial=-1)) + 1)
 
-    def see(self, index: int, place: NDArray[np.float64], eye: Mapping[str, object]) -> None:
-        """The light of a path set. place: the set's own in the pixels, which `eye` is of."""
+    def see(self, index: int, sample: NDArray[np.float64], eye: Mapping[str, object]) -> None:
+        """Sample a path set's light. sample: the set's own position in the pixels, which `eye` is of."""
         if self._pass.area is None or not self._pass.area[3]:
             return
         if self._sampling == "random":
-            places = np.random.default_rng((self._seed, index)).random((PLACES, 2))
+            subsamples = np.random.default_rng((self._seed, index)).random((SUBSAMPLES, 2))
         else:
-            places = pixel_places(self._seed, PLACES * index, PLACES)
-        beside = (places - place) * (1.0, -1.0)
-        self._pass.run({**self._uniforms, **eye, "places": beside.astype("f4").tobytes()})
+            subsamples = pixel_samples(self._seed, SUBSAMPLES * index, SUBSAMPLES)
+        beside = (subsamples - sample) * (1.0, -1.0)
+        self._pass.run({**self._uniforms, **eye, "subsamples": beside.astype("f4").tobytes()})
 
 
 def _packed(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """A place of a texture as lamp_edges.glsl reads it; 0 is none."""
+    """Texels as emitter_silhouettes.glsl reads it; 0 is none."""
     return (x | y << 16).astype(np.uint32) + np.uint32(1)

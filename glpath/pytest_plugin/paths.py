@@ -22,7 +22,7 @@ _PLAIN = re.compile(r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?",
 def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = None) -> Path:
     """The folder of the baselines of a file of tests: `baseline/<its name>/` beside it.
 
-    given : by the test itself, else by --glpath-baseline-path or the ini-file: a relative one takes the place of
+    given : by the test itself, else by --glpath-baseline-path or the ini-file: a relative one replaces
             `baseline`; under an absolute one stands the path that the file has in pytest's rootdir
     """
     root = Path(given or chosen(config, "baseline-path") or "baseline")

@@ -1,5 +1,5 @@
-// lamp_edges.frag: radiance of the lamps and of the sky that the eye sees, in the mean over places of a pixel.
-// Needs:  <SCENE>, <RAY_BVH>; PLACES: so many; HAS_SKY
+// emitter_silhouettes.frag: radiance of the lamps and of the sky that the eye sees, the mean of a pixel's subsamples.
+// Needs:  <SCENE>, <RAY_BVH>; SUBSAMPLES: their number; HAS_SKY
 // Runs over: the pixels of the window where a lamp ends, side by side. Output: W sr^-1 m^-2, linear Rec. 709
 // Frame:  world
 #include "gl/texels.glsl"
@@ -10,10 +10,10 @@
 #include "lights/sky.glsl"
 #include "path/path_vertex.glsl"
 #include "scene/ray_bvh.glsl"
-#include "lights/lamp_edges.glsl"
+#include "lights/emitter_silhouettes.glsl"
 
 UINT_TEXELS(r32ui, lamp_pixels);  // whose light goes here
-uniform vec2 places[PLACES];      // from the set's own place, pixels, y up
+uniform vec2 subsamples[SUBSAMPLES];  // from the set's own sample, pixels, y up
 
 layout(location = 0) out vec4 light;
 
@@ -25,9 +25,9 @@ vec3 seen(vec3 origin, vec3 direction)
 #else
     if (triangle < 0) return vec3(0.0);
 #endif
-    float t, light_point;
+    float t, pdf_area;
     PathVertex v = vertex_on(triangle, origin, direction, t);
-    return emitted(v.surface, v.front, light_point);
+    return emitted(v.surface, v.front, pdf_area);
 }
 
 void main()
@@ -35,13 +35,13 @@ void main()
     uint number = texel(lamp_pixels, ivec2(gl_FragCoord.xy)).r;
     vec3 sum = vec3(0.0);
     if (number != 0u) {
-        ivec2 pixel = unpacked_place(number);
-        for (int k = 0; k < PLACES; ++k) {
+        ivec2 pixel = unpacked_texel(number);
+        for (int k = 0; k < SUBSAMPLES; ++k) {
 #ifdef HAS_ALPHA
             new_opacity_key(pixel + eye_corner, 1u + uint(k));
 #endif
-            sum += seen(eye_origin(pixel, places[k]), eye_direction(pixel, places[k]));
+            sum += seen(eye_origin(pixel, subsamples[k]), eye_direction(pixel, subsamples[k]));
         }
     }
-    light = vec4(sum / float(PLACES), 1.0);
+    light = vec4(sum / float(SUBSAMPLES), 1.0);
 }

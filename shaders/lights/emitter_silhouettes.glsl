@@ -1,0 +1,17 @@
+// emitter_silhouettes.glsl: lamps that a pixel sees by several subsamples; see `glpath.integrators.emitter_silhouettes`.
+// Texels are packed into a number: x + (y << 16) + 1; 0 for none.
+UINT_TEXELS(r32ui, lamp_texel);  // of a pixel: where its light is
+TEXELS(rgba32f, lamp_light);
+
+ivec2 unpacked_texel(uint number)
+{
+    return ivec2((number - 1u) & 0xffffu, (number - 1u) >> 16u);
+}
+
+// Radiance of lamps and sky; false where the pixel's path has that as all else.
+bool lamps_seen(ivec2 pixel, out vec3 light)
+{
+    uint packed_texel = texel(lamp_texel, pixel).r;
+    light = packed_texel == 0u ? vec3(0.0) : texel(lamp_light, unpacked_texel(packed_texel)).rgb;
+    return packed_texel != 0u;
+}
