@@ -457,7 +457,7 @@ def test_a_matrix_goes_on_where_its_rows_cannot_be_kept(
     monkeypatch.setattr(os, "replace", full)
     found = glpath.view_factors(block_in_a_room(3), resume=tmp_path / "rows.part")
     assert np.array_equal(found.matrix.toarray(), whole.matrix.toarray())
-    assert sum("the matrix goes on" in record.getMessage() for record in caplog.records) == 1
+    assert sum("the matrix continues" in record.getMessage() for record in caplog.records) == 1
 
 
 def test_an_interruption_waits_for_no_row(tmp_path: Path) -> None:
