@@ -9,7 +9,6 @@ from glpath.radiosity import Occluders, Visibility
 from glpath.radiosity.form_factors.form_factor import KINDS, FormFactors, triangle_factor
 from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, surfaces
 from glpath.radiosity.mesh.sides import Sides, in_the_open, sub_triangles
-from glpath.radiosity.shafts.occluders import visible_by_all
 from tests.reference.closed_forms import (
     corner_form_factor,
     facing_rectangles_form_factor,
@@ -18,6 +17,7 @@ from tests.reference.closed_forms import (
     tilted_rectangles_form_factor,
 )
 from tests.support.rooms import cuboid, part, rectangle, room
+from tests.support.visibility import visible_by_all
 
 
 def matrix(scene, size, **options):

@@ -36,7 +36,6 @@ STRUCTURES = [
         "program",
         "sums",
         "path_buffer",
-        "hemicube_form_factor",
         "t_buffer",
         "shadow_cells",
         "point_shadows",

@@ -15,8 +15,8 @@ import glpath
 from glpath.errors import UsageError
 from glpath.io import load_scene
 from glpath.radiosity import PAPER, Emitter, Occluders, Receivers, ShaftOptions, Visibility, facing, visible
-from glpath.radiosity.shafts.occluders import visible_by_all
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
+from tests.support.visibility import visible_by_all
 
 # A small grid makes polygons that touch, coincide, lie in a plane with points, or have no area; others are slivers.
 grid = st.integers(-3, 3).map(float)

@@ -238,18 +238,6 @@ def _apex(triangles, t):  # type: ignore[no-untyped-def]
     return -1
 
 
-def visible_by_all(
-    polygons: Polygons, points_a: Float64, points_b: Float64, own_a: Int32, own_b: Int32
-) -> NDArray[np.bool_]:
-    """(A, B) bool by testing every pair of points against every polygon: slow and obvious, for comparison.
-
-    own_a, own_b : (A,) and (B,) int32, the polygon that a point lies on, which never blocks it; -1 for none
-    """
-    visible = np.ones((len(points_a), len(points_b)), np.bool_)
-    _visible_by_all(polygons, points_a, points_b, own_a, own_b, visible)
-    return visible
-
-
 @inner_kernel
 def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
     """A linear form of a point. All tests compute it here, so that they round alike."""
@@ -323,16 +311,3 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
     if (max_a <= tiny and max_b <= -far) or (max_a <= -far and max_b <= tiny):
         return True
     return flags[x] & SOLID and max_a < -tiny
-
-
-@kernel
-def _visible_by_all(polygons, points_a, points_b, own_a, own_b, visible):  # type: ignore[no-untyped-def]
-    for i in range(len(points_a)):
-        for j in range(len(points_b)):
-            a, b = points_a[i], points_b[j]
-            for x in range(len(polygons.forms)):
-                if x != own_a[i] and x != own_b[j] and hits(
-                    x, a[0], a[1], a[2], b[0], b[1], b[2], polygons.forms, polygons.bounds, polygons.flags
-                ):  # fmt: skip
-                    visible[i, j] = False
-                    break
