@@ -423,6 +423,7 @@ def test_the_view_turns_while_a_cell_renders(notebook: OpenNotebook) -> None:
     assert lab.complaints() == []
 
 
+@pytest.mark.timed
 def test_frames_a_second_while_dragging(notebook: OpenNotebook) -> None:
     """At the size of a shipped scene, 512 x 512, and half of it; printed with -s."""
     for scene, size in (("cornell-box", 256), ("cornell-box", 512), ("three-spheres", 512)):

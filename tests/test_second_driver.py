@@ -146,7 +146,8 @@ def test_pictures_agree_across_drivers(zink: dict[str, str], tmp_path: Path) -> 
         # A path that passes an edge within rounding goes another way on another driver: a pixel in thousands.
         decided = np.abs(theirs.mean - ours.mean).max(axis=2) < 1e-3 * (ours.mean.max(axis=2) + ours.mean.mean())
         found[name] = relative_mse(np.where(decided[..., None], theirs.mean, ours.mean), ours.mean)
-        verdict = compare(Picture.of_film(theirs), Picture.of_film(ours), sees=1)
+        limits = {"sees": 1} if ours.metadata.noisy else {}
+        verdict = compare(Picture.of_film(theirs), Picture.of_film(ours), **limits)
         assert verdict.passed, f"{name}: {verdict.summary}"
         assert decided.mean() > 0.998, f"{name}: {(~decided).sum()} pixels are others"
         assert found[name] < 1e-9, f"{name}: the same samples, rounded otherwise, differ by {found[name]}"
