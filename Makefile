@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 BIN    := .venv/bin
 STAMPS := .venv/.glpath
 
-.PHONY: help render test lint evidence bench figure docs wheel clean
+.PHONY: help render test coverage lint evidence bench figure docs wheel clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -32,6 +32,10 @@ render: $(STAMPS) ## set up, then render the Cornell box with the path-buffer to
 
 test: lint ## set up, check the style and the types, run the test suite and the notebooks
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --nbmake --nbmake-timeout=240 tests notebooks
+
+coverage: $(STAMPS)-test ## run the test suite and print which branches of the package it takes; kernels count as not run
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --cov=glpath --cov-branch \
+		--cov-report=term:skip-covered tests
 
 lint: $(STAMPS)-test ## only check the style, the words, the types and who imports whom
 	$(BIN)/ruff check .
@@ -57,7 +61,7 @@ wheel: ## build the wheel into dist; needs Python alone, none of the set-up
 	sh .ci/setup --wheel dist
 
 clean: ## remove all that the other targets made
-	rm -rf .venv out dist build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv out dist build .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMPS): pyproject.toml
