@@ -17,8 +17,6 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 READ = ("glpath", "shaders")
-#: Rooms that are not read yet.
-EXEMPT = ("glpath/cli", "glpath/jobs", "glpath/rendering", "glpath/__init__.py")
 
 #: Of identifiers and of prose: what the field says instead.
 WORDS = {
@@ -129,12 +127,11 @@ def in_glsl(text: str) -> Iterator[Finding]:
         yield from _in_prose(comment, number)
 
 
-def findings(folders: tuple[str, ...] = READ, exempt: tuple[str, ...] = EXEMPT) -> Iterator[tuple[Path, Finding]]:
+def findings(folders: tuple[str, ...] = READ) -> Iterator[tuple[Path, Finding]]:
     """Of all modules and shaders in these folders, their names included."""
     for folder in folders:
         for path in sorted((ROOT / folder).rglob("*")):
-            name = path.relative_to(ROOT).as_posix()
-            if not path.is_file() or name.startswith(exempt):
+            if not path.is_file():
                 continue
             if path.suffix == ".py":
                 yield from ((path, each) for each in in_python(path.read_text()))
@@ -144,8 +141,8 @@ def findings(folders: tuple[str, ...] = READ, exempt: tuple[str, ...] = EXEMPT) 
 
 
 def counts() -> dict[str, int]:
-    """How often each word that is used is used, exempt rooms too."""
-    return dict(Counter(each.word for _, each in findings(exempt=())).most_common())
+    """How often each word that is used is used."""
+    return dict(Counter(each.word for _, each in findings()).most_common())
 
 
 def main(folders: list[str]) -> int:

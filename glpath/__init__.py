@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
     __version__: str
 
-# Where each public name lives. `render` lives in `rendering`, as a module `glpath.render` would take the function's
-# place in this package whenever somebody imports from it.
+# Where each public name lives. `render` lives in `rendering`: a module `glpath.render` would replace the
+# function in this package whenever somebody imports from it.
 _HOME = {
     "ContextError": "errors",
     "ElementError": "rendering",

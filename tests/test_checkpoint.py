@@ -1,4 +1,4 @@
-"""Nothing rendered is lost: checkpoints, going on to the same bits, signals of schedulers, disks that fail."""
+"""Nothing rendered is lost: checkpoints, resuming bit-identically, signals of schedulers, disks that fail."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_a_checkpoint_of_another_render_is_refused(tmp_path: Path, options: list
     held = (tmp_path / "a.npz").read_bytes()
     result = render("-o", tmp_path / "a.npz", "--spp", 16, "--resume", *options)
     assert result.exit_code == 2
-    assert f"{tmp_path / 'a.npz'}: cannot be gone on with: " in result.stderr
+    assert f"{tmp_path / 'a.npz'}: cannot be resumed: " in result.stderr
     assert words in result.stderr
     assert (tmp_path / "a.npz").read_bytes() == held
 
@@ -166,7 +166,7 @@ def test_a_checkpoint_of_another_version_is_refused(tmp_path: Path, monkeypatch:
 def test_a_checkpoint_that_is_there_is_not_replaced_unasked(tmp_path: Path) -> None:
     assert render("-o", tmp_path / "a.npz", "--spp", 8).exit_code == 0
     result = render("-o", tmp_path / "a.npz", "--spp", 16, "--checkpoint", "60s")
-    assert (result.exit_code, "--resume goes on with it" in result.stderr) == (2, True)
+    assert (result.exit_code, "--resume continues it" in result.stderr) == (2, True)
     assert Film.load(tmp_path / "a.npz").path_sets == 8
 
 
@@ -242,19 +242,19 @@ def test_a_scheduler_s_signal_leaves_a_checkpoint_and_exit_code_75(number: int, 
     checkpoint = tmp_path / "a.checkpoint.npz"
     begun = Film.load(checkpoint)
     assert os.listdir(tmp_path) == [checkpoint.name]
-    assert f"{begun.path_sets} path sets are in {checkpoint}; the same command with --resume goes on" in told
+    assert f"{begun.path_sets} path sets are in {checkpoint}; the same command with --resume continues" in told
     assert begun.metadata.stop_rule == "interrupted"
     result = render(*asked, "-o", tmp_path / "b.npz", "--spp", begun.path_sets + 8)
     assert result.exit_code == 0, result.stderr
 
 
-def test_ctrl_c_writes_the_picture_and_says_how_to_go_on(tmp_path: Path) -> None:
+def test_ctrl_c_writes_the_picture_and_says_how_to_resume(tmp_path: Path) -> None:
     code, told = killing.struck(signal.SIGINT, "-o", tmp_path / "a.png", "--spp", 10**6, "--checkpoint", "1h")
     assert code == 130, told
     checkpoint = tmp_path / "a.checkpoint.npz"
     assert sorted(os.listdir(tmp_path)) == [checkpoint.name, "a.png"]
     assert f"of 1000000 path sets are in {tmp_path / 'a.png'}" in told
-    assert f"the same command with --resume goes on with {checkpoint}" in told
+    assert f"the same command with --resume continues from {checkpoint}" in told
     begun = Film.load(checkpoint).path_sets
     result = render("-o", tmp_path / "a.png", "--spp", begun + 1, "--resume")
     assert (result.exit_code, os.listdir(tmp_path)) == (0, ["a.png"])
@@ -318,7 +318,7 @@ def test_the_log_is_shown_when_asked_for(tmp_path: Path) -> None:
     options = ("--spp", 8, "--checkpoint", "1i", "--resume")
     assert "checkpoint: 8 path sets in" in render("-o", tmp_path / "a.npz", *options, "-v").stderr
     told = render("-o", tmp_path / "a.npz", "--spp", 9, "--resume", "-v").stderr
-    assert f"going on with 8 path sets of {tmp_path / 'a.npz'}" in told
+    assert f"resuming from 8 path sets of {tmp_path / 'a.npz'}" in told
     assert "checkpoint:" not in render("-o", tmp_path / "b.npz", *options).stderr
     assert logging.getLogger("glpath").level == logging.NOTSET
 
@@ -494,7 +494,7 @@ def test_what_was_rendered_before_the_device_failed_is_kept(
     assert result.exit_code == 1, result.stderr
     assert f"{error} while path sets were traced" in result.stderr
     assert remedy in result.stderr
-    assert "the same command with --resume goes on" in result.stderr
+    assert "the same command with --resume continues" in result.stderr
     assert Film.load(tmp_path / "a.checkpoint.npz").path_sets == 4
     result = render("-o", tmp_path / "a.npz", "-o", tmp_path / "b.png", "--spp", 16, "--resume")
     assert result.exit_code == 0

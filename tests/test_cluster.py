@@ -410,7 +410,7 @@ def listeners(pid: int) -> list[tuple[str, int]]:
 def test_a_scheduler_without_encryption_is_warned_of(caplog):
     with open_scheduler() as scheduler, Cluster(scheduler):
         pass
-    assert "whoever reaches its port can run code as you" in caplog.text
+    assert "anybody who reaches its port can run code as you" in caplog.text
 
 
 @contextlib.contextmanager

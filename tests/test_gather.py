@@ -527,7 +527,7 @@ def test_a_scene_is_solved_by_so_many_particles(
 ) -> None:
     """So many a triangle, and some at least; large pictures have more elements, each as many as before."""
     monkeypatch.setattr(factory, "_PARTICLES_PER_TRIANGLE", 100)
-    monkeypatch.setattr(factory, "_MOST_PARTICLES", 1 << 24)
+    monkeypatch.setattr(factory, "_MAX_PARTICLES", 1 << 24)
     asked = []
 
     def solve(_: object, **options: object) -> None:
@@ -609,5 +609,5 @@ def test_the_estimate_takes_a_camera_and_pictures_of_any_size() -> None:
     assert found.blocks.shape == (2, 3, 3)
     assert abs(found.bias) > 3 * found.bias_error  # a solution without light is too dark
     assert found.bias < 0
-    with pytest.raises(UsageError, match="spp=8; noise is told from error from 16 path sets on"):
+    with pytest.raises(UsageError, match="spp=8; noise and error are separable from 16 path sets on"):
         glpath.element_error(BOX, spp=8)

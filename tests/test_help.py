@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from glpath.cli.help import MOST_EVERYDAY
+from glpath.cli.help import MAX_EVERYDAY
 from glpath.cli.main import app
 
 COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
@@ -33,7 +33,7 @@ def test_a_command_shows_three_examples_and_the_options_of_every_day(name: str) 
     assert len(command.examples) == 3
     assert all(typed in text and what in text for typed, what in command.examples)
     assert text.index(command.examples[0][0]) < text.index("╭")
-    assert len(options_in(text)) <= MOST_EVERYDAY
+    assert len(options_in(text)) <= MAX_EVERYDAY
     assert command.everyday <= {param.name for param in command.params}
     assert "<bool>" not in text
 

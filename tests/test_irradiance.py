@@ -537,18 +537,18 @@ def test_what_was_measured_when_a_signal_comes_is_written(tmp_path: Path) -> Non
     assert code == 130
     assert "interrupted: what" in told
     kept = tmp_path / "lux.checkpoint.npz"
-    assert f"the same command with --resume goes on with {kept}" in told
+    assert f"the same command with --resume continues from {kept}" in told
     assert len((tmp_path / "lux.csv").read_text().splitlines()) > 100
     assert f"interrupted: what {Film.load(kept).path_sets} paths of each point" in told
 
 
 def test_kills_lose_nothing_that_was_measured(tmp_path: Path) -> None:
-    """An .npz of points is no film: its checkpoint is beside it, and measuring goes on to the bits of one go."""
+    """An .npz of points is no film: its checkpoint is beside it, and measuring resumes from it, bit-identical."""
     out, kept = tmp_path / "lux.npz", tmp_path / "lux.checkpoint.npz"
     counts = killing.kill_again_and_again(out, 3, seed=4, command=MEASURE, checkpoint=kept)
     assert 0 < counts[0] < counts[-1]
     other = cli(*MEASURE[1:-1], 3, "-o", out, "--resume")
-    assert (other.exit_code, f"{kept}: cannot be gone on with: max_depth is 2 in it, 3" in other.stderr) == (
+    assert (other.exit_code, f"{kept}: cannot be resumed: max_depth is 2 in it, 3" in other.stderr) == (
         2,
         True,
     )

@@ -163,7 +163,7 @@ def test_a_second_render_is_refused_until_the_first_is_killed(tmp_path: Path) ->
         process.send_signal(signal.SIGKILL)
         process.communicate()
     assert refused.exit_code == 1, refused.output
-    assert f"{out}: a render that goes on with it has it already: process {process.pid} on" in refused.stderr
+    assert f"{out}: a render that resumes from it has it already: process {process.pid} on" in refused.stderr
     begun = Film.load(out).path_sets
     assert run("render", *killing.SMALL, *asked, "--spp", begun + 1, "-q").exit_code == 0
     assert os.listdir(tmp_path) == ["a.npz"]

@@ -1,4 +1,4 @@
-"""A solver that is killed goes on where its checkpoint is, to the same bits."""
+"""A solver that is killed resumes from its checkpoint, bit-identical."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["radiosity", BOX, *map(str, arguments)])
 
 
-def test_the_command_goes_on_after_a_scheduler_s_signal(tmp_path: Path) -> None:
+def test_the_command_resumes_after_a_scheduler_s_signal(tmp_path: Path) -> None:
     out, options = tmp_path / "s.npz", ["--method", "monte-carlo", "--patches", "60", "--particles"]
     command = [sys.executable, "-m", "glpath", "radiosity", BOX, "-o", str(out), *options, str(60_000 << 14)]
     command += ["--checkpoint", "1s", "--resume", "--progress", "json"]
@@ -132,10 +132,10 @@ def test_the_command_goes_on_after_a_scheduler_s_signal(tmp_path: Path) -> None:
         process.send_signal(signal.SIGTERM)
         told = process.stderr.read()
     assert process.returncode == 75, told
-    assert f"{checkpoint} is what --resume goes on with" in told
+    assert f"--resume continues from {checkpoint}" in told
     assert os.listdir(tmp_path) == [checkpoint.name]
     refused = run("-o", out, *options, 60_000 << 14, "--checkpoint", "1s")
-    assert (refused.exit_code, "--resume goes on with it" in refused.stderr) == (2, True)
+    assert (refused.exit_code, "--resume continues it" in refused.stderr) == (2, True)
 
 
 def test_the_checkpoint_is_removed_when_all_is_done(tmp_path: Path) -> None:

@@ -445,7 +445,7 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)
 
 
-def test_a_matrix_goes_on_where_its_rows_cannot_be_kept(
+def test_a_matrix_continues_where_its_rows_cannot_be_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def full(*_: object) -> None:
@@ -615,7 +615,7 @@ def test_the_command_reports_backs_and_rows_that_miss_the_error(
 
 
 @pytest.mark.parametrize("resume", [True, False])
-def test_an_interrupted_command_names_what_is_kept_and_how_to_go_on(
+def test_an_interrupted_command_names_what_is_kept_and_how_to_resume(
     resume: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object, **given: object) -> None:
@@ -630,7 +630,7 @@ def test_an_interrupted_command_names_what_is_kept_and_how_to_go_on(
     assert done.exit_code == 130
     if resume:
         assert f"interrupted: the rows that are done are in {out}.part" in done.stderr
-        again = done.stderr.split("go on with: ")[1].strip()
+        again = done.stderr.split("to resume: ")[1].strip()
         assert shlex.split(again)[1:] == [
             *command[:4], "--groups", "faces", "--error", "0.01", "--flip", "--resume",
         ]  # fmt: skip
@@ -654,7 +654,7 @@ def test_sigterm_ends_the_command_within_a_row(tmp_path: Path) -> None:
     _, said = running.communicate(timeout=60)
     assert time.monotonic() - start < 20  # of which the most is to load what ends it, on a machine that is busy
     assert running.returncode == 75
-    assert "go on with: glpath viewfactors office" in said
+    assert "to resume: glpath viewfactors office" in said
 
 
 def test_a_matrix_that_cannot_be_closed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -90,7 +90,7 @@ def test_a_render_that_hangs_keeps_its_last_checkpoint(tmp_path: Path) -> None:
     command = [sys.executable, "-c", STUCK, "render", "cornell-box-36", "-o", str(out), *options]
     done = subprocess.run([*command, "--hang-limit", "2s"], capture_output=True, text=True, timeout=100)
     assert done.returncode == -signal.SIGABRT, done.stderr
-    assert f"The last checkpoint is {out}, where one was written; --resume goes on with it." in done.stderr
+    assert f"The last checkpoint is {out}, where one was written; --resume continues from it." in done.stderr
     assert "in stuck" in done.stderr
     assert Film.load(out).path_sets == 8
 
@@ -120,7 +120,7 @@ def test_a_solver_that_hangs_keeps_its_last_checkpoint(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert done.returncode == -signal.SIGABRT, done.stderr
     assert "nothing was done for 4 s: the solver hangs, or a step of it, " in done.stderr
-    assert f"The last checkpoint is {checkpoint}, where one was written; --resume goes on with it." in done.stderr
+    assert f"The last checkpoint is {checkpoint}, where one was written; --resume continues from it." in done.stderr
     assert "in stuck" in done.stderr
     with np.load(checkpoint) as state:
         assert int(state["steps"]) == 8

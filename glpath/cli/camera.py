@@ -45,7 +45,7 @@ ApertureRadiusOption = Annotated[
 ]
 FocusDistanceOption = Annotated[
     float | None,
-    typer.Option(metavar="UNITS", help="Where it is sharp; by itself, at the target.", rich_help_panel=CAMERA),
+    typer.Option(metavar="UNITS", help="Where it is sharp; default: at the target.", rich_help_panel=CAMERA),
 ]
 ShutterOption = Annotated[
     str | None,

@@ -37,7 +37,8 @@ def diff(
         typer.Option("-o", "--out", help="Write the difference as a .png: red is too bright, blue too dark."),
     ] = None,
     scale: Annotated[
-        float | None, typer.Option(help="Relative difference that gets the full colour; 99 % of pixels by itself.")
+        float | None,
+        typer.Option(help="Relative difference that gets the full colour; default: of 99 % of pixels."),
     ] = None,
     mode: Annotated[
         str | None,
@@ -123,7 +124,7 @@ def diff(
             unit = {"PSNR": " dB", "percent beyond": f" of the pixels differ by more than {fail}"}.get(key, "")
             say(f"{key:<10}  {value:.6g}{unit}")
         if verdict is not None:
-            for line in _said(verdict, ours.differences_in_making(theirs)):
+            for line in _verdict_lines(verdict, ours.differences_in_making(theirs)):
                 say(line)
     if out is not None:
         write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
@@ -144,7 +145,7 @@ def diff(
         raise typer.Exit(1)
 
 
-def _said(verdict: Verdict, made_otherwise: Sequence[str]) -> list[str]:
+def _verdict_lines(verdict: Verdict, made_otherwise: Sequence[str]) -> list[str]:
     return [
         f"{verdict.mode:<10}  {'the same' if verdict.passed else 'not the same'}: {verdict.summary}",
         *(f"            made otherwise: {text}" for text in made_otherwise),

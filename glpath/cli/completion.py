@@ -22,7 +22,7 @@ def words(allowed: Iterable[str]) -> Callable[[str], list[str]]:
 
 
 def scenes(incomplete: str) -> Completions:
-    """Names of shipped scenes with what they show, and scene files and folders on the way to them."""
+    """Names of shipped scenes with what they show, and scene files and the folders that lead to them."""
     from glpath.io import shipped_scenes
     from glpath.io.library import SCENE_SUFFIXES
 

@@ -49,7 +49,7 @@ def register(app: typer.Typer) -> None:
 
 
 def devices(as_json: Json = False) -> None:
-    """List every device that can render, and the one that is taken by itself (auto).
+    """List every device that can render, and the one that is taken by default (auto).
 
     Each device is tried in a process of its own. GLPATH_BACKEND and GLPATH_DEVICE change what auto takes.
     Exit code 0 when one renders, 1 when none does.
@@ -85,7 +85,7 @@ def _device_table(probes: list[DeviceProbe]) -> Table:
 
 def _print(table: Table) -> None:
     for column in table.columns:
-        column.overflow = "fold"  # the end of a renderer's name is what tells two devices apart
+        column.overflow = "fold"  # the end of a renderer's name distinguishes two devices
     clean_console(markup=False, highlight=False).print(table)
 
 
@@ -135,7 +135,7 @@ def doctor(
 def examine() -> list[Finding]:
     """All checks, in the order in which one thing needs the other.
 
-    What only one way of rendering needs counts as missing only when no way is left.
+    What only one backend needs counts as missing only when no backend is left.
     """
     threads = os.environ.get("LP_NUM_THREADS")  # before there is a context, which may set it
     try:
@@ -164,7 +164,7 @@ def _python() -> Iterator[Finding]:
     yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
 
 
-_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:>=\s*(?P<least>[\d.]+))?")
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:>=\s*(?P<minimum>[\d.]+))?")
 
 
 def _packages() -> Iterator[Finding]:
@@ -180,17 +180,17 @@ def _packages() -> Iterator[Finding]:
             continue
         parts = _REQUIREMENT.match(requirement)
         assert parts is not None, f"a requirement without a name: {requirement}"
-        name, least = parts["name"], parts["least"] or "0"
+        name, minimum = parts["name"], parts["minimum"] or "0"
         try:
             version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             lacking.append((f"{name} is not installed", parts[0]))
             continue
-        if _release(version) < _release(least):
-            lacking.append((f"{name} {version} (needed: {least})", parts[0]))
+        if _release(version) < _release(minimum):
+            lacking.append((f"{name} {version} (needed: {minimum})", parts[0]))
         else:
             installed.append(name)
-        found.append(f"{name} {version} (>= {least})")
+        found.append(f"{name} {version} (>= {minimum})")
     lacking += [(text, name) for name, text in _not_importable(installed).items()]
     if lacking:
         remedy = "pip install " + " ".join(f'"{what}"' for _, what in lacking)

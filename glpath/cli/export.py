@@ -64,7 +64,7 @@ def export(
 
     Warnings say what the format does not know, and what stands for it.
     """
-    # Said once, for those of the outputs that have a place for it.
+    # Warned of once, for those of the outputs that hold it.
     for_mitsuba = {path: is_for_mitsuba(path) for path in out}
     settings = {
         path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)

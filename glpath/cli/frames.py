@@ -1,6 +1,6 @@
 """`glpath render --turntable N` and `--frames A:B`: a scene from N cameras around its target, or at so many times.
 
-Each frame is a file, whole or not there, so that `--resume` goes on after the last one.
+Each frame is a file, whole or not there, so that `--resume` continues after the last one.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Frames:
                 different = False
             if not different:
                 raise UsageError(
-                    f"-o {path}: its name has no place for the number of a frame.",
+                    f"-o {path}: its name does not hold the number of a frame.",
                     "Write it as frame_{:04}.png, or leave the braces out: turn.png is turn-0.png ...",
                 )
 
@@ -155,7 +155,7 @@ class FramesToRender:
     """A call of `glpath render` for many frames.
 
     frames   : which
-    out      : the files of a frame, with a place for its number
+    out      : the files of a frame, whose name holds its number
     movies   : that are made of the .png of all
     picture  : how a film becomes one; its exposure is found for the first frame and kept, so that nothing flickers
     run      : of each frame; `resume` leaves those that are there
@@ -223,7 +223,7 @@ class FramesToRender:
         except KeyboardInterrupt:
             if self.run.mode != "json":
                 self._tell(
-                    {}, f"interrupted: {done} of {len(todo)} frames are written; --resume goes on with the others"
+                    {}, f"interrupted: {done} of {len(todo)} frames are written; --resume renders the others"
                 )
             return True
         return arrived() and done < len(todo)

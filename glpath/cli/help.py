@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 
 PICTURES, LIGHT, SCENES, MACHINE = "Pictures", "Light in numbers and for other viewers", "Scenes", "This machine"
 #: Of every command.
-MOST_EVERYDAY = 20
+MAX_EVERYDAY = 20
 #: How the paragraph of examples begins, whose lines stay as they are.
 EXAMPLE = "# "
 _ALL = "--help-all"

@@ -189,21 +189,21 @@ def lightmap(
         film = outcome.film
         made: list[Lightmap] = []
         files: list[Path] = []
-        told_stops: list[float] = []
+        exposure_stops: list[float] = []
 
         def save(path: Path) -> None:
             made.append(bake.lightmap(film))  # here, as the film is kept where this fails
             kind = cast("Materials", materials)
-            told_stops.append(made[0].exposure_stops(stops))
-            files.extend(made[0].save(path, materials=kind, exposure=told_stops[0], moz=moz))
+            exposure_stops.append(made[0].exposure_stops(stops))
+            files.extend(made[0].save(path, materials=kind, exposure=exposure_stops[0], moz=moz))
 
         def write() -> tuple[list[Path], GlpathError | None]:
-            kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+            kept = "The film is kept in {}; as the checkpoint's file, --resume continues it."
             return files, save_all({out: save}, {"film.npz": film.save}, kept)[1]
 
         def lines(written: list[Path]) -> Iterator[str]:
             if written:
-                yield from _summary(made[0], None if materials == "keep" else told_stops[0], denoise)
+                yield from _summary(made[0], None if materials == "keep" else exposure_stops[0], denoise)
                 yield f"  {light_of(loaded)}"
             yield from (f"wrote {path}" for path in written)
 

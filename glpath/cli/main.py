@@ -75,7 +75,7 @@ class Commands(TyperGroup):
 
 
 def _unwrapped(text: str) -> str:
-    """Paragraphs as one line each, for whoever wraps them to the terminal's width; examples stay lines."""
+    """Paragraphs as one line each, which Typer wraps to the terminal's width; examples stay lines."""
     paragraphs = inspect.cleandoc(text).split("\n\n")
     return "\n\n".join(each if each.startswith(EXAMPLE) else " ".join(each.split("\n")) for each in paragraphs)
 
@@ -97,11 +97,11 @@ def _wrong_usage_as_lines() -> Iterator[None]:
 
 @contextmanager
 def _warnings_and_logs_as_lines() -> Iterator[None]:
-    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *location: Any, **more: Any) -> None:
         if issubclass(category, SceneWarning):
             say(f"glpath: warning: {as_typed(str(message))}", err=True)
         else:
-            say(warnings.formatwarning(message, category, *place[:2]).rstrip(), err=True)
+            say(warnings.formatwarning(message, category, *location[:2]).rstrip(), err=True)
 
     logs = CleanHandler(logging.WARNING)
     # What a command's --verbose lets through, by the level of our own logger.

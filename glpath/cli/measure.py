@@ -76,7 +76,7 @@ def measure(
         str | None,
         typer.Option(
             metavar="AXIS=HEIGHT",
-            help="A grid in the plane across an axis, which faces along it: y=0.75; -y=2.4 faces the other way.",
+            help="A grid in the plane across an axis, which faces along it: y=0.75; -y=2.4 faces along -y.",
             rich_help_panel=_POINTS,
         ),
     ] = None,
@@ -85,7 +85,7 @@ def measure(
         typer.Option(
             metavar="UNITS|en12464-1",
             help="Of the grid, from point to point, or as that standard has it for so large an area, units being "
-            "metres; by itself a 32nd of its longer side.",
+            "metres; default: a 32nd of its longer side.",
             rich_help_panel=_POINTS,
         ),
     ] = None,
@@ -93,7 +93,7 @@ def measure(
         str | None,
         typer.Option(
             metavar="A,B,A,B",
-            help="Two corners of the grid along the other two axes, in the order x, y, z; by itself the scene's.",
+            help="Two corners of the grid along the other two axes, in the order x, y, z; default: the scene's.",
             rich_help_panel=_POINTS,
         ),
     ] = None,
@@ -280,11 +280,11 @@ def _summary(found: Irradiance) -> Iterator[str]:
 
 def _figures(spread: Spread, digits: int = 4) -> str:
     """What is asked of a grid, with standard errors: U0 is its minimum over its mean, Ud over its maximum."""
-    mean, least, most = (
+    mean, minimum, maximum = (
         _with_error(x, f"{x.value:.{digits}g}", unit)
         for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
     )
-    text = f"mean {mean}, minimum {least}, maximum {most}"
+    text = f"mean {mean}, minimum {minimum}, maximum {maximum}"
     if not spread.mean.value > 0:
         return text
     u0, ud = (_with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))

@@ -46,8 +46,9 @@ def merge(
     """Add up films of one render: every path set counts the same, and once.
 
     A shard is what `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job writes. In any order they
-    have the bits of a render in one go, where they come from one kind of device. A file that is named twice, or a
-    copy of one, counts once; shards that share path sets, and those of another scene or setting, are refused.
+    are bit-identical to an uninterrupted render, where they come from one kind of device. A file that is named
+    twice, or a copy of one, counts once. Shards that share path sets, and those of another scene or setting, are
+    refused.
     """
     from glpath.film.film import check_suffix
     from glpath.jobs.shards import merge_shards

@@ -33,7 +33,7 @@ def with_options(
     all_bounces: bool = False,
     texts: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[..., Any]:
-    """A command with options in place of its last parameters: `run`, a `RunRequest`, and those of integrators,
+    """A command with options instead of its last parameters: `run`, a `RunRequest`, and those of integrators,
     **options, where it has these.
 
     run         : names of options of a run

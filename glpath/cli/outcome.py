@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from glpath.cli.picture import Picture
-from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, forget
+from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
 from glpath.film.metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.system.files import save_all, write_bytes
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 #: Exit code: all outputs are written, but not the last checkpoint.
 WITHOUT_CHECKPOINT = 3
 
-_GO_ON = "  the same command with --resume goes on with {}"
+_RESUME = "  the same command with --resume continues from {}"
 
 # What rays are shot for, as `film.metadata.statistics` calls it.
 _TESTS = {
@@ -61,10 +61,10 @@ class Outcome:
         there: Callable[[list[Path]], str],
         event: Callable[[], dict[str, Any]] = dict,
     ) -> None:
-        """Write and tell of all that there is. Returns where all was done.
+        """Write and report all that there is. Returns only if the render is complete and written.
 
         write : the outputs; returns those that are written, and why others could not be
-        lines : what is said of it
+        lines : what is printed of it
         there : what is written, of a render that was interrupted
         event : further values of the last object of `--progress json`
 
@@ -122,11 +122,11 @@ class Outcome:
             and checkpoint
             and checkpoint.failure is None
         ):
-            say(_GO_ON.format(checkpoint.path), err=True)
+            say(_RESUME.format(checkpoint.path), err=True)
 
 
 def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: int | None) -> None:
-    """Write the film as pictures, and tell of it.
+    """Write the film as pictures, and report it.
 
     spp : path sets that were asked for; None where others end it
     """
@@ -139,8 +139,8 @@ def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: 
         films = [path for path in written if path.suffix.lower() == ".npz"]
         text = f"{film.path_sets}{of} path sets are in {', '.join(map(str, written))}"
         checkpoint, interrupted = outcome.checkpoint, film.metadata.stop_rule == INTERRUPTED_RULE
-        by_itself = films and interrupted and (checkpoint is None or checkpoint.failure is not None)
-        return f"{text}\n{_GO_ON.format(films[0])}" if by_itself else text
+        resumable = films and interrupted and (checkpoint is None or checkpoint.failure is not None)
+        return f"{text}\n{_RESUME.format(films[0])}" if resumable else text
 
     def event() -> dict[str, Any]:
         return {"denoised_error": film.relative_error(denoised=True)} if picture.denoise else {}
@@ -174,17 +174,17 @@ def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
     """A scheduler wants the machine: the film goes into the checkpoint. Raises ImageError where it cannot."""
     if not film.path_sets:
         say("glpath: ended by a signal before the first path set was done; start it again", err=True)
-        return typer.Exit(GO_ON_LATER)
-    kept = "The film is kept in {}; as the checkpoint's file, --resume goes on with it."
+        return typer.Exit(RESUME_LATER)
+    kept = "The film is kept in {}; as the checkpoint's file, --resume continues it."
     _, failure = save_all({checkpoint.path: film.save}, {"film.npz": film.save}, kept)
     if failure is not None:
         raise failure
     say(
         f"glpath: ended by a signal: {film.path_sets} path sets are in {checkpoint.path}; "
-        "the same command with --resume goes on",
+        "the same command with --resume continues",
         err=True,
     )
-    return typer.Exit(GO_ON_LATER)
+    return typer.Exit(RESUME_LATER)
 
 
 def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, denoise: bool) -> Iterator[str]:

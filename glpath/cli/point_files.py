@@ -28,7 +28,7 @@ Float64 = NDArray[np.float64]
 
 AXES = "xyz"
 #: Points at most, in a grid or a table.
-MOST = 4_000_000
+MAX_POINTS = 4_000_000
 #: What files may be written, by their suffix.
 WRITABLE = (".csv", ".npz", ".png")
 
@@ -84,12 +84,12 @@ class Grid:
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
         ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
-        said = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
+        text = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
-            return said
-        return f"{said}; it stands upright, if {AXES[upright]} is up: a working plane is {AXES[upright]}=HEIGHT"
+            return text
+        return f"{text}; it stands upright, if {AXES[upright]} is up: a working plane is {AXES[upright]}=HEIGHT"
 
 
 def en_12464_counts(first: float, second: float) -> tuple[int, int]:
@@ -155,9 +155,9 @@ def grid_of(
         apart = float(size.max()) / 32 if spacing is None else _apart(spacing)
         step = np.array([apart, apart])
         counts = np.maximum(np.floor(size / step + 1e-6), 1.0)
-    if counts.prod() > MOST:
+    if counts.prod() > MAX_POINTS:
         raise UsageError(
-            f"--spacing {step[0]:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MOST:,} are measured.",
+            f"--spacing {step[0]:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MAX_POINTS:,} are allowed.",
             "Take a wider one, or a smaller --area.",
         )
     columns, rows = (int(n) for n in counts)
@@ -177,7 +177,7 @@ def grid_of(
 def check_within(at: Points, scene: Scene, option: str) -> None:
     """Warn with SceneWarning of points that all lie outside of the scene, its lamps being in it.
 
-    Raises UsageError where they are farther off than the scene is wide: that is another unit, or another place.
+    Raises UsageError where they are farther off than the scene is wide: the unit or the origin differs then.
     """
     lamps = [light.position for light in scene.lights if light.kind != "directional"]
     box = np.array([*scene.bounds, *lamps])
@@ -258,8 +258,8 @@ def read_points(path: Path, normal: Vector | None) -> Points:
             [value for name in (*_POINT, *_NORMAL) if name in values and (value := values[name][1]) is not None]
         )
         lines.append(line)
-        if len(rows) > MOST:
-            raise UsageError(f"{path}, line {line}: at most {MOST:,} points are measured.")
+        if len(rows) > MAX_POINTS:
+            raise UsageError(f"{path}, line {line}: at most {MAX_POINTS:,} points are measured.")
     if not rows:
         raise UsageError(f"--points {path}: holds no point.", "Each line is a point: x,y,z,nx,ny,nz.")
     table = np.array(rows)
@@ -344,7 +344,7 @@ def _number(cell: str) -> float | None:
 
 
 def save_csv(path: Path, at: Points, found: Irradiance) -> None:
-    """A line for each point: where, which way, irradiance and illuminance with their standard errors.
+    """A line for each point: position, normal, irradiance and illuminance with their standard errors.
 
     Irradiance is in the unit of the scene, which the titles of its columns name.
     """
@@ -360,7 +360,7 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    # Of places all digits, as those of a georeferenced model have many.
+    # Of positions all digits, as those of a georeferenced model have many.
     digits = [15 if name in _POINT else 9 for name in columns]
     writer.writerows(
         [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]

@@ -16,7 +16,7 @@ from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_SOLVERS, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
-from glpath.cli.signals import GO_ON_LATER, INTERRUPTED, arrived, by_scheduler, interrupted, result_of
+from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, interrupted, result_of
 from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
@@ -128,7 +128,7 @@ def radiosity(
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUE",
-            help="How shafts find what stands in the way, which changes the time alone: strategy='ratio open', "
+            help="How shafts find occluders, which changes the time alone: strategy='ratio open', "
             "order='largest first', clump=8 and others (docs/how-it-works.md has all, and when each pays); paper "
             "is Haines and Wallace's own. Several allowed. Not of monte-carlo.",
             rich_help_panel=_SOLVER,
@@ -194,8 +194,8 @@ def radiosity(
         if checkpoint is not None and by_scheduler():
             if checkpoint.failure is not None:
                 raise ImageError(checkpoint.failure)
-            say(f"glpath: ended by a signal: {checkpoint.path} is what --resume goes on with", err=True)
-            raise typer.Exit(GO_ON_LATER)
+            say(f"glpath: ended by a signal: --resume continues from {checkpoint.path}", err=True)
+            raise typer.Exit(RESUME_LATER)
         if solution is not None:
             _save(solution, loaded, out, exposure)
         if checkpoint is not None and not arrived():

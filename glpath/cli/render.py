@@ -1,7 +1,7 @@
 """`glpath render`: an image, of a scene or of a job file.
 
 Everything that can be wrong with the options, the scene and the outputs is found before the render begins.
-`running` gets the film, `frames` many of them, `outcome` writes and tells of it.
+`running` gets the film, `frames` many of them, `outcome` writes and reports it.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def render(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Render what a job file says (`RenderJob.save`) in place of SCENE and all options of the image.",
+            help="Render what a job file says (`RenderJob.save`), instead of SCENE and all options of the image.",
             rich_help_panel=IMAGE,
         ),
     ] = None,
@@ -137,7 +137,7 @@ def render(
         str | None,
         typer.Option(
             metavar="A:B",
-            help="Path sets A to B - 1 alone, in place of --spp: a shard, which `glpath merge` adds to others.",
+            help="Path sets A to B - 1 alone, instead of --spp: a shard, which `glpath merge` adds to others.",
             rich_help_panel=FOR_ALL,
         ),
     ] = None,
@@ -175,7 +175,7 @@ def render(
     if denoise:
         if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
             raise UsageError(
-                f"--denoise with --integrator {integrator}: it has no grain for a denoiser to take away.",
+                f"--denoise with --integrator {integrator}: it has no noise for a denoiser to remove.",
                 "Render more path sets, or take --integrator path, path-buffer or gather.",
             )
         options["aovs"] = [*(options["aovs"] or ()), *DENOISER_AOVS]

@@ -1,7 +1,7 @@
 """The options of how a command runs, each declared once; a command names those that it heeds.
 
 `with_options` of `glpath.cli.options` gives a command a `RunRequest` of what was typed, and `RunRequest.options` is
-what that comes to for whoever renders.
+what the render gets.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.signals import go_on_later
+from glpath.cli.signals import resume_later
 from glpath.cli.values import check_choice, interval, seconds
 from glpath.errors import UsageError
 from glpath.rendering.run_options import RunOptions
@@ -69,7 +69,7 @@ class RunRequest:
         bool,
         typer.Option(
             "--resume",
-            help="Go on with that file, to the same bits; begin where there is none. Of another scene, setting or "
+            help="Resume from that file, bit-identical; begin where there is none. Of another scene, setting or "
             "version, it is refused.",
             rich_help_panel=_LONG,
         ),
@@ -153,7 +153,7 @@ class RunRequest:
         if self.stats is not None:
             check_writable(self.stats)
         if self.keeps:
-            go_on_later()
+            resume_later()
         if self.verbose:
             logging.getLogger("glpath").setLevel(logging.INFO)
 

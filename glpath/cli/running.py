@@ -31,7 +31,7 @@ log = logging.getLogger("glpath")
 # Renders, with the options of a run.
 Start = Callable[["RunOptions"], "Film"]
 
-# What may stand beside --job: where the image goes, what renders it, what is told.
+# What may stand beside --job: where the image goes, what renders it, what is reported.
 _BESIDE_A_JOB = ("job", "out", "exposure", "tonemap", "denoise", *OF_RENDERS)
 
 
@@ -87,11 +87,11 @@ def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, beg
     """The film, or what there is of it when a signal ends the render, or workers fail; KeyboardInterrupt before
     there is one.
 
-    checkpoint, begun : the checkpoint, and the film to go on with
+    checkpoint, begun : the checkpoint, and the film that it held
     """
     before = 0 if begun is None else begun.path_sets
     if checkpoint is not None and begun is not None:
-        log.info("going on with %s path sets of %s", before, checkpoint.path)
+        log.info("resuming from %s path sets of %s", before, checkpoint.path)
     film, failure = _film_of(start, run, checkpoint, begun)
     return Outcome(film, failure, run, checkpoint, before)
 
@@ -126,15 +126,15 @@ def _film_of(
             films[:] = [stop.film]
             interrupted(stop.number)
         except AnotherRenderError as error:
-            assert checkpoint is not None, "only a checkpoint is gone on with"
+            assert checkpoint is not None, "only a checkpoint is resumed"
             raise UsageError(
-                f"{checkpoint.path}: cannot be gone on with: {error.reason}.",
+                f"{checkpoint.path}: cannot be resumed: {error.reason}.",
                 "Ask for what it was made with; or remove it, and the render begins anew.",
             ) from error
         except Exception as error:
             keep_after_failure(checkpoint, error)
             raise
-    except KeyboardInterrupt:  # on the way here from the render
+    except KeyboardInterrupt:  # between the render and here
         if not films:
             raise
     return films[0], None

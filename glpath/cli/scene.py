@@ -37,7 +37,7 @@ def parameters_option(panel: str | None = None) -> Any:
 Parameters = Annotated[list[str] | None, parameters_option()]
 
 
-class OptionPlace(SourceLocation):
+class OptionLocation(SourceLocation):
     """An option of the command line: --camera-up, whose value is written 0,1,0."""
 
     def __str__(self) -> str:
@@ -46,7 +46,7 @@ class OptionPlace(SourceLocation):
     def field(self, name: str) -> SourceLocation:
         word = name.replace("_", "-")
         path = f"{self.path}-{word}" if self.path else f"--{word}"
-        return OptionPlace("", path.replace("--film-", "--"))
+        return OptionLocation("", path.replace("--film-", "--"))
 
     def written(self, value: object) -> str:
         parts = np.atleast_1d(np.asarray(value)).tolist()
@@ -64,7 +64,7 @@ def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, 
     from glpath.rendering.job import with_overrides
 
     given = {name: value for name, value in camera.items() if value is not None}
-    return with_overrides(scene, resolution, given, OptionPlace(""))
+    return with_overrides(scene, resolution, given, OptionLocation(""))
 
 
 def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
@@ -78,7 +78,7 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
 
 
 def light_of(scene: Scene) -> str:
-    """What lights a scene, in a line: of what was added it is said."""
+    """What lights a scene, in a line, with what was added."""
     emitting = sum(shape.emits for shape in scene.shapes)
     shining = sum(bool(np.any(light.intensity > 0)) for light in scene.lights)
     parts = [

@@ -22,7 +22,7 @@ _OF_MICROFACETS = (
 
 
 def summarize(scene: Scene) -> dict[str, Any]:
-    """What `glpath info` tells, as JSON-able data.
+    """What `glpath info` reports, as JSON-able data.
 
     Power is flux, W or lm by the unit of the scene, where its unit of length is a metre: pi * area * radiance for
     each side of a shape that emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft,

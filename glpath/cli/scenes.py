@@ -169,7 +169,7 @@ def _area_in_words(shape: dict[str, Any]) -> str:
     return f"{shape['area']:.6g}"
 
 
-def _told_of_sky(sky: dict[str, Any], unit: Unit) -> str:
+def _sky_text(sky: dict[str, Any], unit: Unit) -> str:
     if "size" in sky:
         width, height = sky["size"]
         integral = f"{_numbers(sky['integral'])} {symbol(unit, 'irradiance')}"
@@ -177,7 +177,7 @@ def _told_of_sky(sky: dict[str, Any], unit: Unit) -> str:
     return f"{_numbers(sky['horizon'])} up to {_numbers(sky['zenith'])}"
 
 
-def _told_of_view(camera: dict[str, Any]) -> str:
+def _view_text(camera: dict[str, Any]) -> str:
     if camera["type"] == "panorama":
         return "360 x 180 degrees, equirectangular"
     if camera["type"] == "orthographic":
@@ -185,7 +185,7 @@ def _told_of_view(camera: dict[str, Any]) -> str:
     return f"{camera['fov']:g} degrees, vertical"
 
 
-def _told_of_shutter(summary: dict[str, Any]) -> str:
+def _shutter_text(summary: dict[str, Any]) -> str:
     opened, closed = summary["camera"]["shutter"]
     moving = [shape["name"] for shape in summary["shapes"] if shape["moves"]]
     moving += ["the camera"] * summary["camera"]["moves"]
@@ -211,15 +211,15 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
         "bounds": f"{coordinates(bounds['min'])} to {coordinates(bounds['max'])}",
         "camera": f"at {coordinates(camera['position'])} to {coordinates(camera['target'])}, "
         f"up {_numbers(camera['up'])}",
-        "field of view": _told_of_view(camera),
+        "field of view": _view_text(camera),
         "lens": f"of radius {camera['aperture_radius']:g}, sharp at {camera['focus_distance']:g}"
         if camera["aperture_radius"]
         else "",
-        "shutter": _told_of_shutter(summary),
+        "shutter": _shutter_text(summary),
         "resolution": "{} x {}".format(*camera["resolution"]),
         "light": f"{unit}: {symbol(unit, 'radiance')}, {symbol(unit, 'intensity')}, {symbol(unit, 'irradiance')}",
         "ambient": _numbers(summary["ambient"]) if any(summary["ambient"]) else "",
-        "sky": _told_of_sky(sky, unit) if sky else "",
+        "sky": _sky_text(sky, unit) if sky else "",
     }.items():
         if value:
             overview.add_row(label, escape(value))

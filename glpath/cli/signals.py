@@ -19,8 +19,8 @@ T = TypeVar("T")
 
 #: Exit code of what Ctrl-C has ended.
 INTERRUPTED = 130
-#: Exit code of what a scheduler has ended and can go on with (EX_TEMPFAIL of sysexits.h).
-GO_ON_LATER = 75
+#: Exit code of what a scheduler has ended and can resume (EX_TEMPFAIL of sysexits.h).
+RESUME_LATER = 75
 
 _PATIENCE = 3
 
@@ -31,7 +31,7 @@ class _Signals:
     def __init__(self) -> None:
         self.first: int | None = None
         self.held = False
-        self.goes_on_later = False
+        self.resumable = False
         self._waiting = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
@@ -100,14 +100,14 @@ def by_scheduler() -> bool:
     return _current.first in (signal.SIGTERM, signal.SIGUSR1)
 
 
-def go_on_later() -> None:
-    """The command can be started again and goes on: ended by a scheduler, its exit code says so, at any moment."""
-    _current.goes_on_later = True
+def resume_later() -> None:
+    """From now on, the exit code of a command that a scheduler ends is `RESUME_LATER`."""
+    _current.resumable = True
 
 
 def exit_code() -> int:
     """Of a command that a signal has ended."""
-    return GO_ON_LATER if _current.goes_on_later and by_scheduler() else INTERRUPTED
+    return RESUME_LATER if _current.resumable and by_scheduler() else INTERRUPTED
 
 
 def forget() -> None:

@@ -18,7 +18,7 @@ _ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\
 
 
 def as_typed(text: str) -> str:
-    """`text` with options in place of arguments of Python's: --require-gpu for require_gpu=True."""
+    """`text` with command-line options instead of Python's arguments: --require-gpu for require_gpu=True."""
     return _ARGUMENT.sub(_option, text)
 
 

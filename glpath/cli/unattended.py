@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
 
-#: What may be the matter where nothing is done any more: see `watched`.
+#: What may be the cause where no work is done any more: see `watched`.
 RENDERING = "the device or its driver hangs, or a path set takes longer"
 SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, takes longer"
 
@@ -24,7 +24,7 @@ SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, t
 def checkpointed(
     out: Sequence[Path], run: RunRequest, films: bool = True
 ) -> Iterator[tuple[Checkpoint | None, Film | None]]:
-    """The checkpoint that was asked for, which no other process has meanwhile, and the film to go on with.
+    """The checkpoint that was asked for, which no other process has meanwhile, and the film in it.
 
     films : outputs that end in .npz are films, of which the first is the checkpoint
 
@@ -44,11 +44,11 @@ def checkpointed(
 
 
 def check_absent(checkpoint: Path) -> None:
-    """Raise UsageError for a checkpoint that is there and was not asked to be gone on with."""
+    """Raise UsageError for a checkpoint that is there and was not asked to be resumed."""
     if checkpoint.exists():
         raise UsageError(
             f"{checkpoint}: is there already, and the checkpoint would replace it.",
-            "--resume goes on with it. To begin anew, remove it.",
+            "--resume continues it. To begin anew, remove it.",
         )
 
 
@@ -58,7 +58,7 @@ def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
     if checkpoint is None or film is None or not film.path_sets:
         return
     if checkpoint.write(film) and isinstance(error, GlpathError):
-        kept = f"{film.path_sets} path sets are in {checkpoint.path}; the same command with --resume goes on."
+        kept = f"{film.path_sets} path sets are in {checkpoint.path}; the same command with --resume continues."
         error.remedy = f"{error.remedy}\n{kept}".strip()
 
 
@@ -67,7 +67,7 @@ def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> Abstract
 
     hang_limit : seconds; 0: none
     left       : the sentence that says what there is then
-    suspects   : what may be the matter
+    suspects   : what may be the cause
     """
     from glpath.jobs.watchdog import Watchdog
 
@@ -78,4 +78,4 @@ def left_in(checkpoint: Path | None) -> str:
     """What there is of what hangs."""
     if checkpoint is None:
         return "There was no --checkpoint, so nothing is kept."
-    return f"The last checkpoint is {checkpoint}, where one was written; --resume goes on with it."
+    return f"The last checkpoint is {checkpoint}, where one was written; --resume continues from it."

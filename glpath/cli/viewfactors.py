@@ -36,14 +36,14 @@ def register(app: typer.Typer) -> None:
         LIGHT,
         ("glpath viewfactors street.stl -o F.npz", "from every face to every other, and to the sky"),
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
-        ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and going on"),
+        ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and resumed"),
     )
     epilog = (
         "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
-        "again), 130 interrupted (go on with --resume)."
+        "again), 130 interrupted (continue with --resume)."
     )
     texts = {
-        "resume": "Keep rows that are done in FILE.part (of the first), and go on from there after an interruption."
+        "resume": "Keep rows that are done in FILE.part (of the first), and resume from them after an interruption."
     }
     app.command(epilog=epilog, **help)(with_options(viewfactors, OF_MATRICES, texts=texts))
 
@@ -88,8 +88,8 @@ def viewfactors(
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
     Row i, column j is the share of what leaves face i that arrives at face j. What a row lacks of 1 goes past all
-    faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing stands between
-    two faces, exact visibility from points elsewhere.
+    faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing occludes two
+    faces from each other, exact visibility from points elsewhere.
     """
     from glpath.radiosity.view_factors.faces import geometry_alone
     from glpath.radiosity.view_factors.formats import check_names, file_kind
@@ -126,7 +126,7 @@ def viewfactors(
             words = [*(word for path in out for word in ("-o", str(path)))]
             words += [word for name, value in options.items() if value is not None for word in (name, value)]
             words += [word for value in parameters or () for word in ("-D", value)] + ["--flip"] * flip
-            say(f"  go on with: {shlex.join(['glpath', 'viewfactors', str(scene), *words, '--resume'])}", err=True)
+            say(f"  to resume: {shlex.join(['glpath', 'viewfactors', str(scene), *words, '--resume'])}", err=True)
         raise typer.Exit(exit_code()) from stop
     rescue, kept = {"viewfactors.npz": found.save}, "The matrix is kept in {}."
     if wanted:

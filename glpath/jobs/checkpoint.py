@@ -3,9 +3,9 @@
     with Checkpoint("a.checkpoint.npz", seconds=60) as checkpoint:
         film = glpath.render(scene, spp=4096, film=checkpoint.load(), on_step=checkpoint)
 
-The file is a film like any other (`Film.load`), of sums and counts: what goes on from it has the bits of a render
-in one go, on one device. There is a whole one at any moment, and within the block no other process has it
-(`glpath.system.checkpoint`).
+The file is a film like any other (`Film.load`), of sums and counts: a render that resumes from it is bit-identical
+to an uninterrupted one, on one device. There is a whole file at any moment, and within the block no other process
+has it (`glpath.system.checkpoint`).
 
 Cost:     a write of 24 bytes per pixel and batch, 50 MB for 512 x 512, each time; rendering waits for it.
 Poor at:  two processes with one checkpoint without the block: each replaces the other's.
@@ -34,13 +34,13 @@ class Checkpoint(CheckpointFile):
     film  : that it was called with last
     """
 
-    holder = "a render that goes on with it"
+    holder = "a render that resumes from it"
     work = "rendering"
 
     film: Film | None = None
 
     def load(self) -> Film | None:
-        """The film to go on with; None where there is none yet. Raises ImageError for a file that is no film."""
+        """The film to resume from; None where there is none yet. Raises ImageError for a file that is no film."""
         if not self.found():
             return None
         film = Film.load(self.path)

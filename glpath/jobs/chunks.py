@@ -5,9 +5,9 @@ for bit, however they were cut.
 
 Chunks are as long as `seconds` of a worker's time, by what the ones before took; near the end they shrink, so that
 workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987). A chunk that failed is handed out
-again, until it has been tried `ATTEMPTS` times; then it is set aside, and the others go on. The last time it is
-alone, after all others: whoever was beside one that ends its worker is not to blame. What is still out when nothing
-is left to hand out may be given a second time (`straggler`): whoever is first counts.
+again, until it has been tried `ATTEMPTS` times; then it is set aside, and the others continue. The last time it is
+alone, after all others: chunks on the same worker as one that ends it are not to blame. What is still out when
+nothing is left to hand out may be given a second time (`straggler`): the first result counts.
 """
 
 from __future__ import annotations

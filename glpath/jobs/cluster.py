@@ -11,7 +11,7 @@ is reported at the end, with a film of all others.
 Cost:     a start of Python, a context and the shaders for each worker; a film's sums for each chunk over the
           network, 24 bytes a pixel and batch of path sets.
 Poor at:  short renders: a worker takes seconds to start. Several workers on one machine without a graphics card:
-          llvmpipe uses all cores by itself; they gain where its vertex stage, which has one thread, is in the way.
+          llvmpipe uses all cores already. They gain where its vertex stage, which has one thread, takes longest.
           Several workers on one graphics card.
 """
 
@@ -57,7 +57,7 @@ _GATHER_S, _GATHERERS = 60.0, 4
 # A scheduler notices late who has died: so long nothing is handed to a worker that was lost with a chunk, as that
 # would count as a try of what never began there.
 _SHUN_S = 10.0
-# How long to wait for the first worker before it is said that there is none.
+# How long to wait for the first worker before a warning that there is none.
 _SILENCE_S = 10.0
 
 
@@ -298,7 +298,7 @@ class _Render:
         except Exception as error:
             raise ContextError(
                 f"cluster {self.cluster.address}: the scheduler is gone: {error}.",
-                "Start it again; a render that has kept its film goes on from there.",
+                "Start it again; a render that has kept its film resumes from there.",
             ) from error
         for future in [f for f, task in self._running.items() if task.worker not in self._workers]:
             if future.status == "pending":

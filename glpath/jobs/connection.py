@@ -1,10 +1,10 @@
 """The workers of a cluster (Dask distributed): processes of this machine, or those of a scheduler, also by TLS.
 
 Trust:    a Dask scheduler runs whatever code a client sends it, on all workers, and a client unpickles what workers
-          send. So all parts of a cluster trust each other fully, and whoever can connect to one is that user on
-          every machine. Processes of this machine therefore listen on the loopback interface alone, and speak TLS
-          with a key that is made for this cluster, kept in memory, and gone with it: another user of the machine
-          cannot connect. A scheduler without TLS prints a warning: whoever reaches its port can run code.
+          send. So all parts of a cluster trust each other fully, and anybody who can connect to one is that user
+          on every machine. Processes of this machine therefore listen on the loopback interface alone. They speak
+          TLS with a key that is made for this cluster, kept in memory, and gone with it: another user of the
+          machine cannot connect. Without TLS a warning is printed: anybody who reaches its port can run code.
 Cost:     seconds to start a process of this machine, with a context and shaders of its own.
 """
 
@@ -250,7 +250,7 @@ def _address_in(path: str) -> str:
 def _wait_while_refused(address: str) -> None:
     """Raise ConnectionRefusedError where nobody listens at the address for some seconds.
 
-    Dask tries for half a minute. What cannot be told by a connection is left to it.
+    Dask tries for half a minute. What a connection does not show is left to it.
     """
     host, _, port = address.partition("://")[2].rpartition(":")
     until = time.monotonic() + _REFUSED_S
@@ -269,9 +269,9 @@ def _wait_while_refused(address: str) -> None:
 def _warn_if_open(address: str, scheduler: str) -> None:
     if not scheduler.startswith(_ENCRYPTED):
         log.warning(
-            "cluster %s: %s has neither encryption nor a password: whoever reaches its port can run code as you, "
-            "here and on every worker. Start the scheduler with --protocol tls and certificates, or keep it on a "
-            "network that you trust as a whole.",
+            "cluster %s: %s has neither encryption nor a password: anybody who reaches its port can run code as "
+            "you, here and on every worker. Start the scheduler with --protocol tls and certificates, or keep it "
+            "on a network that you trust as a whole.",
             address,
             scheduler,
         )

@@ -2,9 +2,9 @@
 
     film = merge_shards([Path("a.npz"), Path("b.npz")])
 
-Sums are exact, so the order does not matter, and all of them together have the bits of a render in one go where
-they come from one kind of device. A file that is named twice, and a copy of one, count once; so a job that was run
-twice by mistake does no harm.
+Sums are exact, so they may come in any order. All of them together are bit-identical to one uninterrupted render
+where they come from one kind of device. A file that is named twice, and a copy of one, count once; so a job that
+was run twice by mistake does no harm.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Within a call of a driver that never returns no line of Python runs, in no thread: the call holds Python's lock. So
 a small process of its own hears of each piece of work that is done (`glpath.system.heartbeat`) through a pipe. When
-nothing came for too long it says so, and aborts this one (SIGABRT, exit code 134 in a shell), which says where it
-hung. What was in memory is lost; a checkpoint is not.
+nothing came for too long it prints a line, and aborts this one (SIGABRT, exit code 134 in a shell), which prints
+where it hung. What was in memory is lost; a checkpoint is not.
 
 The other process counts seconds in which it ran itself, so that a render that was suspended (Ctrl-Z) is not taken
 for one that hangs. It ends when the pipe closes, however this process ended.
@@ -57,7 +57,7 @@ class Watchdog:
 
     limit    : seconds without any sign of work
     where    : the sentence that says what is left when it ends the process
-    suspects : what may be the matter
+    suspects : what may be the cause
     """
 
     def __init__(self, limit: float, where: str, suspects: str) -> None:

@@ -23,7 +23,7 @@ from glpath.system.versions import versions
 class Shared:
     """What all chunks of a render need; goes to a worker once.
 
-    token : tells this render from others
+    token : identifies this render among others
     job   : all of it
     scene : with the job's camera
     plan  : prepared: a radiosity solution is made before, by who asks, and is the same for all

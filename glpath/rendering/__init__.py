@@ -11,7 +11,7 @@
     calls       `render`, `render_frames` and `run`, which put these in order
     elements    what a radiosity solution's elements do to a picture
 
-Each name loads what it needs when it is first used: whoever only asks for options gets no OpenGL.
+Each name loads what it needs when it is first used: asking for options alone loads no OpenGL.
 """
 
 from __future__ import annotations

@@ -60,8 +60,8 @@ def render(
     crop           : (x, y, width, height): only these pixels of the whole image, y from the top
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees); type
                      ("perspective", "orthographic" with a height, "panorama"), aperture_radius and
-                     focus_distance of a lens, shutter (opens, closes; seconds). A new place ends its motion. Or a
-                     whole `glpath.scene.Camera`, in place of the scene's
+                     focus_distance of a lens, shutter (opens, closes; seconds). A new position ends its motion. Or
+                     a whole `glpath.scene.Camera`, instead of the scene's
     parameters     : of a generated scene
     {run_options}
     {options}
@@ -112,7 +112,7 @@ def run(
 
     Parameters
     ----------
-    context : in place of one of `backend` and `device`
+    context : instead of one of `backend` and `device`
     scene   : what the job describes, where that was made in memory, or has been loaded already
     sensor  : the points of a job that is of points and has come from JSON, which holds none
     The others are as of `render`
@@ -141,7 +141,7 @@ def run_job(
     context: Context | None = None,
     pictured: Callable[[Film], Film] | None = None,
 ) -> Film:
-    """The film of a job whose scene is loaded: the one way of all renders, by this process or a cluster's.
+    """The film of a job whose scene is loaded: all renders come through here, those of a cluster too.
 
     pictured : what `progress` shows of a film that is no picture
     """
@@ -236,7 +236,7 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
 
 @contextmanager
 def reporting_to(options: RunOptions, pictured: Callable[[Film], Film] | None = None) -> Iterator[RunOptions]:
-    """The options, whose `on_progress` tells whoever asked to hear of it: the user, a function, both or nobody."""
+    """The options, whose `on_progress` reports to the user, to the caller's function, to both or to nobody."""
     if not options.progress:
         yield options
         return

@@ -76,7 +76,7 @@ def element_error(
     (8, 8, 3)
     """
     if spp < 2 * BLOCK:
-        raise UsageError(f"element_error: spp={spp}; noise is told from error from {2 * BLOCK} path sets on.")
+        raise UsageError(f"element_error: spp={spp}; noise and error are separable from {2 * BLOCK} path sets on.")
     nearer, further = (
         render(scene, integrator="gather", radiosity=radiosity, spp=spp, lookup_depth=depth, **options)
         for depth in (lookup_depth, lookup_depth + 1)

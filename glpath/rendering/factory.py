@@ -1,4 +1,4 @@
-"""An integrator with its options, as an engine for a scene: the one place that knows which engine is whose."""
+"""An integrator with its options, as an engine for a scene: only this module knows the engine of each."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _CROWDED = 0.25
 #: Of the solution that a gather makes, which looks up indirect light alone, a bounce away: its noise is in hundreds
 #: of elements at once. Against eight million particles, so few change a picture's relMSE by 7e-6 (`cornell-box-36`)
 #: and 2e-5 (`room`); progressive refinement takes three times as long for the same there, ten times in `office`.
-GATHER_PATCHES, _LEAST_PARTICLES, _MOST_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
+GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
 # So many times more under a sky, and more where the solver finds them too few: most of what starts all over a scene
 # leaves it at once, and a window lets little of it in. In a room of 4 x 5 beside a ground of 80 x 80 its mean
 # varies by 0.5 % by seed.
@@ -62,21 +62,21 @@ def solve_for_gather(
 
     width, height = scene.camera.resolution
     finer = max(1.0, (width * height / _COARSE_PIXELS) ** 0.5)
-    wanted = max(_PARTICLES_PER_TRIANGLE * len(scene.triangles), round(_LEAST_PARTICLES * finer))
+    wanted = max(_PARTICLES_PER_TRIANGLE * len(scene.triangles), round(_MIN_PARTICLES * finer))
     if scene.sky is not None or scene.lights:
         wanted *= _STARTING_EVERYWHERE
     return solve_radiosity(
         scene,
         method="monte-carlo",
         patches=round(GATHER_PATCHES * finer),
-        particles=min(wanted, _MOST_PARTICLES),
+        particles=min(wanted, _MAX_PARTICLES),
         for_camera=True,
         on_progress=on_progress,
     )
 
 
 class Counts(Protocol):
-    """What a film's metadata ask of whoever renders it."""
+    """What a film's metadata ask of the engine."""
 
     def statistics(self) -> dict[str, object]:
         """What was counted so far."""
@@ -111,10 +111,10 @@ class Plan(Protocol):
         """
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
-        """Go on with another scene, traceable and with a camera of its own. Raises SceneError."""
+        """Continue with another scene, traceable and with a camera of its own. Raises SceneError."""
 
     def remarks(self, film: Film) -> list[str]:
-        """What is to be said of a film that is done."""
+        """Warnings about a film that is done."""
 
     def solution_error(self) -> float | None:
         """Of a plan that is prepared, `FilmMetadata.solution_error` of the camera's picture."""
@@ -245,12 +245,12 @@ def _solved(scene: Scene, say: Say) -> RadiositySolution:
 
 
 def _move_camera(engine: Engine, scene: Scene) -> None:
-    """Go on with the camera of a scene that is otherwise the same."""
+    """Continue with the camera of a scene that is otherwise the same."""
     assert isinstance(engine, PathSetEngine), f"an engine of another plan: {engine!r}"
     if scene.digest(camera=False) != engine.scene.scene.digest(camera=False):
         raise SceneError(
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
-            'Only "t-buffer" and "classic" go on with another scene; with the other integrators, render it alone.',
+            'Only "t-buffer" and "classic" continue with another scene; with the others, render it alone.',
         )
     engine.look_from(CameraSensor.of(scene.camera))
 
@@ -362,7 +362,7 @@ class _Whitted:
             return []
         endless = [shape.name for shape in scene.shapes if shape.emits and shape.primitive == "plane"]
         return [
-            f'The plane "{name}" emits: it is seen, but no light point of an endless plane can be drawn, so it '
+            f'The plane "{name}" emits: it is seen, but no point of an endless plane can be sampled, so it '
             "lights nothing. Make it a quad."
             for name in endless
         ]

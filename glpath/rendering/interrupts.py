@@ -13,7 +13,7 @@ from glpath.errors import kept_in
 from glpath.film.film import Film
 from glpath.gl.signals import ENDING
 
-# Seconds that a path set under way has to end after SIGTERM or SIGUSR1. Who sends them ends the process for good
+# Seconds that an unfinished path set has to end after SIGTERM or SIGUSR1. Who sends them ends the process for good
 # soon: containers after ten seconds, Slurm after thirty.
 _GRACE = 4.0
 

@@ -133,7 +133,7 @@ class RenderJob:
     ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
 
-        sensor : points, in place of the scene's camera
+        sensor : points, instead of the scene's camera
 
         {options}
 
@@ -184,7 +184,7 @@ class RenderJob:
             value = getattr(self.integrator, name)
             if not isinstance(value, str | int | float | tuple | Path | None):
                 raise UsageError(
-                    f"{name}: a solution in memory has no place in a job's JSON.",
+                    f"{name}: a job's JSON cannot hold a solution in memory.",
                     "Save it, and give the path of its file.",
                 )
             settings[name] = os.path.abspath(value) if isinstance(value, Path) else value
@@ -299,7 +299,7 @@ def describe(
 ) -> tuple[RenderJob, Scene]:
     """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError.
 
-    sensor : points, in place of the scene's camera. What is measured there has the light of all bounces, where
+    sensor : points, instead of the scene's camera. What is measured there has the light of all bounces, where
              no `max_depth` is asked for
     """
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}

@@ -64,10 +64,10 @@ def _trace(
                 count = _step(engine, context, tiles, film, start, min(stop - start, clock.step), interrupted)
             start += count
             clock.count_step(count)
-            # Before anybody is told, as the last report is the one that says it is done.
+            # Before anything is reported, as the last report is the one that says it is done.
             rule = clock.ended(start == stop)
             clock.stepped(engine, bool(rule))
-        if rule:  # the last step: whoever interrupts gets a film that is complete
+        if rule:  # the last step: an interrupted film is complete, too
             break
         if interrupted:
             raise KeyboardInterrupt
@@ -140,7 +140,7 @@ class Clock:
         return TIME_LIMIT if limit is not None and self.elapsed >= limit else ""
 
     def ended_before(self) -> bool:
-        """Whether a film that is gone on with is done already."""
+        """Whether a film that is resumed is done already."""
         if not self.film.path_sets:
             return False
         at_block = all(stop % BLOCK == 0 for _, stop in self.film.ranges)
@@ -175,7 +175,7 @@ class Clock:
         self._last_report = now + 5 * (time.perf_counter() - now)
 
     def begin_step(self) -> None:
-        """A step begins: what went by since the last one was spent waiting, or in who is told of the progress."""
+        """A step begins: what went by since the last one was spent waiting, or in callbacks of progress."""
         self._last_step = time.perf_counter()
 
     def _expected(self) -> int:

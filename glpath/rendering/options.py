@@ -33,7 +33,7 @@ class RenderKeywords(IntegratorKeywords, RunKeywords, total=False):
     """Keyword arguments of a render, for type checkers."""
 
 
-#: In place of all words where any number may be chosen.
+#: Instead of all words where any number may be chosen.
 ALL = "all"
 
 _WIDTH = 110
@@ -321,7 +321,7 @@ def colour(name: str, value: float | Sequence[float]) -> Rgb:
 
 
 def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Function], Function]:
-    """Decorates a function: options become parameters by keyword in its signature, in place of its last, **options.
+    """Decorates a function: options become parameters by keyword in its signature, instead of its last, **options.
 
     integrators, run : whether it has those of all integrators, and those of a run
 
@@ -388,7 +388,7 @@ def options_text() -> str:
 
 
 def default_spp_text() -> str:
-    """What `spp` is by itself, of each integrator."""
+    """The default of `spp`, of each integrator."""
     by_count: dict[int, list[str]] = {}
     for name, kind in INTEGRATORS.items():
         by_count.setdefault(kind.default_spp, []).append(name)

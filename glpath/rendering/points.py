@@ -45,7 +45,7 @@ class Irradiance:
     """Irradiance at points.
 
     film  : of the points' white receivers, in rows; irradiance is pi times its radiance. It can be saved, merged
-            and gone on with
+            and resumed
     count : of points; what is left of the film's last row repeats the last of them
     """
 
@@ -84,8 +84,8 @@ class Irradiance:
 
         which : (N,) bool, the points that count; all. One at least
 
-        `min(illuminance())` is too low, as noise chooses the point: `glpath.rendering.uniformity` says what this
-        does in its place, and what its errors are.
+        `min(illuminance())` is too low, as noise chooses the point: `glpath.rendering.uniformity` describes the
+        estimate that is used instead, and its errors.
         """
         lux = luminance(self.film.radiance_sums).reshape(len(self.film.radiance_sums), -1)[:, : self.count]
         chosen = lux if which is None else lux[:, which]
@@ -128,7 +128,7 @@ def irradiance(
     spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
     noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
                  the radiance of white surfaces, so that what is below 0.3 W m^-2 counts as that
-    film       : `Irradiance.film` of the same call, to go on with
+    film       : `Irradiance.film` of the same call, to resume from
     The other parameters are those of `render`.
     {options}
 
@@ -145,7 +145,7 @@ def irradiance(
     """
     run_options, chosen = RunOptions.taken_from(options)
     check_word("receiver", receiver, get_args(Receiver))
-    place, facing = _points(points, normals)
+    positions, facing = _points(points, normals)
     if receiver == "cylinder":
         facing = _around(facing)
     with aside("camera", "light"):
@@ -156,16 +156,16 @@ def irradiance(
         integrator=integrator,
         spp=run_options.spp(spp),
         first_path_set=first_path_set,
-        sensor=_in_rows(place, facing, loaded),
+        sensor=_in_rows(positions, facing, loaded),
         **chosen,
     )
-    return Irradiance(run_job(job, loaded, run_options), len(place))
+    return Irradiance(run_job(job, loaded, run_options), len(positions))
 
 
 def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> Scene:
     """The scene with the light that is measured in it: its own, or the white sky that is asked for.
 
-    ambient : radiance that is asked for in place of the scene's
+    ambient : radiance that is asked for instead of the scene's
 
     Raises SceneError where it has none, and UsageError for a sky besides its own light. Warns with SceneWarning of
     a sky that is left out, as surfaces glow that pictures have beside it.
@@ -201,14 +201,14 @@ def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
         given = np.asarray(points), np.asarray(normals)
         if any(np.iscomplexobj(each) for each in given):
             raise TypeError
-        place, facing = (each.astype(np.float64) for each in given)
+        positions, facing = (each.astype(np.float64) for each in given)
     except (TypeError, ValueError):
         raise UsageError("irradiance: points and normals where arrays of numbers are needed") from None
-    if place.ndim != 2 or place.shape[1:] != (3,) or not len(place):
-        raise UsageError(f"points: of shape {place.shape} where (N, 3) is needed, and one point at least")
-    if facing.shape not in (place.shape, (3,)):
-        raise UsageError(f"normals: of shape {facing.shape} where {place.shape} or (3,) is needed")
-    facing = np.broadcast_to(facing, place.shape)
+    if positions.ndim != 2 or positions.shape[1:] != (3,) or not len(positions):
+        raise UsageError(f"points: of shape {positions.shape} where (N, 3) is needed, and one point at least")
+    if facing.shape not in (positions.shape, (3,)):
+        raise UsageError(f"normals: of shape {facing.shape} where {positions.shape} or (3,) is needed")
+    facing = np.broadcast_to(facing, positions.shape)
     with np.errstate(invalid="ignore", over="ignore"):
         longest = np.abs(facing).max(axis=1, keepdims=True)
         # Squares of the smallest are 0, of the largest infinite.
@@ -218,7 +218,7 @@ def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
         for what, wrong, allowed in (
             (
                 "points",
-                ~(np.abs(place) <= LARGEST).all(axis=1),
+                ~(np.abs(positions) <= LARGEST).all(axis=1),
                 f"finite numbers from {-LARGEST:g} to {LARGEST:g} are",
             ),
             ("normals", ~(np.isfinite(length) & (length > 0)), "a finite vector other than zero is"),
@@ -226,10 +226,10 @@ def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
             if wrong.any():
                 first = int(np.flatnonzero(wrong)[0])
                 found = (
-                    place[first] if what == "points" else np.broadcast_to(given[1], place.shape)[first]
+                    positions[first] if what == "points" else np.broadcast_to(given[1], positions.shape)[first]
                 ).tolist()
                 raise UsageError(f"{what}[{first}]: {found} where {allowed} needed")
-    return place, facing / length[:, None]
+    return positions, facing / length[:, None]
 
 
 def _around(axes: Float64) -> Float64:
@@ -240,18 +240,18 @@ def _around(axes: Float64) -> Float64:
     return np.asarray(np.cos(angle) * beside + np.sin(angle) * np.cross(axes, beside))
 
 
-def _in_rows(place: Float64, facing: Float64, scene: Scene) -> PointSensor:
+def _in_rows(positions: Float64, facing: Float64, scene: Scene) -> PointSensor:
     """The sensor of points (N, 3) of a scene, nearly square, as devices shade squares; the last ones are repeated.
 
     facing : (N, 3), or (S, N, 3), of which a path set takes one
     """
     origin = scene.centred.origin - scene.origin
-    place = place - origin
-    width = math.isqrt(len(place) - 1) + 1
-    height = -(-len(place) // width)
-    more = ((0, 0), (0, width * height - len(place)), (0, 0))
-    facing = facing.reshape(-1, *place.shape)
-    place = np.broadcast_to(place, facing.shape)
-    rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (place, facing))
+    positions = positions - origin
+    width = math.isqrt(len(positions) - 1) + 1
+    height = -(-len(positions) // width)
+    more = ((0, 0), (0, width * height - len(positions)), (0, 0))
+    facing = facing.reshape(-1, *positions.shape)
+    positions = np.broadcast_to(positions, facing.shape)
+    rows = (np.pad(each, more, mode="edge").reshape(-1, height, width, 3) for each in (positions, facing))
     x, y, z = origin.tolist()
     return PointSensor.of(*rows, shutter=scene.camera.shutter, independent=True, origin=(x, y, z))

@@ -85,7 +85,7 @@ def _image() -> Iterator[Report]:
         else:
             handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
 
-    def make_way() -> None:
+    def remove_picture() -> None:
         """The cell shows the film itself: once is enough."""
         if cell is not None and running_cell() == cell:
             show("picture", {"text/plain": ""})
@@ -118,7 +118,7 @@ def _image() -> Iterator[Report]:
             show("line", {"text/plain": f"{ended} after {film.path_sets} path sets, {latest.renderer}"})
         raise
     if latest is not None:
-        latest.film.before_shown = make_way
+        latest.film.before_shown = remove_picture
 
 
 class _Pace:

@@ -1,4 +1,4 @@
-"""A film that a render goes on with has to be of that very render: what differs is said, nothing is guessed."""
+"""A film that a render resumes from has to be of that very render. All that differs is reported."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class AnotherRenderError(UsageError):
 
     def __init__(self, reason: str) -> None:
         super().__init__(
-            f"film: cannot be gone on with: {reason}.",
+            f"film: cannot be resumed: {reason}.",
             "Ask for what it was made with, or leave it and begin anew.",
         )
         self.reason = reason
@@ -31,7 +31,7 @@ def check_same_render(
 
     unknown : what is not compared yet, as `differences` calls it
 
-    Another device, driver or library is told in the log alone: a render may move to another machine, though the sum
+    Another device, driver or library is only logged: a render may move to another machine, though the sum
     is then not that of one device to the bit.
     """
     found = [pair for pair in differences(film.metadata, metadata) if pair[0] not in unknown]
@@ -53,7 +53,7 @@ def check_same_render(
     for what, (inside, here) in kinds.items():
         if film.path_sets and inside != here:
             log.info(
-                "going on with another %s: %s in the film, %s here; its bits are not those of one machine",
+                "resuming with another %s: %s in the film, %s here; its bits are not those of one machine",
                 what,
                 shown(inside),
                 shown(here),

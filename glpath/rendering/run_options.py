@@ -3,7 +3,7 @@
 A `RenderJob` says what a film holds, `RunOptions` how it comes about. They are keyword arguments of `render`,
 `render_frames`, `run`, `irradiance` and `lightmap` (`RunKeywords`), the command line makes them of its options
 (`glpath.cli.run_request`), and a cluster's workers get them. A new one is a field of both classes here, an option
-there, and whoever heeds it.
+there, and the code that heeds it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Workers(Protocol):
-    """Who renders a job in place of this process: `glpath.jobs.cluster.Cluster`."""
+    """Who renders a job instead of this process: `glpath.jobs.cluster.Cluster`."""
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
         """The film of the job, whose scene is loaded; options: without `cluster`."""
@@ -64,7 +64,7 @@ class RunOptions:
                      0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film
                      has the bits of one of that `spp`. Poor at rare, bright events: nobody misses what was never
                      seen
-    film           : a film that this render had begun, to go on with: path sets that it holds are not rendered
+    film           : a film that this render had begun, to resume from: path sets that it holds are not rendered
                      again. It is changed, and returned
     on_step        : called with the film after each step, of up to half a second or one path set: a
                      `glpath.jobs.checkpoint.Checkpoint`, say
@@ -104,7 +104,7 @@ class RunOptions:
 
     def context(self) -> Context:
         """The device, for as many threads. Raises ContextError."""
-        from glpath.gl.context import open_context  # whoever only asks for options gets no OpenGL
+        from glpath.gl.context import open_context  # asking for options alone loads no OpenGL
 
         if self.threads is not None:
             limit_threads(self.threads)

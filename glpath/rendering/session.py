@@ -104,22 +104,22 @@ class Session:
                     self._engine = engine.prepare()
             else:
                 with context:
-                    self._go_on(self._engine, job, scene)
+                    self._continue_with(self._engine, job, scene)
             self._job = job
             trace(self._engine, context, self._tiles, clock, job.path_sets)
         return clock.film
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
-        """Whether the engine can go on with this job, of the same integrator; the scene has its camera."""
+        """Whether the engine can continue with this job, of the same integrator; the scene has its camera."""
         before = self._job
         same = before.sensor.kind == job.sensor.kind
         return same and (job.integrator.any_scene or not _differs(before, job, scene))
 
     def remarks(self, film: Film) -> list[str]:
-        """What is to be said of a film that is done."""
+        """Warnings about a film that is done."""
         return self._plan.remarks(film)
 
-    def _go_on(self, engine: Engine, job: RenderJob, scene: Scene) -> None:
+    def _continue_with(self, engine: Engine, job: RenderJob, scene: Scene) -> None:
         """The engine for a further job: another camera, or another scene."""
         before = self._job
         if job.sensor.resolution != before.sensor.resolution or job.window != before.window:
@@ -178,7 +178,7 @@ def begin(
 
 
 def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Clock) -> Plan:
-    """The plan with what takes long before the first path set, of which the clock tells, and the film says.
+    """The plan with what takes long before the first path set; the clock reports it, and the film names it.
 
     Raises RenderInterrupted, and AnotherRenderError.
     """
@@ -202,7 +202,7 @@ def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Cloc
 
 
 def _name_both(film: Film, context: Context) -> None:
-    """A film that goes on here names what it was begun with, and what it goes on with."""
+    """A film that is resumed here names the device and versions that began it, and those here."""
     held = film.metadata
     film.metadata = replace(
         held,

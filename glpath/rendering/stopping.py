@@ -27,8 +27,8 @@ FIRST_LOOK = MIN_BATCHES * BLOCK
 def looks_at_noise(path_sets: int) -> bool:
     """Whether a film of so many path sets, at the end of a block, is one whose noise is looked at.
 
-    Every block at first, then about every eighth of the way: each look costs time, and each is a chance more to end
-    by luck.
+    Every block at first, then about whenever the film has grown by an eighth. Each look costs time, and is a
+    further chance to end by luck.
     """
     whole = path_sets // BLOCK
     return whole >= MIN_BATCHES and whole % (1 << max(0, whole.bit_length() - 4)) == 0

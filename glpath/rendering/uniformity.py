@@ -4,9 +4,9 @@ The least of noisy values is too low: the chosen point is the one whose error ha
 points with an error of 10 %, it is low by a third of their mean. A minimum that one half of the batches of path
 sets chooses, and that is read off the other half, does not have this bias. It is the value of a point that is
 nearly the darkest, and so too high, if at all. The expected values of the two have the minimum between them. The
-estimate lies three quarters of the way to the second. There, simulations have the least bias of fields that are
-even, sloped, lamp-like or without any order. Its error has that of the point, and that the minimum may be anywhere
-between.
+estimate lies three quarters of the distance to the second. There, simulations have the least bias of fields that
+are even, sloped, lamp-like or without any order. Its error has that of the point, and that the minimum may be
+anywhere between.
 
 Batches of a Sobol sequence are not independent: where one is too bright, the others are too dark. All points
 together tell how much so (`_gain`). The half that is read then gets as much of the half that chose as makes the two
@@ -14,7 +14,7 @@ independent.
 
 Cost:     all halves of eight batches, 70, each a pass over the points: a second for four million.
 Poor at:  noise above the contrast: only bounds are known then, and the error is large; `Spread.asks_for` has a
-          remedy. Rare bright light, which most points have not met: it is not in the errors either.
+          remedy. Rare bright light, which most points have not hit: it is not in the errors either.
 
 Hado van Hasselt, "Double Q-learning", 2010, for choosing by one half and reading off the other; "Estimating the
 maximum expected value", 2013, for the signs of both biases.
@@ -33,11 +33,11 @@ from glpath.film.noise import standard_error
 
 Float64 = NDArray[np.float64]
 
-# Of the way from the least of all values to that of the halves.
+# Of the distance from the minimum of all values to that of the halves.
 _TOWARDS_HALVES = 0.75
-# Below, nothing tells how batches of a sequence go together.
-_LEAST_BATCHES = 4
-#: Share of an extreme by which its two bounds may differ before noise is said to dominate it.
+# Below, the correlation of a sequence's batches is unknown.
+_MIN_BATCHES = 4
+#: Share of an extreme by which its two bounds may differ before noise counts as dominating it.
 UNDECIDED = 0.1
 
 
@@ -88,7 +88,7 @@ class Spread:
         return max((share for share in shares if np.isfinite(share)), default=0.0)
 
     def asks_for(self, path_sets: int) -> int | None:
-        """So many path sets, a power of two, in place of these, that noise leaves both decided; None: it does."""
+        """So many path sets, a power of two, instead of these, that noise leaves both decided; None: it does."""
         if not self.undecided > UNDECIDED:
             return None
         return int(2 ** np.ceil(np.log2(path_sets * (self.undecided / UNDECIDED) ** 2)))
@@ -104,8 +104,8 @@ def spread_of(sums: Float64, counts: NDArray[np.int64]) -> Spread:
     """
     means = sums.mean(axis=1)
     mean = Estimate(float(means.sum() / counts.sum()), float(standard_error(means, counts)))
-    least, most = _minimum(sums, counts), _minimum(-sums, counts)
-    return Spread(mean, least, Extreme(0.0 - most.value, most.error, 0.0 - most.plain, most.bounds))
+    lowest, highest = _minimum(sums, counts), _minimum(-sums, counts)
+    return Spread(mean, lowest, Extreme(0.0 - highest.value, highest.error, 0.0 - highest.plain, highest.bounds))
 
 
 def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
@@ -115,7 +115,7 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     batches, total = len(counts), sums.sum(axis=0)
     means = total / counts.sum()
     plain = float(means.min())
-    if batches < _LEAST_BATCHES:
+    if batches < _MIN_BATCHES:
         return Extreme(plain, np.nan, plain)
     # Batches whose errors have the correlation -k; of halves of them it is -c.
     k = (1 - gain) / (batches - 1 + gain)
@@ -130,7 +130,7 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     other = min(float(np.average(values, weights=weights)), float(means.mean()))
     bounds = max(other - plain, 0.0)
     value = plain + _TOWARDS_HALVES * bounds
-    # Where noise is skewed, a point that is low by chance has a small spread, too: all that may be lowest count.
+    # Where noise is skewed, a point whose noise makes it low has a small spread, too: all that may be lowest count.
     own = standard_error(sums, counts)
     own = own[means - 2 * own <= (means + 2 * own).min()]
     # The variance of a number that may be anywhere between two is a twelfth of the square of their distance.
