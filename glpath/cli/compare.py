@@ -38,7 +38,7 @@ def diff(
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(help="Relative difference that gets the full colour; default: of 99 % of pixels."),
+        typer.Option(help="Relative difference that gets the full colour; default: the 99th percentile."),
     ] = None,
     mode: Annotated[
         str | None,

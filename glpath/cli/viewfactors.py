@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
         LIGHT,
         ("glpath viewfactors street.stl -o F.npz", "from every face to every other, and to the sky"),
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
-        ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse, and resumed"),
+        ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse; resumes where it stopped"),
     )
     epilog = (
         "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "

@@ -67,7 +67,7 @@ def _trace(
             # Before anything is reported, as the last report is the one that says it is done.
             rule = clock.ended(start == stop)
             clock.stepped(engine, bool(rule))
-        if rule:  # the last step: an interrupted film is complete, too
+        if rule:  # the last step: after an interrupt the film is complete, too
             break
         if interrupted:
             raise KeyboardInterrupt
