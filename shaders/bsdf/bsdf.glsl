@@ -85,13 +85,29 @@ float coat_reflects(Bsdf b, float cosine)
 {
     return b.coat * (COAT_REFLECTS + (1.0 - COAT_REFLECTS) * schlick(cosine));
 }
+
+// What is left for all that lies under the layers that cover a surface: the clearcoat; `cosine` of wo to the normal.
+float under_layers(Bsdf b, float cosine)
+{
+    return 1.0 - coat_reflects(b, cosine);
+}
 #endif
+
+// Of light from everywhere, what the diffuse lobe sends to a cosine, about: its share of the paths goes by it.
+float diffuse_importance(Bsdf b, float cosine)
+{
+    float share = mean(b.diffuse + b.specular);
+#ifdef HAS_MICROFACETS
+    share *= base_transmittance(b, cosine) * under_layers(b, cosine);
+#endif
+    return share;
+}
 
 // Of the diffuse base, seen at a cosine to the normal.
 vec3 diffuse_reflectance(Bsdf b, float cosine)
 {
 #ifdef HAS_MICROFACETS
-    return b.diffuse * (base_transmittance(b, cosine) * (1.0 - coat_reflects(b, cosine)));
+    return b.diffuse * (base_transmittance(b, cosine) * under_layers(b, cosine));
 #else
     return b.diffuse;
 #endif
@@ -115,9 +131,8 @@ vec3 mirrored(Bsdf b, float cosine)
 {
     vec3 share = b.mirror;
 #ifdef HAS_MICROFACETS
-    float coat = coat_reflects(b, cosine);
-    if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * (1.0 - coat);
-    if (b.coat_alpha < SMOOTH) share += coat;
+    if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * under_layers(b, cosine);
+    if (b.coat_alpha < SMOOTH) share += coat_reflects(b, cosine);
 #endif
     return share;
 }
@@ -127,7 +142,7 @@ vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = b.diffuse;
 #ifdef HAS_MICROFACETS
-    f *= base_transmittance(b, dot(wo, normalize(wo + wi))) * (1.0 - coat_reflects(b, dot(n, wo)));
+    f *= base_transmittance(b, dot(wo, normalize(wo + wi))) * under_layers(b, dot(n, wo));
 #endif
 #ifdef HAS_HIGHLIGHTS
     float highlight = pow(max(dot(reflect(-wo, n), wi), 1e-20), b.exponent);
@@ -172,7 +187,7 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     vec3 m = normalize(wo + wi);
     float cosine = dot(wo, m), D = ggx(m, b.alpha), seen = ggx_seen(wo, b.alpha);
-    vec3 F = microfacet_reflects(b, cosine) * (1.0 - coat_reflects(b, wo.z));
+    vec3 F = microfacet_reflects(b, cosine) * under_layers(b, wo.z);
     float f = PI * D * seen * ggx_seen(wi, b.alpha) / (4.0 * wo.z * wi.z);
     return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
 }
@@ -203,7 +218,7 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
     float pdf = visible_normal_pdf(wo, m, b.alpha) * spread;
-    vec3 T = b.transmission * (base_transmittance(b, o) * (1.0 - coat_reflects(b, wo.z)));
+    vec3 T = b.transmission * (base_transmittance(b, o) * under_layers(b, wo.z));
     return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif
