@@ -35,6 +35,8 @@ from glpath.scene.source_location import SourceLocation
 _NO_COLOURS = ("normal_texture", "surface_texture", "transmission_texture")
 # Fields of [materials.NAME] that `Material` has by another name.
 _RENAMED = {"specular": "specular_weight", "specular_color": "specular_colour"}
+# Its colours that may be above 1.
+_ABOVE_ONE = ("specular_color", "attenuation")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 
 
@@ -90,17 +92,20 @@ def _principled(
     texture_number: Mapping[str, int],
     location: SourceLocation,
 ) -> Material:
-    for field in ("specular_color", "attenuation"):
-        if np.any(rgb(getattr(given, field)) < 0):
-            raise location.field(field).wrong(getattr(given, field), "0 or more")
     made = Material(name, base, given.two_sided, texture=texture)
     fields: dict[str, Any] = {}
     for field in sorted(set(Principled.__struct_fields__) - set(Surface.__struct_fields__)):
         value, target = getattr(given, field), _RENAMED.get(field, field)
         if field in SLOTS:
             fields[target] = _slot(value, texture_number, location.field(field))
+        elif np.ndim(getattr(made, target)) == 0:
+            fields[target] = value
+        elif field not in _ABOVE_ONE:
+            fields[target] = share(value, location.field(field), "It is a colour, linear Rec. 709.")
         else:
-            fields[target] = rgb(value) if np.ndim(getattr(made, target)) > 0 else value
+            fields[target] = rgb(value)
+            if np.any(fields[target] < 0):
+                raise location.field(field).wrong(value, "0 or more")
     return replace(made, **fields)
 
 
