@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from glpath.scene.geometry import Float64
-from glpath.scene.material import Material
+from glpath.scene.material import Material, sheen_albedo_fit, sheen_lambda
 
 #: The texels of a material, in order.
 MATERIAL_LAYOUT = {
@@ -23,6 +23,11 @@ MATERIAL_LAYOUT = {
     "COAT": "share under clearcoat; its roughness",
     "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a thin dielectric",
     "INSIDE": "attenuation of a solid of glass, per scene unit",
+    "SHEEN": "its colour; Charlie's alpha",
+    "SHEEN_ALBEDO0": "the logarithm of white sheen's albedo, a polynomial of the cosine's root: powers 0 to 3",
+    "SHEEN_ALBEDO1": "powers 4 to 7",
+    "SHEEN_LAMBDA": "b, c, d, e of L(x) = a / (1 + b x^c) + d x + e, of Charlie's lambda",
+    "SHEEN_LAMBDA_A": "a",
 }
 
 
@@ -44,6 +49,7 @@ MATERIAL_VARIANTS = {
     "HAS_MIRRORS": MaterialVariant("a material is a mirror in part", lambda m: bool(np.any(m.mirror > 0))),
     "HAS_MICROFACETS": MaterialVariant("a material has a roughness", _rough),
     "HAS_ANISOTROPY": MaterialVariant("a rough material is anisotropic", lambda m: _rough(m) and m.anisotropy > 0),
+    "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
 }
 
@@ -51,6 +57,13 @@ MATERIAL_VARIANTS = {
 def material_variants(materials: Sequence[Material]) -> dict[str, bool]:
     """Which variants some of the materials ask for, for `defined`."""
     return {name: any(map(each.asked_by, materials)) for name, each in MATERIAL_VARIANTS.items()}
+
+
+def _sheen(m: Material) -> list[list[float]]:
+    if not np.any(m.sheen > 0):
+        return [[0.0] * 4] * 5
+    (a, *b_to_e), fit = sheen_lambda(m.sheen_alpha), sheen_albedo_fit(m.sheen_alpha)
+    return [[*m.sheen, m.sheen_alpha], [*fit[:4]], [*fit[4:]], b_to_e, [a, 0, 0, 0]]
 
 
 def material_table(materials: Sequence[Material]) -> Float64:
@@ -70,6 +83,7 @@ def material_table(materials: Sequence[Material]) -> Float64:
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
             [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],
+            *_sheen(m),
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)
     ]

@@ -30,13 +30,16 @@ LAYERS = {
         {"clearcoatFactor": "clearcoat", "clearcoatRoughnessFactor": "clearcoat_roughness"},
         ("clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"),
     ),
+    "KHR_materials_sheen": Layer(
+        {"sheenColorFactor": "sheen", "sheenRoughnessFactor": "sheen_roughness"},
+        ("sheenColorTexture", "sheenRoughnessTexture"),
+    ),
 }
 #: Extensions of materials that are lost, and the part of the look that is lost with each.
 UNUSED_MATERIALS = {
     "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
     "KHR_materials_dispersion": "dispersion of glass",
     "KHR_materials_iridescence": "iridescence",
-    "KHR_materials_sheen": "sheen of cloth",
     "KHR_materials_variants": "variants of materials, other than the first",
     "KHR_materials_volume_scatter": "light that is scattered inside of solids",
 }
