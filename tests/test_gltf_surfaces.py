@@ -71,6 +71,7 @@ def test_layers_of_the_extensions(tmp_path: Path) -> None:
             "KHR_materials_ior": {"ior": 1.7},
             "KHR_materials_specular": {"specularFactor": 0.4, "specularColorFactor": [1, 2, 0]},
             "KHR_materials_clearcoat": {"clearcoatFactor": 0.9, "clearcoatRoughnessFactor": 0.1},
+            "KHR_materials_sheen": {"sheenColorFactor": [0.1, 0.5, 1], "sheenRoughnessFactor": 0.25},
             "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": np.pi / 3},
             "KHR_materials_transmission": {"transmissionFactor": 0.8},
             "KHR_materials_volume": {
@@ -83,6 +84,8 @@ def test_layers_of_the_extensions(tmp_path: Path) -> None:
     assert (material.ior, material.specular_weight, material.transmission) == (1.7, 0.4, 0.8)
     np.testing.assert_allclose(material.specular_colour, [1, 2, 0])
     assert (material.clearcoat, material.clearcoat_roughness, material.anisotropy) == (0.9, 0.1, 0.6)
+    np.testing.assert_array_equal(material.sheen, [0.1, 0.5, 1])
+    assert material.sheen_roughness == 0.25
     assert material.anisotropy_angle == pytest.approx(60)
     assert not material.thin
     np.testing.assert_allclose(np.exp(-2 * material.attenuation), [0.5, 1, 0.25])  # Beer's law over the distance
@@ -122,6 +125,7 @@ def test_without_any_reflection_a_surface_is_diffuse(tmp_path: Path) -> None:
         ({"metallicFactor": 0}, {"KHR_materials_specular": {"specularFactor": 0.01}}),
         ({"metallicFactor": 0}, {"KHR_materials_specular": {"specularColorFactor": [0, 0, 0]}}),  # grazing is white
         ({"metallicFactor": 0}, NO_REFLECTION | {"KHR_materials_clearcoat": {"clearcoatFactor": 0.1}}),
+        ({"metallicFactor": 0}, NO_REFLECTION | {"KHR_materials_sheen": {"sheenColorFactor": [0, 0.1, 0]}}),
         ({"metallicFactor": 0}, NO_REFLECTION | {"KHR_materials_transmission": {"transmissionFactor": 0.1}}),
     ],
 )
@@ -228,11 +232,11 @@ def test_what_is_not_used_is_noted_once(tmp_path: Path) -> None:
     file = Gltf()
     texture = {"index": file.texture(FOUR)}
     for _ in range(2):
-        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_sheen", sheenRoughnessFactor=1))
-    file.json["extensionsUsed"] = ["KHR_materials_sheen", "ACME_glitter", "ACME_dust"]
+        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_iridescence", iridescenceFactor=1))
+    file.json["extensionsUsed"] = ["KHR_materials_iridescence", "ACME_glitter", "ACME_dust"]
     notes = read(file, tmp_path).notes
     assert sum("Occlusion" in note for note in notes) == 1
-    assert sum("KHR_materials_sheen" in note for note in notes) == 1
+    assert sum("KHR_materials_iridescence" in note for note in notes) == 1
     assert [note for note in notes if "ACME" in note] == ["The extensions ACME_dust, ACME_glitter."]
 
 

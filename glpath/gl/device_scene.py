@@ -21,6 +21,7 @@ import numpy as np
 
 from glpath.errors import SceneError
 from glpath.gl.geometry_stream import GeometryStream
+from glpath.gl.material_texels import material_variants
 from glpath.gl.moving import MovingScene
 from glpath.gl.owner import Owner
 from glpath.gl.passes import TriangleIndices
@@ -100,14 +101,9 @@ class DeviceScene(Owner):
         self.max_radiance = max_radiance(scene)
         self.lights = lights = tuple(sorted(scene.lights, key=lambda light: light.kind == "directional"))
         self.generated = {"SCENE": scene_glsl()}
-        rough = [material for material in scene.materials if material.roughness is not None]
         self.defines = defined(
             **{f"HAS_{kind.upper()}S": len(of) > 0 for kind, of in numbers.kinds.items()},
-            HAS_HIGHLIGHTS=any(bool(np.any(material.specular > 0)) for material in scene.materials),
-            HAS_MIRRORS=any(bool(np.any(material.mirror > 0)) for material in scene.materials),
-            HAS_MICROFACETS=bool(rough),
-            HAS_ANISOTROPY=any(material.anisotropy > 0 for material in rough),
-            HAS_GLASS=any(material.transmission > 0 for material in rough),
+            **material_variants(scene.materials),
             HAS_ENVIRONMENT=isinstance(scene.sky, Environment),
             HAS_DIRECTIONAL_LIGHTS=any(light.kind == "directional" for light in lights),
             HAS_PROFILES=bool(profiled_lights(scene)),

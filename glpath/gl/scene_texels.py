@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.geometry_stream import facet_planes
+from glpath.gl.material_texels import MATERIAL_LAYOUT, material_table
 from glpath.gl.texel_store import FLOATS, UINTS, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
@@ -53,16 +54,7 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "emission": {"RADIANCE": "of a shape; the density per area of a light sample on it, 0 where none is drawn"},
     "emitter": {"DENSITIES": "the same of four triangles, where those of a shape differ"},
-    "material": {
-        "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
-        "SPECULAR": "Phong's coefficient; Phong's exponent",
-        "MIRROR": "share of the mirrored light",
-        "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the tangent, radians",
-        "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
-        "COAT": "share under clearcoat; its roughness",
-        "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a thin dielectric",
-        "INSIDE": "attenuation of a solid of glass, per scene unit",
-    },
+    "material": MATERIAL_LAYOUT,
     "cover": {"OPACITY": "of a material: opacity; cutoff"},
     "slot_map": {
         "U": "of a texture slot: u is x u + y v + z of the texture coordinates; normal_scale",
@@ -213,7 +205,7 @@ def float_tables(
         "plane": _planes(scene),
         "emission": _emission(scene, lighting),
         "emitter": densities,
-        "material": _materials(scene),
+        "material": material_table(scene.materials),
         "cover": _texel(np.array([(m.opacity, m.cutoff) for m in scene.materials]).reshape(-1, 2)),
         "slot_map": images.maps,
         "image": images.floats,
@@ -320,29 +312,6 @@ def triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
     table = np.zeros(-(-len(density) // 4) * 4)
     table[: len(density)] = density
     return table.reshape(-1, 1, 4)
-
-
-def _materials(scene: Scene) -> Float64:
-    # Unlit materials show their emission alone.
-    rows = [
-        [
-            [*m.reflectance * lit, m.two_sided],
-            [*m.specular * lit, m.exponent],
-            [*m.mirror * lit, 0],
-            [
-                -1 if m.roughness is None or m.unlit else m.roughness,
-                m.metallic,
-                m.anisotropy,
-                np.radians(m.anisotropy_angle),
-            ],
-            [*m.dielectric[0], m.dielectric[1]],
-            [m.clearcoat, m.clearcoat_roughness, 0, 0],
-            [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
-            [*m.attenuation, 0],
-        ]
-        for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in scene.materials)
-    ]
-    return np.array(rows, np.float64).reshape(-1, len(FLOAT_LAYOUT["material"]), 4)
 
 
 def _both_uv(scene: Scene) -> Float64:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from glpath.film.aovs import GROUPS
+from glpath.gl.material_texels import MATERIAL_VARIANTS
 
 
 class Variant(NamedTuple):
@@ -30,11 +31,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_ELLIPSOIDS": Variant("the scene has ellipsoids", _SCENE),
     "HAS_TRIANGLES": Variant("the scene has triangles", _SCENE),
     "HAS_PLANES": Variant("the scene has endless planes", _SCENE),
-    "HAS_HIGHLIGHTS": Variant("a material has a Phong highlight", _SCENE),
-    "HAS_MIRRORS": Variant("a material is a mirror in part", _SCENE),
-    "HAS_MICROFACETS": Variant("a material has a roughness", _SCENE),
-    "HAS_ANISOTROPY": Variant("a rough material is anisotropic", _SCENE),
-    "HAS_GLASS": Variant("a rough material transmits", _SCENE),
+    **{name: Variant(each.meaning, "gl.material_texels") for name, each in MATERIAL_VARIANTS.items()},
     "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _RAYS),
     "HAS_LOBES": Variant("a material has lobes: HAS_MICROFACETS or HAS_MIRRORS", "shaders"),
     "HAS_ALPHA": Variant("a material that is used is masked or blended", _SCENE),

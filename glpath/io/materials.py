@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec import UNSET, UnsetType
@@ -25,12 +25,18 @@ from glpath.io.description import (
     Phong,
     Principled,
 )
+from glpath.io.description.materials import Surface
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import rgb, share, unknown
+from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 
 _NO_COLOURS = ("normal_texture", "surface_texture", "transmission_texture")
+# Fields of [materials.NAME] that `Material` has by another name.
+_RENAMED = {"specular": "specular_weight", "specular_color": "specular_colour"}
+# Its colours that may be above 1.
+_ABOVE_ONE = ("specular_color", "attenuation")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 
 
@@ -86,32 +92,21 @@ def _principled(
     texture_number: Mapping[str, int],
     location: SourceLocation,
 ) -> Material:
-    colour, attenuation = rgb(given.specular_color), rgb(given.attenuation)
-    for field, value in (("specular_color", colour), ("attenuation", attenuation)):
-        if np.any(value < 0):
-            raise location.field(field).wrong(getattr(given, field), "0 or more")
-    return Material(
-        name,
-        base,
-        given.two_sided,
-        texture=texture,
-        specular_weight=given.specular,
-        specular_colour=colour,
-        attenuation=attenuation,
-        clearcoat_roughness=given.clearcoat_roughness,
-        roughness=given.roughness,
-        metallic=given.metallic,
-        anisotropy=given.anisotropy,
-        anisotropy_angle=given.anisotropy_angle,
-        ior=given.ior,
-        transmission=given.transmission,
-        thin=given.thin,
-        clearcoat=given.clearcoat,
-        surface_texture=_slot(given.surface_texture, texture_number, location.field("surface_texture")),
-        transmission_texture=_slot(
-            given.transmission_texture, texture_number, location.field("transmission_texture")
-        ),
-    )
+    made = Material(name, base, given.two_sided, texture=texture)
+    fields: dict[str, Any] = {}
+    for field in sorted(set(Principled.__struct_fields__) - set(Surface.__struct_fields__)):
+        value, target = getattr(given, field), _RENAMED.get(field, field)
+        if field in SLOTS:
+            fields[target] = _slot(value, texture_number, location.field(field))
+        elif np.ndim(getattr(made, target)) == 0:
+            fields[target] = value
+        elif field not in _ABOVE_ONE:
+            fields[target] = share(value, location.field(field), "It is a colour, linear Rec. 709.")
+        else:
+            fields[target] = rgb(value)
+            if np.any(fields[target] < 0):
+                raise location.field(field).wrong(value, "0 or more")
+    return replace(made, **fields)
 
 
 def _slot(

@@ -1,6 +1,6 @@
-// bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), under or beside
+// bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
-// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_GLASS: where materials have them
+// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_SHEEN, HAS_GLASS: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
@@ -28,6 +28,13 @@ struct Bsdf
 #endif
     float coat;       // share under clearcoat
     float coat_alpha;
+#ifdef HAS_SHEEN
+    vec3 sheen;           // its colour; sampled with the diffuse lobe
+    float sheen_alpha;    // Charlie's
+    mat2x4 sheen_albedo;  // logarithm of white sheen's, a polynomial of the cosine's root
+    vec4 sheen_lambda;    // b, c, d, e of Charlie's lambda
+    float sheen_lambda_a;
+#endif
     vec3 transmission;       // share that is let through
     float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or THIN_DIELECTRIC
 #endif
@@ -43,6 +50,13 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.transmission = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
+#ifdef HAS_SHEEN
+    b.sheen = vec3(0.0);
+    b.sheen_alpha = 1.0;
+    b.sheen_albedo = mat2x4(0.0);
+    b.sheen_lambda = vec4(0.0);
+    b.sheen_lambda_a = 0.0;
+#endif
 #ifdef HAS_ANISOTROPY
     b.tangent = vec3(0.0);
 #endif
@@ -85,16 +99,77 @@ float coat_reflects(Bsdf b, float cosine)
 {
     return b.coat * (COAT_REFLECTS + (1.0 - COAT_REFLECTS) * schlick(cosine));
 }
+
+#ifdef HAS_SHEEN
+// Of white sheen, what it sends to the eye of light from everywhere.
+float sheen_albedo(Bsdf b, float cosine)
+{
+    float x = sqrt(clamp(cosine, 0.0, 1.0)), x2 = x * x;
+    vec4 powers = vec4(1.0, x, x2, x2 * x);
+    return exp(dot(b.sheen_albedo[0], powers) + x2 * x2 * dot(b.sheen_albedo[1], powers));
+}
+
+float charlie_exponent(Bsdf b, float x)
+{
+    return b.sheen_lambda_a / (1.0 + b.sheen_lambda.x * pow(x, b.sheen_lambda.y)) + b.sheen_lambda.z * x + b.sheen_lambda.w;
+}
+
+float charlie_lambda(Bsdf b, float cosine)
+{
+    float x = clamp(cosine, 1e-6, 1.0);
+    if (x < 0.5) return exp(charlie_exponent(b, x));
+    return exp(2.0 * charlie_exponent(b, 0.5) - charlie_exponent(b, max(1.0 - x, 1e-6)));
+}
+
+// Estevez & Kulla 2017: Charlie's distribution and visibility. Where they send back more than there is, at grazing
+// angles of a small alpha, they are divided by that, which goes by the angle to the eye alone.
+vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
+{
+    float o = max(dot(n, wo), 1e-4), i = max(dot(n, wi), 1e-4);
+    if (dot(n, wi) <= 0.0 || b.sheen == vec3(0.0)) return vec3(0.0);
+    float h = dot(n, normalize(wo + wi)), sine2 = max(1.0 - h * h, 1e-12), over = 1.0 / b.sheen_alpha;
+    float D = (2.0 + over) * pow(sine2, 0.5 * over) / (2.0 * PI);
+    float seen = 1.0 / (4.0 * o * i * (1.0 + charlie_lambda(b, o) + charlie_lambda(b, i)));
+    return b.sheen * (PI * D * seen / max(sheen_albedo(b, o), 1.0) * (1.0 - coat_reflects(b, o)));
+}
 #endif
 
-// Of the diffuse base, seen at a cosine to the normal.
+// What is left for all that lies under the layers that cover a surface: the clearcoat and sheen [KHR_materials_sheen];
+// `cosine` of wo to the normal.
+float under_layers(Bsdf b, float cosine)
+{
+    float left = 1.0 - coat_reflects(b, cosine);
+#ifdef HAS_SHEEN
+    left *= 1.0 - max(b.sheen.r, max(b.sheen.g, b.sheen.b)) * min(sheen_albedo(b, cosine), 1.0);
+#endif
+    return left;
+}
+#endif
+
+// Of light from everywhere, what the diffuse lobe sends to a cosine, about: its share of the paths goes by it.
+float diffuse_importance(Bsdf b, float cosine)
+{
+    float share = mean(b.diffuse + b.specular);
+#ifdef HAS_MICROFACETS
+    share *= base_transmittance(b, cosine) * under_layers(b, cosine);
+#endif
+#ifdef HAS_SHEEN
+    share += mean(b.sheen) * min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_reflects(b, cosine));
+#endif
+    return share;
+}
+
+// Of the diffuse lobe, the base and sheen, seen at a cosine to the normal.
 vec3 diffuse_reflectance(Bsdf b, float cosine)
 {
+    vec3 sent = b.diffuse;
 #ifdef HAS_MICROFACETS
-    return b.diffuse * (base_transmittance(b, cosine) * (1.0 - coat_reflects(b, cosine)));
-#else
-    return b.diffuse;
+    sent *= base_transmittance(b, cosine) * under_layers(b, cosine);
 #endif
+#ifdef HAS_SHEEN
+    sent += b.sheen * (min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_reflects(b, cosine)));
+#endif
+    return sent;
 }
 
 // What a denoiser takes for the surface's colour, and what is reflected of light from everywhere, about.
@@ -107,6 +182,10 @@ vec3 bsdf_albedo(Bsdf b)
 #ifdef HAS_MICROFACETS
     all += b.metal + b.layered * b.dielectric + b.transmission;
 #endif
+#ifdef HAS_SHEEN
+    float share = min(sheen_albedo(b, 0.5), 1.0);
+    all = all * (1.0 - share * max(b.sheen.r, max(b.sheen.g, b.sheen.b))) + share * b.sheen;
+#endif
     return all;
 }
 
@@ -115,19 +194,21 @@ vec3 mirrored(Bsdf b, float cosine)
 {
     vec3 share = b.mirror;
 #ifdef HAS_MICROFACETS
-    float coat = coat_reflects(b, cosine);
-    if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * (1.0 - coat);
-    if (b.coat_alpha < SMOOTH) share += coat;
+    if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * under_layers(b, cosine);
+    if (b.coat_alpha < SMOOTH) share += coat_reflects(b, cosine);
 #endif
     return share;
 }
 
-// Lambert, and Phong's highlight: the cosine is not in the highlight's definition, so it is divided out.
+// Lambert, sheen, and Phong's highlight: the cosine is not in the highlight's definition, so it is divided out.
 vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = b.diffuse;
 #ifdef HAS_MICROFACETS
-    f *= base_transmittance(b, dot(wo, normalize(wo + wi))) * (1.0 - coat_reflects(b, dot(n, wo)));
+    f *= base_transmittance(b, dot(wo, normalize(wo + wi))) * under_layers(b, dot(n, wo));
+#endif
+#ifdef HAS_SHEEN
+    f += sheen_eval(b, n, wo, wi);
 #endif
 #ifdef HAS_HIGHLIGHTS
     float highlight = pow(max(dot(reflect(-wo, n), wi), 1e-20), b.exponent);
@@ -172,7 +253,7 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     vec3 m = normalize(wo + wi);
     float cosine = dot(wo, m), D = ggx(m, b.alpha), seen = ggx_seen(wo, b.alpha);
-    vec3 F = microfacet_reflects(b, cosine) * (1.0 - coat_reflects(b, wo.z));
+    vec3 F = microfacet_reflects(b, cosine) * under_layers(b, wo.z);
     float f = PI * D * seen * ggx_seen(wi, b.alpha) / (4.0 * wo.z * wi.z);
     return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
 }
@@ -203,7 +284,7 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
     float pdf = visible_normal_pdf(wo, m, b.alpha) * spread;
-    vec3 T = b.transmission * (base_transmittance(b, o) * (1.0 - coat_reflects(b, wo.z)));
+    vec3 T = b.transmission * (base_transmittance(b, o) * under_layers(b, wo.z));
     return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif

@@ -19,12 +19,12 @@ struct Lobes
 Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
 {
     Bsdf b = v.bsdf;
-    Lobes q = Lobes(mean(b.diffuse + b.specular), 0.0, 0.0, mean(b.mirror));
+    float cosine = dot(v.n, v.wo);
+    Lobes q = Lobes(diffuse_importance(b, cosine), 0.0, 0.0, mean(b.mirror));
 #ifdef HAS_MICROFACETS
-    float cosine = dot(v.n, v.wo), under = base_transmittance(b, cosine);
     q.coat = coat_reflects(b, cosine);
-    q.diffuse *= under * (1.0 - q.coat);
-    q.microfacets = (mean(microfacet_reflects(b, cosine)) + mean(b.transmission) * under) * (1.0 - q.coat);
+    float through = mean(b.transmission) * base_transmittance(b, cosine);
+    q.microfacets = (mean(microfacet_reflects(b, cosine)) + through) * under_layers(b, cosine);
 #endif
     if (!others_continue) q.microfacets = q.coat = q.mirror = 0.0;
     if (!diffuse_continues) q.diffuse = 0.0;
@@ -119,7 +119,7 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         }
         bool right_side = d.through ? wi.z < 0.0 : wi.z > 0.0;
         float seen = smooth_one ? 1.0 : ggx_seen(wi, alpha);
-        d.weight *= (right_side ? seen : 0.0) * (coat ? 1.0 : 1.0 - coat_reflects(b, wo.z)) / chance;
+        d.weight *= (right_side ? seen : 0.0) * (coat ? 1.0 : under_layers(b, wo.z)) / chance;
         d.direction = normalize(axes * wi);
     }
 #endif
@@ -140,6 +140,6 @@ vec3 thin_transmittance(int triangle, vec3 position, vec3 ray)
     Bsdf b = bsdf_at(s, front);
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
-    return b.transmission * (base_transmittance(b, cosine) * (1.0 - coat_reflects(b, cosine)));
+    return b.transmission * (base_transmittance(b, cosine) * under_layers(b, cosine));
 }
 #endif

@@ -303,6 +303,14 @@ Bsdf bsdf_at(Surface s, bool front)
 #endif
         b.coat = coat.x * reflects;
         b.coat_alpha = coat.y * coat.y;
+#ifdef HAS_SHEEN
+        vec4 sheen = material_texel(s.material, MATERIAL_SHEEN);
+        b.sheen = sheen.rgb * reflects;
+        b.sheen_alpha = sheen.w;
+        b.sheen_albedo = mat2x4(material_texel(s.material, MATERIAL_SHEEN_ALBEDO0), material_texel(s.material, MATERIAL_SHEEN_ALBEDO1));
+        b.sheen_lambda = material_texel(s.material, MATERIAL_SHEEN_LAMBDA);
+        b.sheen_lambda_a = material_texel(s.material, MATERIAL_SHEEN_LAMBDA_A).x;
+#endif
     }
 #endif
     return b;

@@ -7,6 +7,7 @@
 #define HAS_MICROFACETS 1
 #define HAS_GLASS 1
 #define HAS_ANISOTROPY 1
+#define HAS_SHEEN 1
 #include "bsdf/bsdf.glsl"
 
 layout(local_size_x = 64) in;
@@ -37,6 +38,11 @@ void main()
     b.coat_alpha = parameters[19];
     b.transmission = colour(20);
     b.eta = parameters[23];
+    b.sheen = colour(24);
+    b.sheen_alpha = parameters[27];
+    for (int k = 0; k < 8; k++) b.sheen_albedo[k / 4][k % 4] = parameters[28 + k];
+    for (int k = 0; k < 4; k++) b.sheen_lambda[k] = parameters[36 + k];
+    b.sheen_lambda_a = parameters[40];
     vec3 wo = pairs[2 * i].xyz, wi = pairs[2 * i + 1].xyz;
     mat3 axes = surface_axes(b, N);
     Lobe base = microfacet_lobe(b, wo * axes, wi * axes), coat = coat_lobe(b, wo * axes, wi * axes);

@@ -8,7 +8,7 @@
 uniform int from_front;
 out vec4 four;
 
-float parameters[24];
+float parameters[44];
 
 void put(int i, vec3 colour)
 {
@@ -20,7 +20,7 @@ void put(int i, vec3 colour)
 void main()
 {
     Bsdf b = bsdf_at(surface_of_shape(0, vec3(0.0), vec3(0.0, 0.0, 1.0)), from_front != 0);
-    for (int i = 0; i < 24; i++) parameters[i] = 0.0;
+    for (int i = 0; i < 44; i++) parameters[i] = 0.0;
     put(0, b.diffuse);
     put(3, b.specular);
     parameters[6] = b.exponent;
@@ -37,6 +37,14 @@ void main()
     parameters[19] = b.coat_alpha;
     put(20, b.transmission);
     parameters[23] = b.eta;
+#endif
+    parameters[27] = 1.0;
+#ifdef HAS_SHEEN
+    put(24, b.sheen);
+    parameters[27] = b.sheen_alpha;
+    for (int k = 0; k < 8; k++) parameters[28 + k] = b.sheen_albedo[k / 4][k % 4];
+    for (int k = 0; k < 4; k++) parameters[36 + k] = b.sheen_lambda[k];
+    parameters[40] = b.sheen_lambda_a;
 #endif
     int i = 4 * int(gl_FragCoord.x);
     four = vec4(parameters[i], parameters[i + 1], parameters[i + 2], parameters[i + 3]);

@@ -118,6 +118,13 @@ class Principled(Surface, tag="principled", kw_only=True):
     ] = 0.0
     clearcoat: Annotated[_Share, Meta(description="Share that is under a clearcoat.")] = 0.0
     clearcoat_roughness: Annotated[_Share, Meta(description="The roughness of the clearcoat.")] = 0.0
+    sheen: Annotated[
+        float | Vector,
+        Meta(description="Sheen of cloth, 0 to 1: its colour, one number or [r, g, b], linear Rec. 709."),
+    ] = 0.0
+    sheen_roughness: Annotated[
+        _Share, Meta(description="The roughness of the sheen: the smaller, the nearer to outlines. At least 0.1.")
+    ] = 0.5
     surface_texture: (
         Annotated[
             str,

@@ -17,6 +17,7 @@ from glpath.film.image import encode_srgb
 from glpath.film.units import conversion
 from glpath.io.export.geometry import Notes, map_downwards
 from glpath.io.export.glb import Glb
+from glpath.io.gltf.material_extensions import LAYERS
 from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, TextureSlot
 from glpath.scene.model import Scene
@@ -147,11 +148,11 @@ class Surfaces:
                 "specularFactor": material.specular_weight,
                 "specularColorFactor": material.specular_colour.tolist(),
             }
-        if material.clearcoat > 0:
-            extensions[use("KHR_materials_clearcoat")] = {
-                "clearcoatFactor": material.clearcoat,
-                "clearcoatRoughnessFactor": material.clearcoat_roughness,
-            }
+        for extension, layer in LAYERS.items():
+            if np.any(getattr(material, layer.strength) > 0):
+                extensions[use(extension)] = {
+                    name: np.asarray(getattr(material, field)).tolist() for name, field in layer.factors.items()
+                }
         if material.anisotropy > 0:
             extensions[use("KHR_materials_anisotropy")] = {
                 "anisotropyStrength": material.anisotropy,

@@ -113,6 +113,8 @@ class _Surface:
         material = self.material
         if material.unlit:
             return _diffuse(rgb(np.zeros(3)))
+        if np.any(material.sheen > 0):
+            self._note("its sheen is left out: that of Mitsuba's principled surface is another lobe")
         if material.roughness is None:
             made = self._without_microfacets()
         elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:

@@ -22,6 +22,7 @@ import msgspec
 
 from glpath.io.convert import decode_json
 from glpath.io.gltf import compression, limits
+from glpath.io.gltf.material_extensions import LAYERS, UNUSED_MATERIALS
 from glpath.io.gltf.table import Table, Tables, printable
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
@@ -37,7 +38,6 @@ KNOWN_EXTENSIONS = (
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
@@ -50,17 +50,13 @@ KNOWN_EXTENSIONS = (
     "KHR_node_visibility",
     "KHR_texture_basisu",
     "KHR_texture_transform",
+    *LAYERS,
 )
 #: Extensions of which a part of the look is lost, with that part. They may be required: a picture can be made.
 UNUSED_EXTENSIONS = {
     "EXT_lights_image_based": "light from an image all around",
     "KHR_animation_pointer": "animations of other things than nodes",
-    "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
-    "KHR_materials_dispersion": "dispersion of glass",
-    "KHR_materials_iridescence": "iridescence",
-    "KHR_materials_sheen": "sheen of cloth",
-    "KHR_materials_variants": "variants of materials, other than the first",
-    "KHR_materials_volume_scatter": "light that is scattered inside of solids",
+    **UNUSED_MATERIALS,
 }
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942

@@ -21,6 +21,7 @@ from glpath.film.image import decode_srgb
 from glpath.io.gltf import compression, glossiness
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import read_image
+from glpath.io.gltf.material_extensions import LAYERS
 from glpath.io.gltf.table import Table
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
@@ -29,6 +30,8 @@ _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 _STRENGTH = "KHR_materials_emissive_strength"
+# Its fields are numbers, or arrays where they are colours.
+_PLAIN = Material("plain", np.ones(3))
 
 
 @dataclass(frozen=True)
@@ -216,11 +219,15 @@ class Surfaces:
         if ior is not None and ior.number("ior", 1.5) == 0:
             # 0 stands for a reflection that the colour alone decides.
             fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
-        coat = table.extension("KHR_materials_clearcoat")
-        if coat is not None:
-            fields["clearcoat"] = self._share(coat, "clearcoatFactor", 0.0)
-            fields["clearcoat_roughness"] = self._share(coat, "clearcoatRoughnessFactor", 0.0)
-            self._unused(coat, "clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture")
+        for extension, layer in LAYERS.items():
+            found = table.extension(extension)
+            if found is not None:
+                for name, target in layer.factors.items():
+                    is_colour = np.ndim(getattr(_PLAIN, target)) > 0
+                    fields[target] = (
+                        self._shares(found, name, (0, 0, 0)) if is_colour else self._share(found, name, 0.0)
+                    )
+                self._unused(found, *layer.textures)
         anisotropic = table.extension("KHR_materials_anisotropy")
         if anisotropic is not None:
             fields["anisotropy"] = self._share(anisotropic, "anisotropyStrength", 0.0)
@@ -330,13 +337,14 @@ class Surfaces:
 
 
 def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:
-    """Whether a surface reflects by Lambert's base alone: there is neither metal nor glass, no coat, and
+    """Whether a surface reflects by Lambert's base alone: there is neither metal nor glass, no layer above, and
     KHR_materials_specular takes the reflection of the dielectric away, at all angles.
 
     Its roughness then changes nothing: it is a material without microfacets. Textures multiply these factors.
     """
     specular = layers.get("specular_weight", 1.0)
-    return not (metallic or specular or layers.get("clearcoat") or layers.get("transmission"))
+    layered = any(np.any(layers.get(layer.strength, 0.0)) for layer in LAYERS.values())
+    return not (metallic or specular or layered or layers.get("transmission"))
 
 
 def _of_size(*images: Float64) -> list[Float64]:

@@ -1,0 +1,90 @@
+"""Materials as texels: what `bsdf_at` in shaders/scene/surface.glsl reads, and the variants that materials ask for.
+
+A field of `Material` that shaders read has its texel, its number and its variant here and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from glpath.scene.geometry import Float64
+from glpath.scene.material import Material, sheen_albedo_fit, sheen_lambda
+
+#: The texels of a material, in order.
+MATERIAL_LAYOUT = {
+    "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
+    "SPECULAR": "Phong's coefficient; Phong's exponent",
+    "MIRROR": "share of the mirrored light",
+    "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the tangent, radians",
+    "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
+    "COAT": "share under clearcoat; its roughness",
+    "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a thin dielectric",
+    "INSIDE": "attenuation of a solid of glass, per scene unit",
+    "SHEEN": "its colour; Charlie's alpha",
+    "SHEEN_ALBEDO0": "the logarithm of white sheen's albedo, a polynomial of the cosine's root: powers 0 to 3",
+    "SHEEN_ALBEDO1": "powers 4 to 7",
+    "SHEEN_LAMBDA": "b, c, d, e of L(x) = a / (1 + b x^c) + d x + e, of Charlie's lambda",
+    "SHEEN_LAMBDA_A": "a",
+}
+
+
+class MaterialVariant(NamedTuple):
+    """meaning : where it is defined
+    asked_by : whether a material asks for it
+    """
+
+    meaning: str
+    asked_by: Callable[[Material], bool]
+
+
+def _rough(material: Material) -> bool:
+    return material.roughness is not None
+
+
+MATERIAL_VARIANTS = {
+    "HAS_HIGHLIGHTS": MaterialVariant("a material has a Phong highlight", lambda m: bool(np.any(m.specular > 0))),
+    "HAS_MIRRORS": MaterialVariant("a material is a mirror in part", lambda m: bool(np.any(m.mirror > 0))),
+    "HAS_MICROFACETS": MaterialVariant("a material has a roughness", _rough),
+    "HAS_ANISOTROPY": MaterialVariant("a rough material is anisotropic", lambda m: _rough(m) and m.anisotropy > 0),
+    "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
+    "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
+}
+
+
+def material_variants(materials: Sequence[Material]) -> dict[str, bool]:
+    """Which variants some of the materials ask for, for `defined`."""
+    return {name: any(map(each.asked_by, materials)) for name, each in MATERIAL_VARIANTS.items()}
+
+
+def _sheen(m: Material) -> list[list[float]]:
+    if not np.any(m.sheen > 0):
+        return [[0.0] * 4] * 5
+    (a, *b_to_e), fit = sheen_lambda(m.sheen_alpha), sheen_albedo_fit(m.sheen_alpha)
+    return [[*m.sheen, m.sheen_alpha], [*fit[:4]], [*fit[4:]], b_to_e, [a, 0, 0, 0]]
+
+
+def material_table(materials: Sequence[Material]) -> Float64:
+    """(n, its texels, 4) float64. Unlit materials show their emission alone."""
+    rows = [
+        [
+            [*m.reflectance * lit, m.two_sided],
+            [*m.specular * lit, m.exponent],
+            [*m.mirror * lit, 0],
+            [
+                -1 if m.roughness is None or m.unlit else m.roughness,
+                m.metallic,
+                m.anisotropy,
+                np.radians(m.anisotropy_angle),
+            ],
+            [*m.dielectric[0], m.dielectric[1]],
+            [m.clearcoat, m.clearcoat_roughness, 0, 0],
+            [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
+            [*m.attenuation, 0],
+            *_sheen(m),
+        ]
+        for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)
+    ]
+    return np.array(rows, np.float64).reshape(-1, len(MATERIAL_LAYOUT), 4)

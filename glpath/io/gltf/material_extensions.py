@@ -1,0 +1,45 @@
+"""The extensions of glTF's materials that are factors alone, as the reader and the writer both have them; and those
+that are not read.
+
+An extension is a row of LAYERS: neither the reader nor the writer names it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Layer(NamedTuple):
+    """An extension whose properties are fields of `Material`.
+
+    factors  : the field of each property, in [0, 1]; without the first, which is 0 by default, there is no layer
+    textures : properties that are not read
+    """
+
+    factors: dict[str, str]
+    textures: tuple[str, ...]
+
+    @property
+    def strength(self) -> str:
+        """The field of `Material` that is 0 where the layer is absent."""
+        return next(iter(self.factors.values()))
+
+
+LAYERS = {
+    "KHR_materials_clearcoat": Layer(
+        {"clearcoatFactor": "clearcoat", "clearcoatRoughnessFactor": "clearcoat_roughness"},
+        ("clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"),
+    ),
+    "KHR_materials_sheen": Layer(
+        {"sheenColorFactor": "sheen", "sheenRoughnessFactor": "sheen_roughness"},
+        ("sheenColorTexture", "sheenRoughnessTexture"),
+    ),
+}
+#: Extensions of materials that are lost, and the part of the look that is lost with each.
+UNUSED_MATERIALS = {
+    "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
+    "KHR_materials_dispersion": "dispersion of glass",
+    "KHR_materials_iridescence": "iridescence",
+    "KHR_materials_variants": "variants of materials, other than the first",
+    "KHR_materials_volume_scatter": "light that is scattered inside of solids",
+}
