@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, lightmap
+    from glpath.bake.probes import Probes, probes
     from glpath.compare import relative_mse
     from glpath.errors import (
         ContextError,
@@ -48,6 +49,7 @@ _HOME = {
     "ImageError": "errors",
     "Irradiance": "rendering.points",
     "Lightmap": "bake.lightmap",
+    "Probes": "bake.probes",
     "Progress": "rendering.progress",
     "RadiosityInterrupted": "radiosity.solvers.solve",
     "RadiosityProgress": "radiosity.solvers.solve",
@@ -65,6 +67,7 @@ _HOME = {
     "irradiance": "rendering.points",
     "lightmap": "bake.lightmap",
     "load_scene": "io",
+    "probes": "bake.probes",
     "read_image": "film.film",
     "relative_mse": "compare",
     "render": "rendering",
@@ -81,6 +84,7 @@ __all__ = [
     "ImageError",
     "Irradiance",
     "Lightmap",
+    "Probes",
     "Progress",
     "RadiosityInterrupted",
     "RadiosityProgress",
@@ -99,6 +103,7 @@ __all__ = [
     "irradiance",
     "lightmap",
     "load_scene",
+    "probes",
     "read_image",
     "relative_mse",
     "render",

@@ -331,7 +331,7 @@ def test_every_command_has_an_option_once_and_heeds_it() -> None:
         assert len(typed) == len(set(typed)), name
         offered[name] = {parameter.name for parameter in command.params} & set(OF_RENDERS)
     assert offered["render"] == set(OF_RENDERS)
-    assert offered["measure"] == offered["lightmap"] == set(OF_FILMS)
+    assert offered["measure"] == offered["lightmap"] == offered["probes"] == set(OF_FILMS)
     assert offered["radiosity"] == set(OF_SOLVERS) >= {"checkpoint", "resume", "hang_limit", "progress", "quiet"}
     assert offered["viewfactors"] == set(OF_MATRICES) >= {"resume", "progress", "quiet"}
     assert not {"device", "cluster", "noise"} & set(OF_SOLVERS)

@@ -22,7 +22,19 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import compare, devices, export, lightmap, measure, merge, radiosity, render, scenes, viewfactors
+from glpath.cli import (
+    compare,
+    devices,
+    export,
+    lightmap,
+    measure,
+    merge,
+    probes,
+    radiosity,
+    render,
+    scenes,
+    viewfactors,
+)
 from glpath.cli.help import EXAMPLE, flags_without_a_type
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
@@ -165,6 +177,7 @@ for _commands in (
     merge,
     radiosity,
     lightmap,
+    probes,
     measure,
     viewfactors,
     compare,

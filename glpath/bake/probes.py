@@ -1,0 +1,297 @@
+"""Light probes: the light that arrives at the points of a grid from all around, as spherical harmonics.
+
+    glpath.probes("office", grid=(8, 4, 8)).save("probes.json")
+
+A probe is the radiance that arrives at a point, in the nine real spherical harmonics of bands 0 to 2, in the order
+and by the signs of three.js' SphericalHarmonics3. They are found from the irradiance for 50 normals, the points of
+Lebedev's rule of degree 11, each measured by paths of its own: irradiance is radiance whose band l was multiplied
+by A_l (pi, 2 pi / 3, pi / 4; zero for 3, 5, 7 ...), so that a coefficient is the projection of irradiance over A_l.
+
+The rule integrates the product of band 2 with bands up to 9 exactly. Bands 4, 6 and 8 of irradiance thus leave no
+trace; the first that does is band 10, of which irradiance has 1/55 of what it has of band 2.
+
+Cost:     50 paths of each probe and path set, and 64 rays on the CPU.
+Poor at:  lamps that are near: nine numbers hold no sharp light. A probe does not know what is between it and what
+          it lights: light leaks through walls that are thinner than the grid is wide.
+Source:   Ramamoorthi & Hanrahan 2001, An efficient representation for irradiance environment maps. Lebedev 1976,
+          Quadratures on a sphere.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.bake.sides import Sides, cast
+from glpath.errors import SceneError, UsageError
+from glpath.film.film import Film
+from glpath.film.noise import standard_error
+from glpath.film.units import Unit, symbol
+from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.io import AnyScene, load_scene
+from glpath.io.completed import aside
+from glpath.rendering.options import RenderKeywords, whole_numbers, with_options
+from glpath.rendering.options import numbers as read_numbers
+from glpath.rendering.points import irradiance, lit
+from glpath.scene import Scene
+from glpath.scene.triangulate import path_traceable
+from glpath.system.files import write_bytes
+
+Float64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: Rays of a probe that ask what is around it, and the share that must meet dark back faces for it to be inside.
+_LOOKS, _MOSTLY = 64, 0.5
+#: Of a grid: each has 50 points, whose film takes 10 kB.
+MAX_PROBES = 1 << 16
+DEFAULT_GRID = (8, 4, 8)
+
+
+def _lebedev_50() -> tuple[Float64, Float64]:
+    """(50, 3) unit normals and (50,) weights, whose sum is one: exact for polynomials of degree 11."""
+    rows, weights = [], []
+    for kind, weight in (
+        ((1.0, 0.0, 0.0), 4 / 315),
+        ((1.0, 1.0, 0.0), 64 / 2835),
+        ((1.0, 1.0, 1.0), 27 / 1280),
+        ((1.0, 1.0, 3.0), 14641 / 725760),
+    ):
+        signs = product((1.0, -1.0), repeat=3)
+        signed = {
+            tuple(a * b + 0.0 for a, b in zip(s, each, strict=True)) for s in signs for each in permutations(kind)
+        }
+        rows += sorted(signed)
+        weights += [weight] * len(signed)
+    normals = np.array(rows)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True), np.array(weights)
+
+
+def harmonics(directions: ArrayLike) -> Float64:
+    """(..., 9) real spherical harmonics of bands 0 to 2 in unit directions (..., 3), as three.js has them."""
+    x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
+    a, b, c = math.sqrt(0.25 / math.pi), math.sqrt(0.75 / math.pi), math.sqrt(3.75 / math.pi)
+    band_2 = [c * x * y, c * y * z, c / math.sqrt(12) * (3 * z * z - 1), c * x * z, 0.5 * c * (x * x - y * y)]
+    return np.stack([np.full_like(x, a), b * y, b * z, b * x, *band_2], axis=-1)
+
+
+_NORMALS, _WEIGHTS = _lebedev_50()
+#: Of irradiance over radiance, for each harmonic.
+_LOBE = np.array([math.pi, *[2 * math.pi / 3] * 3, *[math.pi / 4] * 5])
+#: (9, 50): what the irradiance of each normal adds to each coefficient of radiance.
+_FROM_IRRADIANCE = 4 * math.pi * (_WEIGHTS[:, None] * harmonics(_NORMALS) / _LOBE).T
+
+
+@dataclass(frozen=True, eq=False)
+class ProbeGrid:
+    """Where probes are: at the centres of equal cells of a box, as in three.js' LightProbeGrid.
+
+    lower, upper : (3,) corners of the box, scene units
+    counts       : along x, y and z
+    valid        : (N,) bool, x fastest, then y, then z: others are inside solids
+    """
+
+    lower: Float64
+    upper: Float64
+    counts: tuple[int, int, int]
+    valid: Bools
+
+    @classmethod
+    def of(cls, scene: Scene, counts: Any = DEFAULT_GRID, bounds: ArrayLike | None = None) -> ProbeGrid:
+        """The grid in a lit scene.
+
+        counts : along x, y and z
+        bounds : (2, 3) lower and upper corner; the scene's
+
+        Inside is a probe most of whose rays meet a back face, or the inside of a closed solid, to which no light
+        was found to get. Raises UsageError, and SceneError where all are inside.
+        """
+        nx, ny, nz = whole_numbers("grid", counts, 3)
+        if min(nx, ny, nz) < 1 or nx * ny * nz > MAX_PROBES:
+            raise UsageError(
+                f"grid: {nx} x {ny} x {nz} where 1 or more each, and {MAX_PROBES} together at most, are needed"
+            )
+        still = path_traceable(scene.at())
+        has_surfaces = len(still.triangles) > 0
+        offset = still.origin - scene.origin
+        if bounds is None:
+            if not has_surfaces:
+                raise UsageError("bounds: needed, as the scene has no surface.", "Give two corners of a box.")
+            lower, upper = (np.asarray(corner, np.float64) + offset for corner in still.bounds)
+        else:
+            lower, upper = read_numbers("bounds", np.ravel(np.asarray(bounds)), 6).reshape(2, 3)
+        if not (lower <= upper).all():
+            raise UsageError(
+                f"bounds: from {lower.tolist()} to {upper.tolist()} where the lower corner comes first"
+            )
+        grid = cls(lower, upper, (nx, ny, nz), np.ones(nx * ny * nz, np.bool_))
+        if not has_surfaces:
+            return grid
+        valid = ~_inside(still, grid.positions - offset)
+        if not valid.any():
+            raise SceneError(
+                f"{scene.source or scene.name}: all {len(valid)} probes see mostly the backs of surfaces.",
+                "Give bounds within the room, or turn its surfaces round.",
+            )
+        return cls(lower, upper, (nx, ny, nz), valid)
+
+    @property
+    def positions(self) -> Float64:
+        """(N, 3), scene units; x fastest, then y, then z."""
+        x, y, z = (
+            low + (np.arange(n) + 0.5) * (high - low) / n
+            for low, high, n in zip(self.lower, self.upper, self.counts, strict=True)
+        )
+        z, y, x = np.meshgrid(z, y, x, indexing="ij")
+        return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+    def receivers(self) -> tuple[Float64, Float64]:
+        """(50 V, 3) points and normals that the V valid probes are measured by, probe by probe."""
+        positions = self.positions[self.valid]
+        return np.repeat(positions, len(_NORMALS), axis=0), np.tile(_NORMALS, (len(positions), 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Probes:
+    """Light probes of a grid.
+
+    grid : where they are, and which are valid
+    film : of the points that they were measured by, see `ProbeGrid.receivers`. It can be saved and gone on with
+    """
+
+    grid: ProbeGrid
+    film: Film
+
+    @property
+    def unit(self) -> Unit:
+        """Of the radiance: "radiometric" or "photometric", as of the scene."""
+        return self.film.metadata.unit or "radiometric"
+
+    @property
+    def repaired(self) -> int:
+        """How many probes are inside solids, and have the mean of their valid neighbours."""
+        return int((~self.grid.valid).sum())
+
+    @property
+    def coefficients(self) -> Float64:
+        """(N, 9, 3) float64, radiance in linear Rec. 709, W m^-2 sr^-1, or cd m^-2 of a photometric scene."""
+        found = np.zeros((len(self.grid.valid), 9, 3))
+        found[self.grid.valid] = self._projected(self.film.mean[None])[0]
+        return _repaired(found, self.grid)
+
+    @property
+    def standard_errors(self) -> Float64:
+        """(N, 9, 3) float64, as `coefficients`, one standard deviation: by the spread of independent batches.
+
+        NaN below 16 path sets, and of repaired probes.
+        """
+        found = np.full((len(self.grid.valid), 9, 3), np.nan)
+        sums = self._projected(self.film.radiance_sums)
+        found[self.grid.valid] = standard_error(sums, self.film.batch_counts)
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """What `save` writes: `sh.fromArray(json.coefficients[i])` is a probe of three.js."""
+        return {
+            "quantity": "radiance",
+            "unit": symbol(self.unit, "radiance"),
+            "bounds": {"min": self.grid.lower.tolist(), "max": self.grid.upper.tolist()},
+            "grid": list(self.grid.counts),
+            "order": "x fastest, then y, then z; at the centres of cells",
+            "valid": self.grid.valid.tolist(),
+            "coefficients": [[float(f"{v:.7g}") for v in each.ravel()] for each in self.coefficients],
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write them as JSON. Raises ImageError where that cannot be."""
+        write_bytes((json.dumps(self.as_json()) + "\n").encode(), Path(path))
+
+    def _projected(self, radiance: Float64) -> Float64:
+        """(B, V, 9, 3) from films (B, H, W, 3) of white receivers."""
+        count = int(self.grid.valid.sum()) * len(_NORMALS)
+        measured = radiance.reshape(len(radiance), -1, 3)[:, :count].reshape(len(radiance), -1, len(_NORMALS), 3)
+        return np.pi * np.einsum("ck,bvkr->bvcr", _FROM_IRRADIANCE, measured)
+
+
+@with_options()
+def probes(
+    scene: AnyScene,
+    grid: tuple[int, int, int] = DEFAULT_GRID,
+    bounds: ArrayLike | None = None,
+    *,
+    integrator: Integrator | IntegratorSettings = "path",
+    spp: int | None = None,
+    white_sky: bool = False,
+    parameters: Mapping[str, object] | None = None,
+    **options: Unpack[RenderKeywords],
+) -> Probes:
+    """Light probes: second-order spherical harmonics of the radiance that arrives at the points of a grid.
+
+    Parameters
+    ----------
+    scene      : what `load_scene` takes. It needs no camera, but light
+    grid       : how many probes along x, y and z, at the centres of equal cells
+    bounds     : (2, 3) lower and upper corner of the grid's box; the scene's
+    integrator : "path", "path-buffer" or "gather"
+    spp        : paths for each of a probe's 50 normals; default {default_spp}
+    white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
+    film       : `Probes.film` of the same call, to go on with
+    The other parameters are those of `render`.
+    {options}
+
+    Probes inside solids get the mean of their valid neighbours (`Probes.repaired`, `ProbeGrid.valid`).
+
+    Raises and warns as `irradiance` does; SceneError where all probes are inside solids.
+
+    Example
+    -------
+    >>> found = probes("cornell-box", grid=(2, 2, 2), spp=16)
+    >>> found.coefficients.shape
+    (8, 9, 3)
+    """
+    with aside("camera", "light"):
+        loaded = load_scene(scene, parameters)
+    loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
+    where = ProbeGrid.of(loaded, grid, bounds)
+    measured = irradiance(loaded, *where.receivers(), integrator=integrator, spp=spp, **options)
+    return Probes(where, measured.film)
+
+
+def _inside(scene: Scene, positions: Float64) -> Bools:
+    """(N,): whether most rays from positions (N, 3) of a scene in triangles meet dark backs or insides."""
+    sides = Sides.of(scene)
+    turn = np.pi * (3 - math.sqrt(5)) * np.arange(_LOOKS)  # a spherical Fibonacci lattice
+    z = 1 - (2 * np.arange(_LOOKS) + 1) / _LOOKS
+    r = np.sqrt(1 - z * z)
+    around = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    origins = np.repeat(positions, _LOOKS, axis=0)
+    directions = np.tile(around, (len(positions), 1))
+    hit, side, _ = cast(scene, sides.rays, origins, directions, np.full(len(origins), -1))
+    dark = (hit >= 0) & ~sides.lit[hit, side] & ((side == 1) | sides.hidden[hit, side])
+    return np.asarray(dark.reshape(-1, _LOOKS).mean(axis=1) > _MOSTLY)
+
+
+def _repaired(coefficients: Float64, grid: ProbeGrid) -> Float64:
+    """(N, 9, 3) with the mean of neighbours, of up to 26, in place of what is not valid, from its rim inwards."""
+    nx, ny, nz = grid.counts
+    values = coefficients.reshape(nz, ny, nx, 9, 3).copy()
+    known = grid.valid.reshape(nz, ny, nx).copy()
+    while not known.all():
+        padded = np.pad(np.where(known[..., None, None], values, 0.0), ((1, 1),) * 3 + ((0, 0),) * 2)
+        there = np.pad(known, 1)
+        total, count = np.zeros_like(values), np.zeros(known.shape)
+        for dz, dy, dx in product(range(3), repeat=3):
+            window = slice(dz, dz + nz), slice(dy, dy + ny), slice(dx, dx + nx)
+            total += padded[window]
+            count += there[window]
+        fresh = ~known & (count > 0)
+        values[fresh] = total[fresh] / count[fresh][:, None, None]
+        known |= fresh
+    return values.reshape(-1, 9, 3)

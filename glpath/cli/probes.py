@@ -1,0 +1,166 @@
+"""`glpath probes`: light probes in a grid, for programs that light moving things by them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.cli.help import LIGHT, command_help
+from glpath.cli.options import option_values, with_options
+from glpath.cli.run_request import OF_FILMS, RunRequest
+from glpath.cli.running import outcome_of
+from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.unattended import checkpointed
+from glpath.cli.values import check_choice, numbers
+from glpath.errors import UsageError
+from glpath.integrators.settings import INTEGRATORS, PathSetSettings
+from glpath.io.completed import aside
+from glpath.system.files import check_writable, save_all
+from glpath.system.reporting import duration
+
+if TYPE_CHECKING:
+    from glpath.bake.probes import Probes
+    from glpath.film.film import Film
+    from glpath.integrators.settings import Integrator
+    from glpath.rendering.run_options import RunOptions
+
+_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
+#: Of the integrators' options, those that mean something at points.
+_OPTIONS = (
+    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
+    "radiosity",
+)  # fmt: skip
+_GRID, _LIGHT = "Grid", "Light"
+
+
+def register(app: typer.Typer) -> None:
+    """Put the command on the main program."""
+    help = command_help(
+        LIGHT,
+        ("glpath probes office -o probes.json --grid 8x4x8", "256 probes all over the scene"),
+        ("glpath probes room.glb -o probes.json --grid 4x2x4 --bounds=-2,0,-2,2,3,2", "in a box"),
+        ("glpath probes room -o probes.json --noise 0.02", "until they are clean"),
+        everyday="scene out grid bounds white_sky integrator spp noise time_limit max_depth resume seed device "
+        "parameters quiet",
+    )
+    app.command(
+        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
+        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
+        "130 interrupted (what there is, is written).",
+        **help,
+    )(with_options(probes, OF_FILMS, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
+
+
+def probes(
+    scene: SceneArgument,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.json", help="Where the probes go.")],
+    grid: Annotated[
+        str,
+        typer.Option(
+            metavar="NxNxN",
+            help="How many probes along x, y and z, at the centres of equal cells.",
+            rich_help_panel=_GRID,
+        ),
+    ] = "8x4x8",
+    bounds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z,X,Y,Z",
+            help="Lower and upper corner of the grid's box; by itself the scene's.",
+            rich_help_panel=_GRID,
+        ),
+    ] = None,
+    white_sky: Annotated[
+        bool,
+        typer.Option(
+            "--white-sky",
+            help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
+            rich_help_panel=_LIGHT,
+        ),
+    ] = False,
+    integrator: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(_INTEGRATORS),
+            help="path: paths of all bounces, their rays cast by a BVH. path-buffer: the same with shared "
+            "directions, cast by scans. gather: from a radiosity solution.",
+            autocompletion=words(_INTEGRATORS),
+            rich_help_panel=_LIGHT,
+        ),
+    ] = "path",
+    spp: Annotated[
+        int | None,
+        typer.Option(
+            help="Paths for each of a probe's 50 normals; 256.", show_default=False, rich_help_panel=_LIGHT
+        ),
+    ] = None,
+    parameters: Parameters = None,
+    *,
+    run: RunRequest,
+    **options: Any,
+) -> None:
+    """Light probes in a grid: the light from all around, in second-order spherical harmonics.
+
+    The JSON holds 27 numbers a probe, as SphericalHarmonics3.fromArray of three.js takes them. Probes inside
+    solids get the mean of their valid neighbours, and are told. The scene needs no camera, but light of its own, or
+    --white-sky.
+    """
+    from glpath.bake.probes import ProbeGrid, Probes
+    from glpath.rendering.points import lit
+
+    if out.suffix.lower() != ".json":
+        raise UsageError(f"{out}: probes are written as .json.", "Give a name that ends so.")
+    check_choice("--integrator", integrator, _INTEGRATORS)
+    counts = numbers("--grid", grid.lower(), "NxNxN", [3], int, "x")
+    corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], float)
+    if spp is not None and spp < 1:
+        raise UsageError(f"--spp {spp}: must be at least 1.")
+    options = option_values(integrator, options)
+    with aside("camera", "light"):
+        loaded = read_scene(scene, parameters)
+    loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
+    check_writable(out)
+    where = ProbeGrid.of(loaded, counts, corners)
+
+    def start(run: RunOptions) -> Film:
+        from glpath.rendering.points import irradiance
+
+        return irradiance(
+            loaded,
+            *where.receivers(),
+            integrator=cast("Integrator", integrator),
+            spp=spp,
+            **options,
+            **vars(run),
+        ).film
+
+    with checkpointed([out], run, films=False) as (checkpoint, begun):
+        outcome = outcome_of(start, run, checkpoint, begun)
+        found = Probes(where, outcome.film)
+
+        def lines(written: list[Path]) -> Iterator[str]:
+            yield from _summary(found)
+            yield f"  {light_of(loaded)}"
+            yield from (f"wrote {path}" for path in written)
+
+        outcome.leave(
+            lambda: save_all({out: found.save}, {"probes.json": found.save}, "The probes are kept in {}."),
+            lines,
+            lambda _: f"what {outcome.film.path_sets} paths for each normal found is written",
+            lambda: {"probes": len(where.valid), "repaired": found.repaired},
+        )
+
+
+def _summary(found: Probes) -> Iterator[str]:
+    x, y, z = found.grid.counts
+    film = found.film
+    yield (
+        f"{x} x {y} x {z} probes, {film.path_sets:,} paths for each of 50 normals, "
+        f"{duration(film.metadata.elapsed_s)}"
+    )
+    if found.repaired:
+        yield f"  {found.repaired} inside solids: repaired by the mean of their neighbours"
