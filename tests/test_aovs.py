@@ -328,6 +328,7 @@ LAYERS = {
     "normal": "XYZ",
     "depth": "Z",
     "depth_min": "Z",
+    "uv": "XY",
     "position": "XYZ",
     "object_id": "X",
     "material_id": "X",

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,8 +15,10 @@ from numpy.typing import NDArray
 import glpath.buffers.path_buffer as path_buffer
 from glpath.buffers.path_buffer import PathBuffer
 from glpath.errors import UsageError
+from glpath.gl import program as program_module
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.passes import Pass
 from glpath.io import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from tests.reference.numpy_path_tracer import nearest_hits
@@ -158,28 +164,23 @@ def test_where_paths_crowd_the_survivors_stand_for_all(
 
 def path_weights(buffer: PathBuffer, scene: Scene, rng: np.random.Generator) -> Float64:
     """(paths,) the weight of every path after one scan, 0 for those that lost."""
-    from glpath.gl.passes import Pass
-    from glpath.gl.program import load_program, shader_folder
-
     gl = buffer.gl
     _, origins = on_surfaces(scene, buffer.paths[0] * buffer.paths[1], rng)
     state = np.concatenate([origins, np.ones((len(origins), 1))], 1).astype(np.float32)
     position = gl.texture(buffer.paths, 4, state.tobytes(), dtype="f4")
     scan = buffer.scan_positions(position, path_buffer.ScanView((np.array([0.36, 0.48, 0.8]),), seed=4))
     buffer.scan_scene(scan)
-    source = shader_folder() / "path_buffer/path_report.frag"
-    original = source.read_text()
-    text = original.replace("out int triangle", "out float triangle")
-    text = text.replace(
-        "triangle = path_result(ivec2(gl_FragCoord.xy), weight);",
-        "triangle = path_result(ivec2(gl_FragCoord.xy), weight) == PATH_LOST ? 0.0 : weight;",
-    )
     answer = gl.texture(buffer.paths, 1, dtype="f4")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            type(source), "read_text", lambda self: text if self == source else self.read_bytes().decode()
-        )
-        program = load_program(
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        shaders = Path(folder) / "shaders"
+        shutil.copytree(program_module.shader_folder(), shaders)
+        report = shaders / "path_buffer/path_report.frag"
+        text = report.read_text().replace("out int triangle", "out float triangle")
+        found = "triangle = path_result(ivec2(gl_FragCoord.xy), weight)"
+        assert found in text
+        report.write_text(text.replace(found, f"{found} == PATH_LOST ? 0.0 : weight"))
+        patch.setattr(program_module, "shader_folder", lambda: shaders)
+        program = program_module.load_program(
             gl, vertex="gl/fullscreen.vert", fragment="path_buffer/path_report.frag", defines=buffer.defines
         )
     Pass("weights", gl, program, gl.framebuffer([answer]), textures=buffer.textures).run(scan.uniforms)

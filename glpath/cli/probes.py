@@ -70,7 +70,7 @@ def probes(
         str | None,
         typer.Option(
             metavar="X,Y,Z,X,Y,Z",
-            help="Lower and upper corner of the grid's box; by itself the scene's.",
+            help="Lower and upper corner of the grid's box; by default the scene's.",
             rich_help_panel=_GRID,
         ),
     ] = None,
@@ -106,8 +106,8 @@ def probes(
     """Light probes in a grid: the light from all around, in second-order spherical harmonics.
 
     The JSON holds 27 numbers a probe, as SphericalHarmonics3.fromArray of three.js takes them. Probes inside
-    solids get the mean of their valid neighbours, and are told. The scene needs no camera, but light of its own, or
-    --white-sky.
+    solids get the mean of their valid neighbours, and are counted. The scene needs no camera, but light of its own,
+    or --white-sky.
     """
     from glpath.bake.probes import ProbeGrid, Probes
     from glpath.rendering.points import lit
@@ -129,9 +129,11 @@ def probes(
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance
 
+        points, normals = where.receivers()
         return irradiance(
             loaded,
-            *where.receivers(),
+            points,
+            normals,
             integrator=cast("Integrator", integrator),
             spp=spp,
             **options,

@@ -254,7 +254,7 @@ def sheen_albedo(cosine: Float64, alpha: float) -> Float64:
     def masking(w: Float64) -> Float64:
         at = a / (1.0 + b * w**c) + d * w + e
         half, other = (a / (1.0 + b * v**c) + d * v + e for v in (np.array(0.5), 1.0 - w))
-        return np.where(w < 0.5, np.exp(at), np.exp(2.0 * half - other))
+        return np.asarray(np.where(w < 0.5, np.exp(at), np.exp(2.0 * half - other)))
 
     lambda_i, lambda_o = masking(z), masking(cosine)
     found = np.empty(len(cosine))
