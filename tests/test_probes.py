@@ -132,7 +132,7 @@ def test_the_command_writes_and_tells(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, typed)
     assert done.exit_code == 0, done.stderr
     assert "3 x 1 x 1 probes, 16 paths for each of 50 normals" in done.output
-    assert "1 inside solids: repaired" in done.output
+    assert "1 probe inside solids: repaired" in done.output
     written = json.loads(out.read_text())
     assert written["unit"] == "cd m^-2"
     assert written["valid"] == [True, False, True]

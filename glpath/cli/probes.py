@@ -165,4 +165,5 @@ def _summary(found: Probes) -> Iterator[str]:
         f"{duration(film.metadata.elapsed_s)}"
     )
     if found.repaired:
-        yield f"  {found.repaired} inside solids: repaired by the mean of their neighbours"
+        probes = "1 probe" if found.repaired == 1 else f"{found.repaired} probes"
+        yield f"  {probes} inside solids: repaired by the mean of valid neighbours"
