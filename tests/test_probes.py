@@ -125,14 +125,14 @@ def test_a_grid_has_to_be_one() -> None:
 def test_the_command_writes_and_tells(tmp_path: Path) -> None:
     scene = tmp_path / "cube.toml"
     scene.write_text(
-        '[sky]\nunit = "photometric"\nzenith = 1.0\n[[shapes]]\ntype = "box"\nmin = [-1, -1, -1]\nmax = [1, 1, 1]\n'
+        'unit = "photometric"\n[sky]\nzenith = 1.0\n[[shapes]]\ntype = "box"\nmin = [-1, -1, -1]\nmax = [1, 1, 1]\n'
     )
     out = tmp_path / "probes.json"
     typed = ["probes", str(scene), "--grid", "3x1x1", "--bounds=-3,-1,-1,3,1,1", "--spp", "16", "-o", str(out)]
     done = CliRunner().invoke(app, typed)
     assert done.exit_code == 0, done.stderr
     assert "3 x 1 x 1 probes, 16 paths for each of 50 normals" in done.output
-    assert "1 inside solids: repaired" in done.output
+    assert "1 probe inside solids: repaired" in done.output
     written = json.loads(out.read_text())
     assert written["unit"] == "cd m^-2"
     assert written["valid"] == [True, False, True]

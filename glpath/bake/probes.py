@@ -163,7 +163,7 @@ class Probes:
     """Light probes of a grid.
 
     grid : where they are, and which are valid
-    film : of the points that they were measured by, see `ProbeGrid.receivers`. It can be saved, and continued
+    film : of the points that they were measured by, see `ProbeGrid.receivers`. It can be saved and resumed
     """
 
     grid: ProbeGrid
@@ -242,7 +242,7 @@ def probes(
     integrator : "path", "path-buffer" or "gather"
     spp        : paths for each of a probe's 50 normals; default {default_spp}
     white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
-    film       : `Probes.film` of the same call, to be continued
+    film       : `Probes.film` of the same call, to resume
     The other parameters are those of `render`.
     {options}
 
@@ -279,7 +279,7 @@ def _inside(scene: Scene, positions: Float64) -> Bools:
 
 
 def _repaired(coefficients: Float64, grid: ProbeGrid) -> Float64:
-    """(N, 9, 3) with the mean of neighbours, of up to 26, for those that are not valid, from its rim inwards."""
+    """(N, 9, 3) with the mean of neighbours, of up to 26, instead of what is not valid, from its rim inwards."""
     nx, ny, nz = grid.counts
     values = coefficients.reshape(nz, ny, nx, 9, 3).copy()
     known = grid.valid.reshape(nz, ny, nx).copy()

@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
     help = command_help(
         LIGHT,
         ("glpath probes office -o probes.json --grid 8x4x8", "256 probes all over the scene"),
-        ("glpath probes room.glb -o probes.json --grid 4x2x4 --bounds=-2,0,-2,2,3,2", "in a box"),
+        ("glpath probes room.glb -o probes.json --grid 4x2x4 --bounds 0,0,0,4,3,4", "in a box"),
         ("glpath probes room -o probes.json --noise 0.02", "until they are clean"),
         everyday="scene out grid bounds white_sky integrator spp noise time_limit max_depth resume seed device "
         "parameters quiet",
@@ -125,6 +125,7 @@ def probes(
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_writable(out)
     where = ProbeGrid.of(loaded, counts, corners)
+    points, normals = where.receivers()
 
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance
@@ -165,4 +166,5 @@ def _summary(found: Probes) -> Iterator[str]:
         f"{duration(film.metadata.elapsed_s)}"
     )
     if found.repaired:
-        yield f"  {found.repaired} inside solids: repaired by the mean of their neighbours"
+        probes = "1 probe" if found.repaired == 1 else f"{found.repaired} probes"
+        yield f"  {probes} inside solids: repaired by the mean of valid neighbours"
