@@ -130,7 +130,6 @@ def probes(
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance
 
-        points, normals = where.receivers()
         return irradiance(
             loaded,
             points,
