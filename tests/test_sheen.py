@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.io.load import scene_from_dict
 from glpath.scene.material import sheen_albedo_fit
 from glpath.scene.model import Float64, Material
+from tests.support.engines import coarse
 from tests.support.uniform_sky import furnace, plane_under_the_sky
 
 WHITE = np.ones(3)
@@ -111,3 +113,28 @@ def test_a_scene_file_has_sheen() -> None:
     surface["sheen"] = 1.5
     with pytest.raises(glpath.SceneError, match="sheen"):
         scene_from_dict(given)
+
+
+@pytest.mark.parametrize(
+    ("options", "bound"), [({"cast": "bvh"}, 0.01), ({"cast": "path-buffer"}, 0.03)], ids=["bvh", "path-buffer"]
+)
+@pytest.mark.parametrize("sheen", [0.0, 0.9])
+def test_a_gather_shows_rough_surfaces_as_paths_do(sheen: float, options: dict[str, str], bound: float) -> None:
+    """What a dielectric and a sheen leave for the base holds where a solution is looked up, too."""
+    cloth = {"type": "principled", "reflectance": 0.5, "roughness": 0.8, "sheen": sheen, "sheen_roughness": 0.4}
+    ball = {"type": "sphere", "center": [0, 0.6, 0], "radius": 0.6, "material": "cloth", "subdivisions": 4}
+    floor = {"type": "quad", "corners": [[-3, 0, 3], [3, 0, 3], [3, 0, -3], [-3, 0, -3]], "material": "grey"}
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 1.2, 4], "target": [0, 0.6, 0], "fov": 35},
+            "materials": {"cloth": cloth, "grey": {"reflectance": 0.6}},
+            "sky": {"zenith": [1, 1, 1], "horizon": 1},
+            "shapes": [ball, floor],
+        }
+    )
+    size: dict[str, Any] = {"resolution": (40, 30), "spp": 128}
+    paths = glpath.render(scene, max_depth=32, aovs=("object_id",), **size)
+    seen = paths.aov("object_id") == 1
+    gathered = glpath.render(scene, integrator="gather", radiosity=coarse(scene), **options, **size).mean
+    assert gathered[seen].mean() == pytest.approx(paths.mean[seen].mean(), rel=bound)
+    assert gathered[~seen].mean() == pytest.approx(paths.mean[~seen].mean(), rel=bound)

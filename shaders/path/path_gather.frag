@@ -32,7 +32,7 @@ void main()
         near = false;
 #endif
         vec4 found = near ? vec4(0.0) : irradiance_at(in_lattice, a.front);
-        vec3 looked_up = a.throughput * (v.bsdf.diffuse * found.rgb / PI);
+        vec3 looked_up = a.throughput * (diffuse_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI);
         next.radiance += looked_up + lit(v, path, a.throughput * (1.0 - found.a), near ? next_views : 0);
 #ifndef LAST_VERTEX
         if (near) next = go_on(v, path, a.throughput, next.radiance);
