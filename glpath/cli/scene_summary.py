@@ -18,6 +18,8 @@ _OF_MICROFACETS = (
     "clearcoat",
     "clearcoat_roughness",
     "anisotropy",
+    "sheen",
+    "sheen_roughness",
 )
 
 
@@ -112,8 +114,13 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
         "mirror": material.mirror.tolist(),
         "two_sided": material.two_sided,
         "described": material.described(),
-        **{name: getattr(material, name) for name in _OF_MICROFACETS if material.roughness is not None},
+        **{name: _plain(getattr(material, name)) for name in _OF_MICROFACETS if material.roughness is not None},
     }
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:

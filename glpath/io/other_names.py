@@ -15,6 +15,7 @@ _NAMES = {
     "specular": "ks specularcolor specularcolour specularweight",
     "clearcoat": "clearcoatweight coat coatweight",
     "clearcoat_roughness": "coatroughness",
+    "sheen": "fuzz fuzzcolor sheencolor sheencolour sheenweight",
     "transmission": "transmissionweight transmittance",
     "normal_texture": "bumpmap normalmap",
     "emission_texture": "emissivemap emissivetexture",
