@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -212,5 +213,11 @@ OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "h
 
 def declared(name: str) -> tuple[Any, Any]:
     """The annotation of an option, as typer takes it, and its default."""
+    return _declarations()[name]
+
+
+@cache
+def _declarations() -> dict[str, tuple[Any, Any]]:
+    # Once: every command asks for some twenty.
     hints = get_type_hints(RunRequest, include_extras=True)
-    return hints[name], next(field.default for field in fields(RunRequest) if field.name == name)
+    return {field.name: (hints[field.name], field.default) for field in fields(RunRequest)}
