@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
+from glpath.cli.point_options import POINT_INTEGRATORS
 from glpath.cli.run_request import OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
@@ -19,7 +20,6 @@ from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
-from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import duration, percent
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, Materials
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
-_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
 #: Of the integrators' options, those that mean something on surfaces.
 _OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution", "bounce_lod",
@@ -56,7 +55,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_options(lightmap, OF_FILMS, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
+    )(with_options(lightmap, OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS, all_bounces=True))
 
 
 def lightmap(
@@ -129,11 +128,11 @@ def lightmap(
     integrator: Annotated[
         str,
         typer.Option(
-            metavar="|".join(_INTEGRATORS),
+            metavar="|".join(POINT_INTEGRATORS),
             help="path: paths, their rays cast by a BVH. path-buffer: paths that share directions, cast by scans. "
             "gather: from a radiosity solution.",
             rich_help_panel=FOR_ALL,
-            autocompletion=words(_INTEGRATORS),
+            autocompletion=words(POINT_INTEGRATORS),
         ),
     ] = "path",
     parameters: Parameters = None,
@@ -153,7 +152,7 @@ def lightmap(
     for option, found, allowed in (
         ("--materials", materials, _MATERIALS),
         ("--uv", uv, _UV),
-        ("--integrator", integrator, _INTEGRATORS),
+        ("--integrator", integrator, POINT_INTEGRATORS),
     ):
         check_choice(option, found, allowed)
     check_density(texels, size, uv)

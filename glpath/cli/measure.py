@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import option_values, with_options
+from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
@@ -19,7 +20,6 @@ from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.film.units import EFFICACY
-from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_writable, is_stream, save_all
 from glpath.system.reporting import duration
@@ -32,13 +32,7 @@ if TYPE_CHECKING:
     from glpath.rendering.run_options import RunOptions
     from glpath.rendering.uniformity import Estimate, Spread
 
-_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
-#: Of the integrators' options, those that mean something at points.
-_OPTIONS = (
-    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
-    "radiosity",
-)  # fmt: skip
-_POINTS, _LIGHT = "Points", "Light"
+_POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
 
 
@@ -57,7 +51,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_options(measure, OF_FILMS, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
+    )(with_options(measure, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS, all_bounces=True))
 
 
 def measure(
@@ -132,27 +126,11 @@ def measure(
             rich_help_panel=_POINTS,
         ),
     ] = "plane",
-    white_sky: Annotated[
-        bool,
-        typer.Option(
-            "--white-sky",
-            help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
-            rich_help_panel=_LIGHT,
-        ),
-    ] = False,
-    integrator: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join(_INTEGRATORS),
-            help="path: paths of all bounces, their rays cast by a BVH. path-buffer: the same with shared "
-            "directions, cast by scans. gather: from a radiosity solution.",
-            autocompletion=words(_INTEGRATORS),
-            rich_help_panel=_LIGHT,
-        ),
-    ] = "path",
+    white_sky: WhiteSky = False,
+    integrator: PointIntegrator = "path",
     spp: Annotated[
         int | None,
-        typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=_LIGHT),
+        typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=LIGHT_PANEL),
     ] = None,
     parameters: Parameters = None,
     *,
@@ -171,7 +149,7 @@ def measure(
 
     for path in out:
         check_kind(path)
-    check_choice("--integrator", integrator, _INTEGRATORS)
+    check_choice("--integrator", integrator, POINT_INTEGRATORS)
     check_choice("--receiver", receiver, _RECEIVERS)
     if (plane is None) == (points is None):
         raise UsageError(

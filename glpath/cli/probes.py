@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from glpath.cli.completion import words
 from glpath.cli.help import LIGHT, command_help
 from glpath.cli.options import option_values, with_options
+from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, numbers
 from glpath.errors import UsageError
-from glpath.integrators.settings import INTEGRATORS, PathSetSettings
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import duration
@@ -28,13 +27,7 @@ if TYPE_CHECKING:
     from glpath.integrators.settings import Integrator
     from glpath.rendering.run_options import RunOptions
 
-_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
-#: Of the integrators' options, those that mean something at points.
-_OPTIONS = (
-    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
-    "radiosity",
-)  # fmt: skip
-_GRID, _LIGHT = "Grid", "Light"
+_GRID = "Grid"
 
 
 def register(app: typer.Typer) -> None:
@@ -52,7 +45,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_options(probes, OF_FILMS, _OPTIONS, integrators=_INTEGRATORS, all_bounces=True))
+    )(with_options(probes, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS, all_bounces=True))
 
 
 def probes(
@@ -74,28 +67,12 @@ def probes(
             rich_help_panel=_GRID,
         ),
     ] = None,
-    white_sky: Annotated[
-        bool,
-        typer.Option(
-            "--white-sky",
-            help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
-            rich_help_panel=_LIGHT,
-        ),
-    ] = False,
-    integrator: Annotated[
-        str,
-        typer.Option(
-            metavar="|".join(_INTEGRATORS),
-            help="path: paths of all bounces, their rays cast by a BVH. path-buffer: the same with shared "
-            "directions, cast by scans. gather: from a radiosity solution.",
-            autocompletion=words(_INTEGRATORS),
-            rich_help_panel=_LIGHT,
-        ),
-    ] = "path",
+    white_sky: WhiteSky = False,
+    integrator: PointIntegrator = "path",
     spp: Annotated[
         int | None,
         typer.Option(
-            help="Paths for each of a probe's 50 normals; 256.", show_default=False, rich_help_panel=_LIGHT
+            help="Paths for each of a probe's 50 normals; 256.", show_default=False, rich_help_panel=LIGHT_PANEL
         ),
     ] = None,
     parameters: Parameters = None,
@@ -114,7 +91,7 @@ def probes(
 
     if out.suffix.lower() != ".json":
         raise UsageError(f"{out}: probes are written as .json.", "Give a name that ends so.")
-    check_choice("--integrator", integrator, _INTEGRATORS)
+    check_choice("--integrator", integrator, POINT_INTEGRATORS)
     counts = numbers("--grid", grid.lower(), "NxNxN", [3], int, "x")
     corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], float)
     if spp is not None and spp < 1:

@@ -1,0 +1,39 @@
+"""Options of the commands that measure light at points, `measure` and `probes`; `lightmap` shares the integrators."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from glpath.cli.completion import words
+from glpath.integrators.settings import INTEGRATORS, PathSetSettings
+
+#: Integrators whose paths may start at points.
+POINT_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
+#: Of the integrators' options, those that mean something at points.
+POINT_OPTIONS = (
+    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
+    "radiosity",
+)  # fmt: skip
+#: The panel of help that these stand in.
+LIGHT_PANEL = "Light"
+
+WhiteSky = Annotated[
+    bool,
+    typer.Option(
+        "--white-sky",
+        help="Light a scene that has no light by a white sky, of radiance 1 in its unit from all around.",
+        rich_help_panel=LIGHT_PANEL,
+    ),
+]
+PointIntegrator = Annotated[
+    str,
+    typer.Option(
+        metavar="|".join(POINT_INTEGRATORS),
+        help="path: paths of all bounces, their rays cast by a BVH. path-buffer: the same with shared "
+        "directions, cast by scans. gather: from a radiosity solution.",
+        autocompletion=words(POINT_INTEGRATORS),
+        rich_help_panel=LIGHT_PANEL,
+    ),
+]
