@@ -1,4 +1,4 @@
-"""Options of the commands that measure light at points, `measure` and `probes`; `lightmap` shares the integrators."""
+"""Options of `measure` and `probes`, which measure light at points; `lightmap` shares their integrators."""
 
 from __future__ import annotations
 
