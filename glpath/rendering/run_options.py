@@ -1,9 +1,9 @@
 """How a job is run, whatever it renders: on what device, when it ends, what it resumes, who hears of it.
 
 A `RenderJob` says what a film holds, `RunOptions` how it comes about. They are keyword arguments of `render`,
-`render_frames`, `run`, `irradiance` and `lightmap` (`RunKeywords`), the command line makes them of its options
-(`glpath.cli.run_request`), and a cluster's workers get them. A new one is a field of both classes here, an option
-there, and the code that heeds it.
+`render_frames`, `run`, `irradiance`, `lightmap` and `probes` (`RunKeywords`), the command line makes them of its
+options (`glpath.cli.run_request`), and a cluster's workers get them. A new one is a field of both classes here, an
+option there, and the code that heeds it.
 """
 
 from __future__ import annotations
