@@ -77,11 +77,11 @@ NO_SHADOWS = shader(
     "    vec3 w = position - light_position;\n    vec3 p",
     "    return false;\n    vec3 w = position - light_position;\n    vec3 p",
 )
-BLACK_LOOK_UP = shader("path/path_gather.frag", "v.bsdf.diffuse * found.rgb / PI", "0.0")
+BLACK_LOOK_UP = shader("path/path_gather.frag", "dot(v.n, v.wo)) * found.rgb / PI", "dot(v.n, v.wo)) * 0.0")
 BRIGHT_LOOK_UP = shader(
     "path/path_gather.frag",
-    "v.bsdf.diffuse * found.rgb / PI",
-    "v.bsdf.diffuse * found.rgb",
+    "dot(v.n, v.wo)) * found.rgb / PI",
+    "dot(v.n, v.wo)) * found.rgb",
 )
 ONE_BOUNCE_LESS, ONE_MORE = (
     renderer(max_depth=lambda depth: max(depth - 1, 1)),
