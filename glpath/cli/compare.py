@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glpath.cli.help import PICTURES, command_help
+from glpath.cli.help import command_help
 from glpath.errors import UsageError
 from glpath.system.terminal import say, say_json
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     help = command_help(
-        PICTURES,
         ("glpath diff a.png b.png", "the numbers"),
         ("glpath diff a.exr b.exr -o difference.png", "where they differ"),
         ("glpath diff new.npz old.npz --mode stat", "the same but for their noise?"),

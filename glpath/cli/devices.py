@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from glpath.cli.help import MACHINE, command_help
+from glpath.cli.help import command_help
 from glpath.errors import ContextError, ShaderError
 from glpath.gl.context import open_context
 from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, library_loads, list_devices
@@ -33,13 +33,11 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 def register(app: typer.Typer) -> None:
     """Add both commands to the command line."""
     of_devices = command_help(
-        MACHINE,
         ("glpath devices", "a table"),
         ("glpath devices --json", "for programs"),
         ("glpath render cornell-box -o a.png --device 1", "takes the one with that number"),
     )
     of_doctor = command_help(
-        MACHINE,
         ("glpath doctor", "what is missing, and how to get it"),
         ("glpath doctor --warm", "compile now what is compiled at first use"),
         ("glpath doctor --json", "for programs"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from glpath.cli.help import SCENES, command_help
+from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
 from glpath.cli.values import resolution as read_resolution
 from glpath.io.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
@@ -20,7 +20,6 @@ _FOR_MITSUBA = "With -o FILE.xml"
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     help = command_help(
-        SCENES,
         ("glpath export room -o room.glb", "for any glTF viewer"),
         ("glpath export room -o room.xml", "for Mitsuba 3"),
         ("glpath export room -o room.xml --resolution 640x480 --spp 64", "with settings of its own"),

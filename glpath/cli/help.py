@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 from typer.core import TyperCommand
 
-PICTURES, LIGHT, SCENES, MACHINE = "Pictures", "Light in numbers and for other viewers", "Scenes", "This machine"
 #: Of every command.
 MAX_EVERYDAY = 20
 #: How the paragraph of examples begins, whose lines stay as they are.
@@ -61,10 +60,10 @@ class HelpfulCommand(TyperCommand):
             self.epilog = before
 
 
-def command_help(group: str, *examples: tuple[str, str], everyday: str = "") -> dict[str, Any]:
-    """What `app.command` takes for a command of a group, with examples and the parameters that --help shows."""
+def command_help(*examples: tuple[str, str], everyday: str = "") -> dict[str, Any]:
+    """What `app.command` takes for a command with examples and the parameters that --help shows."""
     given = {"examples": examples, "everyday": frozenset(everyday.split())}
-    return {"cls": type("Command", (HelpfulCommand,), given), "rich_help_panel": group}
+    return {"cls": type("Command", (HelpfulCommand,), given)}
 
 
 @contextmanager

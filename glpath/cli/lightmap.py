@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.point_options import POINT_INTEGRATORS
 from glpath.cli.run_request import OF_FILMS, RunRequest
@@ -43,7 +43,6 @@ _NOISY, _CLEAN = 0.05, 0.02
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     help = command_help(
-        LIGHT,
         ("glpath lightmap room -o room.glb --size 1024", "one page of 1024 x 1024 texels"),
         ("glpath lightmap house.glb -o baked.glb --texels 20", "20 texels per scene unit"),
         ("glpath lightmap room -o a.glb --integrator gather --denoise --noise 0.02", "clean, soon"),

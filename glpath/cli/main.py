@@ -6,36 +6,23 @@ cause is printed as one block without a traceback; a traceback is a mistake of g
 
 from __future__ import annotations
 
-import inspect
 import io
 import logging
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
-from rich.markup import escape
 from typer.core import TyperGroup
 
 import glpath
-from glpath.cli import (
-    compare,
-    devices,
-    export,
-    lightmap,
-    measure,
-    merge,
-    probes,
-    radiosity,
-    render,
-    scenes,
-    viewfactors,
-)
-from glpath.cli.help import EXAMPLE, flags_without_a_type
+from glpath.cli.commands import COMMANDS
+from glpath.cli.help import flags_without_a_type
+from glpath.cli.on_demand import CommandsOnDemand, Part, as_written
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
@@ -47,20 +34,25 @@ FAILED, WRONG_USAGE = 1, 2
 class Commands(TyperGroup):
     """Turns exceptions and warnings of every subcommand into lines on stderr and an exit code.
 
-    Texts of help are shown as they are written: typer hands them to rich, to which `glpath[figures]` is a style.
+    parts : its commands besides those that are registered
     """
+
+    parts: ClassVar[Mapping[str, Part]] = {}
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        for command in (self, *self.commands.values()):
-            for part in (command, *command.params):
-                for name in ("help", "short_help", "epilog"):
-                    if text := getattr(part, name, None):
-                        setattr(part, name, escape(_unwrapped(text)))
+        self.commands: Any = CommandsOnDemand(self.parts, self.commands)
+        for part in (self, *self.params):
+            as_written(part)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        with flags_without_a_type(self.get_params(ctx)):
-            super().format_help(ctx, formatter)
+        commands = self.commands
+        self.commands = commands.listed()
+        try:
+            with flags_without_a_type(self.get_params(ctx)):
+                super().format_help(ctx, formatter)
+        finally:
+            self.commands = commands
 
     def make_context(self, *given: Any, **more: Any) -> Any:
         with _wrong_usage_as_lines():
@@ -84,12 +76,6 @@ class Commands(TyperGroup):
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
                 raise typer.Exit(exit_code()) from stop
-
-
-def _unwrapped(text: str) -> str:
-    """Paragraphs as one line each, which Typer wraps to the terminal's width; examples stay lines."""
-    paragraphs = inspect.cleandoc(text).split("\n\n")
-    return "\n\n".join(each if each.startswith(EXAMPLE) else " ".join(each.split("\n")) for each in paragraphs)
 
 
 @contextmanager
@@ -137,11 +123,11 @@ def _traceback_as_lines(kind: type[BaseException], error: BaseException, trace: 
     say("".join(traceback.format_exception(kind, error, trace)).rstrip(), err=True)
 
 
-def program(name: str, about: str) -> typer.Typer:
+def program(name: str, about: str, parts: Mapping[str, Part]) -> typer.Typer:
     """A program whose commands report errors and warnings as lines, and end with the exit codes above."""
-    return typer.Typer(
+    made = typer.Typer(
         name=name,
-        cls=Commands,
+        cls=type("ProgramCommands", (Commands,), {"parts": parts}),
         help=about,
         epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what had been rendered is written); "
         "render has more.",
@@ -149,10 +135,14 @@ def program(name: str, about: str) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
+    made.callback()(lambda: None)  # without one, typer takes a program of one command for that command
+    return made
 
 
 app = program(
-    "glpath", "Global illumination on OpenGL 4.3, on a graphics card or without one, and without a screen."
+    "glpath",
+    "Global illumination on OpenGL 4.3, on a graphics card or without one, and without a screen.",
+    COMMANDS,
 )
 
 
@@ -170,22 +160,6 @@ def _common(
     ] = False,
 ) -> None:
     pass
-
-
-for _commands in (
-    render,
-    merge,
-    radiosity,
-    lightmap,
-    probes,
-    measure,
-    viewfactors,
-    compare,
-    scenes,
-    export,
-    devices,
-):
-    _commands.register(app)
 
 
 def run(commands: typer.Typer = app, name: str = "glpath") -> None:

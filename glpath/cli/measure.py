@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import OF_FILMS, RunRequest
@@ -39,7 +39,6 @@ _RECEIVERS = ("plane", "cylinder")
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     help = command_help(
-        LIGHT,
         ("glpath measure office.toml -o lux.csv --plane z=0.75 --spacing 0.25", "a working plane"),
         ("glpath measure office.toml -o lux.png --plane z=0.75 --noise 0.01", "a false-colour picture"),
         ("glpath measure office.toml -o lux.csv --points points.csv", "points of your own"),

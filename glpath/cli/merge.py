@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from glpath.cli.help import PICTURES, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import RunRequest
@@ -19,7 +19,6 @@ from glpath.system.terminal import say
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     help = command_help(
-        PICTURES,
         ("glpath merge a.npz b.npz -o all.npz", "one film of two shards"),
         ("glpath merge shard-*.npz -o room.png -o room.exr", "and its pictures"),
         ("glpath merge film.npz -o film.png --exposure 1", "a picture of one film"),

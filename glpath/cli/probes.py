@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from glpath.cli.help import LIGHT, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import OF_FILMS, RunRequest
@@ -33,7 +33,6 @@ _GRID = "Grid"
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     help = command_help(
-        LIGHT,
         ("glpath probes office -o probes.json --grid 8x4x8", "256 probes all over the scene"),
         ("glpath probes room.glb -o probes.json --grid 4x2x4 --bounds 0,0,0,4,3,4", "in a box"),
         ("glpath probes room -o probes.json --noise 0.02", "until they are clean"),

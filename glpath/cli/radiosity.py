@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_SOLVERS, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
@@ -59,7 +59,6 @@ def register(app: typer.Typer) -> None:
     later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
     later += " 134: ended by --hang-limit."
     help = command_help(
-        LIGHT,
         ("glpath radiosity room -o room.npz", "a solution, for render --radiosity"),
         ("glpath radiosity room -o room.glb", "the scene with its light as vertex colours"),
         ("glpath radiosity office -o office.npz --method monte-carlo --patches 20000", "many elements"),

@@ -15,7 +15,7 @@ import typer
 from glpath.cli import camera, completion, outcome, running
 from glpath.cli.completion import words
 from glpath.cli.frames import Frames, FramesToRender
-from glpath.cli.help import PICTURES, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.picture import IMAGE, DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import OF_RENDERS, RunRequest
@@ -41,7 +41,6 @@ _EXIT_CODES = (
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     help = command_help(
-        PICTURES,
         ("glpath render cornell-box -o box.png", "a shipped scene"),
         ("glpath render model.glb -o a.png -o a.exr --noise 0.01", "until the error is 1 %"),
         ("glpath render room -o room.png --integrator gather --denoise --spp 16", "a clean picture soon"),

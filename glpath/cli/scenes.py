@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from glpath.cli import completion
-from glpath.cli.help import SCENES, command_help
+from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
@@ -33,7 +33,6 @@ def register(app: typer.Typer) -> None:
     """Add the commands of this module to `app`."""
     app.command(
         **command_help(
-            SCENES,
             ("glpath info model.glb", "what is in it"),
             ("glpath info room --json", "for programs"),
             ("glpath info teapot -D level=4", "of a generated scene"),
@@ -41,7 +40,6 @@ def register(app: typer.Typer) -> None:
     )(info)
     app.command(
         **command_help(
-            SCENES,
             ("glpath validate scene.toml", "errors and warnings"),
             ("glpath validate scenes/*.toml --strict", "a warning is an error"),
             ("glpath validate scene.toml --json", "for programs"),
@@ -49,7 +47,6 @@ def register(app: typer.Typer) -> None:
     )(validate)
     app.command(
         **command_help(
-            SCENES,
             ("glpath schema", "to the terminal"),
             ("glpath schema -o scene.schema.json", "to a file, for an editor"),
             ("glpath schema | less", "to read it"),
@@ -57,7 +54,6 @@ def register(app: typer.Typer) -> None:
     )(schema)
     app.command(
         **command_help(
-            SCENES,
             ("glpath scenes", "a table"),
             ("glpath scenes --json", "for programs"),
             ("glpath info room", "more of one of them"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.cli.completion import words
-from glpath.cli.help import LIGHT, command_help
+from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_MATRICES, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
@@ -33,7 +33,6 @@ _PROPERTIES = ("reciprocity", "closure")
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     help = command_help(
-        LIGHT,
         ("glpath viewfactors street.stl -o F.npz", "from every face to every other, and to the sky"),
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
         ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse; resumes where it stopped"),
