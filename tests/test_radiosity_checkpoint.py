@@ -88,7 +88,7 @@ def test_a_checkpoint_of_another_solution_is_refused_with_all_that_differs(tmp_p
     path.write_bytes(b"no checkpoint")
     with pytest.raises(glpath.ImageError, match="cannot be read as a checkpoint"):
         solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **METHODS[2])
-    with pytest.raises(glpath.UsageError, match="nothing to keep"):
+    with pytest.raises(glpath.UsageError, match="checkpoint with method"):
         solve_radiosity(BOX, method="matrix", checkpoint=SolverCheckpoint(path))
 
 
@@ -99,6 +99,42 @@ def test_the_state_is_kept_every_so_many_steps(options: dict[str, Any], tmp_path
     steps = solution.statistics.get("steps") or solution.statistics["particles"] >> 14
     assert 1 <= checkpoint.written <= steps // 4
     assert SolverCheckpoint(tmp_path / "s.npz").found()
+
+
+ENDLESS: list[tuple[dict[str, Any], str, int]] = [
+    ({"method": "progressive", "patches": 60, "receiver_points": 1, "unshot": 1e-300}, "max_steps", 1),
+    ({"method": "monte-carlo", "patches": 60, "particles": 1 << 40}, "particles", 1 << 14),
+]
+
+
+@pytest.mark.parametrize(("options", "count", "unit"), ENDLESS)
+def test_a_time_limit_ends_it_with_what_so_many_steps_give(options: dict[str, Any], count: str, unit: int) -> None:
+    found = solve_radiosity(BOX, time_limit=0.05, **options)
+    assert found.statistics["stop_rule"] == "time limit"
+    assert found.statistics["elapsed_s"] >= 0.05
+    steps = found.statistics["steps" if count == "max_steps" else "particles"]
+    assert steps >= unit
+    again = solve_radiosity(BOX, **{**options, count: steps})
+    assert same(found, again)
+    assert again.statistics["stop_rule"] == "done"
+
+
+@pytest.mark.parametrize(("options", "count", "unit"), ENDLESS)
+def test_the_time_before_a_checkpoint_counts(
+    options: dict[str, Any], count: str, unit: int, tmp_path: Path
+) -> None:
+    name, path = "steps" if count == "max_steps" else "particles", tmp_path / "s.npz"
+    first = solve_radiosity(BOX, time_limit=0.05, checkpoint=SolverCheckpoint(path), **options)
+    second = solve_radiosity(BOX, time_limit=0.04, checkpoint=SolverCheckpoint(path), **options)
+    assert first.statistics[name] < second.statistics[name] <= first.statistics[name] + unit * 64
+    assert second.statistics["elapsed_s"] > first.statistics["elapsed_s"]
+
+
+def test_a_time_limit_of_what_has_no_steps_is_refused() -> None:
+    with pytest.raises(glpath.UsageError, match="time_limit with method"):
+        solve_radiosity(BOX, method="matrix", time_limit=3)
+    with pytest.raises(glpath.UsageError, match="time_limit is -1"):
+        solve_radiosity(BOX, time_limit=-1)
 
 
 def test_a_full_disk_is_told_once_and_solving_goes_on(
@@ -141,4 +177,14 @@ def test_the_command_resumes_after_a_scheduler_s_signal(tmp_path: Path) -> None:
 def test_the_checkpoint_is_removed_when_all_is_done(tmp_path: Path) -> None:
     done = run("-o", tmp_path / "s.npz", "--patches", 60, "--receiver-points", 1, "--checkpoint", "0.001s", "-q")
     assert done.exit_code == 0, done.output
+    assert os.listdir(tmp_path) == ["s.npz"]
+
+
+def test_the_command_ends_by_its_time_limit_and_says_so(tmp_path: Path) -> None:
+    done = run(
+        *("-o", tmp_path / "s.npz", "--method", "monte-carlo", "--patches", 60, "--particles", 60_000 << 14),
+        *("--checkpoint", "1s", "--time-limit", "0.5s"),
+    )
+    assert done.exit_code == 0, done.output
+    assert "ended by the time limit" in done.stderr
     assert os.listdir(tmp_path) == ["s.npz"]

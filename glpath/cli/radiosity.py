@@ -180,7 +180,7 @@ def radiosity(
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,
         "overshoot": overshoot, "ambient": ambient, "form_factors": cast("Kind", form_factors),
         "emitter_samples": emitter_samples, "receiver_points": receiver_points, "particles": particles,
-        "seed": seed, "checkpoint": checkpoint, "shafts": _shafts(shaft),
+        "seed": seed, "time_limit": run.seconds, "checkpoint": checkpoint, "shafts": _shafts(shaft),
     }  # fmt: skip
     with checkpoint or nullcontext():
         if checkpoint is not None and not run.resume:
@@ -257,7 +257,7 @@ def _check_solved(context: typer.Context, solution: Path) -> None:
         assert option.name is not None, "options have names"
         source = context.get_parameter_source(option.name)  # by its name: Typer may have a Click of its own
         says_how = getattr(option, "rich_help_panel", None) in (_MESH, _SOLVER)
-        says_how = says_how or option.name in ("checkpoint", "resume")
+        says_how = says_how or option.name in ("checkpoint", "resume", "time_limit")
         if says_how and source is not None and source.name == "COMMANDLINE":
             raise UsageError(
                 f"--radiosity and {option.opts[0]} contradict each other: {solution} is solved already.",
@@ -301,7 +301,11 @@ def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quie
 
 def _summary(solution: RadiositySolution) -> Iterator[str]:
     s = solution.statistics
-    yield f"{s['elements']:,} elements in {s['patches']:,} patches, {solution.method}, {duration(s['elapsed_s'])}"
+    ended = ", ended by the time limit" if s["stop_rule"] == "time limit" else ""
+    yield (
+        f"{s['elements']:,} elements in {s['patches']:,} patches, {solution.method}, "
+        f"{duration(s['elapsed_s'])}{ended}"
+    )
     if "steps" in s:
         yield f"  {s['steps']:,} steps, {percent(s['unshot'])} of the energy unshot"
     if "rays" in s:

@@ -79,7 +79,8 @@ class RunRequest:
         str | None,
         typer.Option(
             metavar="90s|10m|2h",
-            help="End after this time, that before --resume included; without --spp there is no other end.",
+            help="End with what there is after this time, that before --resume included; of path sets there is no "
+            "other end without --spp.",
             rich_help_panel=_LONG,
         ),
     ] = None
@@ -184,6 +185,11 @@ class RunRequest:
         return not self.quiet and self.progress != "json"
 
     @property
+    def seconds(self) -> float | None:
+        """After which it ends; None: no limit."""
+        return None if self.time_limit is None else seconds("--time-limit", self.time_limit)
+
+    @property
     def ends_by_rule(self) -> bool:
         """Whether something ends it before its last path set."""
         return self.time_limit is not None or self.noise is not None
@@ -195,7 +201,7 @@ class RunRequest:
             device=self.device,
             require_gpu=self.require_gpu,
             threads=self.threads,
-            time_limit=None if self.time_limit is None else seconds("--time-limit", self.time_limit),
+            time_limit=self.seconds,
             noise=self.noise,
             timings=self.verbose or self.stats is not None,
             **more,
@@ -206,9 +212,9 @@ class RunRequest:
 #: of view factors, whose rows are kept as often as that takes no time.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
 OF_FILMS = tuple(name for name in OF_RENDERS if name != "verbose")
-_OF_DEVICES = ("backend", "device", "require_gpu", "time_limit", "noise", "stats", "cluster")
+_OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
-OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit"))
+OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))
 
 
 def declared(name: str) -> tuple[Any, Any]:

@@ -27,7 +27,7 @@ from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
 from glpath.system.versions import versions
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 class Solver(Protocol):
@@ -53,6 +53,8 @@ class SolverCheckpoint(CheckpointFile):
     work = "solving"
 
     _made_by: str = ""
+    #: Seconds that the solver of the file had worked.
+    elapsed_s: float = 0.0
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
         """Resume from the file; whether there was one.
@@ -82,15 +84,16 @@ class SolverCheckpoint(CheckpointFile):
                     f"{self.path}: cannot be resumed from: {'; '.join(words)}.",
                     "Ask for what it was made with; or remove it, and the solver begins anew.",
                 )
+            self.elapsed_s = float(stored.read("elapsed_s", "f", ()))
             solver.restore({name: stored.read(name, "iufb") for name in solver.state()})
         return True
 
-    def step(self, solver: Solver, step: int) -> None:
-        """Write the state if it is time for that, after so many steps."""
+    def step(self, solver: Solver, step: int, elapsed_s: float) -> None:
+        """Write the state if it is time for that, after so many steps and seconds in all."""
         if self.due(step):
-            self.write(solver, step)
+            self.write(solver, step, elapsed_s)
 
-    def write(self, solver: Solver, step: int) -> None:
+    def write(self, solver: Solver, step: int, elapsed_s: float) -> None:
         """Write it now, if it is whole."""
         if not solver.whole:
             return  # a signal came in the middle of a step; the file from before is good
@@ -98,6 +101,12 @@ class SolverCheckpoint(CheckpointFile):
         def save(path: Path) -> None:
             with whole_file(path) as temporary, temporary.open("wb") as file:
                 arrays: dict[str, Any] = solver.state()
-                np.savez(file, solver_checkpoint=np.int64(_FORMAT), made_by=np.array(self._made_by), **arrays)
+                np.savez(
+                    file,
+                    solver_checkpoint=np.int64(_FORMAT),
+                    made_by=np.array(self._made_by),
+                    elapsed_s=np.float64(elapsed_s),
+                    **arrays,
+                )
 
         self.written_by(save, step)

@@ -43,6 +43,8 @@ _CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
 #: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
 #: until the standard error of what a gather finds for the camera is such a share of it.
 _MAX_BATCHES, _VIEW_ERROR = 64, 0.003
+#: What ended a solution, in its statistics: its own rule, or the time limit.
+DONE, TIME_LIMIT = "done", "time limit"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -77,32 +79,51 @@ class RadiosityInterrupted(KeyboardInterrupt):
         self.solution = solution
 
 
+class _TimeIsUpError(Exception):
+    """The time limit ended a solution between two steps."""
+
+
 Report = Callable[[RadiosityProgress], None]
 
 
 @dataclass
 class _Run:
+    """What is solved, since when, and until when at most; None: without a limit."""
+
     scene: Scene
     method: Method
     settings: dict[str, object]
     on_progress: Report | None
+    time_limit: float | None
     started: float = field(default_factory=time.perf_counter)
     reported: float = -math.inf
+    stop_rule: str = DONE
 
     def report(self, stage: str, steps: int, unshot: float | None, until: float, elements: int) -> None:
         heartbeat.beat()
-        now = time.perf_counter() - self.started
+        now = self.elapsed_s
         last = unshot is not None and unshot <= until
-        if self.on_progress is None or (now < self.reported + _REPORT_INTERVAL and not last):
-            return
-        self.reported = now
-        self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
+        late = self.time_limit is not None and now >= self.time_limit
+        if self.on_progress is not None and (now >= self.reported + _REPORT_INTERVAL or last or late):
+            self.reported = now
+            self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
+        if late and not last:
+            self.stop_rule = TIME_LIMIT
+            raise _TimeIsUpError
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since it began, those before a checkpoint included."""
+        return time.perf_counter() - self.started
+
+    def resumed(self, checkpoint: SolverCheckpoint) -> None:
+        """It began as much earlier as the checkpoint's solver had worked."""
+        self.started -= checkpoint.elapsed_s
 
     def compiling(self, text: str) -> None:
         assert self.on_progress is not None
         heartbeat.beat()
-        elapsed = time.perf_counter() - self.started
-        self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, elapsed))
+        self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, self.elapsed_s))
 
     def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
         divisions, elements, vertices = resample(mesh, irradiance)
@@ -117,7 +138,8 @@ class _Run:
                 "patches": len(mesh.patches),
                 "elements": len(mesh.elements),
                 **statistics,
-                "elapsed_s": round(time.perf_counter() - self.started, 4),
+                "stop_rule": self.stop_rule,
+                "elapsed_s": round(self.elapsed_s, 4),
             },
         )
 
@@ -142,6 +164,7 @@ def solve_radiosity(
     seed: int = 0,
     for_camera: bool = False,
     shafts: ShaftOptions | None = None,
+    time_limit: float | None = None,
     on_progress: Report | None = None,
     checkpoint: SolverCheckpoint | None = None,
 ) -> RadiositySolution:
@@ -181,6 +204,8 @@ def solve_radiosity(
                  scenes that are much larger than what is seen: a room under the sky
     shafts     : of "progressive" and "matrix": how occluders are found (Haines & Wallace 1991), which
                  changes the time alone; see `glpath.radiosity.ShaftOptions`
+    time_limit : or after so many seconds, those before a checkpoint included, and at least one step; not of
+                 "matrix"
     on_progress: called with a `RadiosityProgress` now and then
     checkpoint : where the solver's state is kept meanwhile, and from where it resumes, bit-identical; not of
                  "matrix"
@@ -201,11 +226,14 @@ def solve_radiosity(
         "receiver_points": receiver_points, "particles": particles, "seed": seed, "for_camera": for_camera,
     }  # fmt: skip
     check_options(options)
-    if checkpoint is not None and method == "matrix":
+    if (checkpoint is not None or time_limit is not None) and method == "matrix":
+        word = "checkpoint" if checkpoint is not None else "time_limit"
         raise UsageError(
-            'solve_radiosity: method "matrix" has nothing to keep between its beginning and its end.',
-            'Take "progressive" or "monte-carlo", or leave the checkpoint out.',
+            f'solve_radiosity: {word} with method "matrix", which has nothing between its beginning and its end.',
+            'Take "progressive" or "monte-carlo", or leave it out.',
         )
+    if time_limit is not None and not 0 < time_limit < math.inf:
+        raise UsageError(f"solve_radiosity: time_limit is {time_limit}; must be a number of seconds above 0.")
     if shafts is not None and method == "monte-carlo":
         raise UsageError(
             'solve_radiosity: shafts with method "monte-carlo", whose particles are traced one by one.',
@@ -229,7 +257,7 @@ def solve_radiosity(
     if method == "monte-carlo":
         divisions, splits = divisions * 2**splits, 0
     mesh = Mesh.uniform(triangles, divisions, surface, splits)
-    run = _Run(triangles, method, _settings(options, size), on_progress)
+    run = _Run(triangles, method, _settings(options, size), on_progress, time_limit)
     needed = kernels_of(method, reflects_first)
     compile_ahead(needed)
     with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
@@ -264,12 +292,14 @@ def _progressive(
     checkpoint: SolverCheckpoint | None,
 ) -> RadiositySolution:
     until, max_steps, adaptive, threshold, ambient = wanted
-    if checkpoint is not None:
-        checkpoint.begin(refinement, run.scene.digest(camera=False), run.method, run.settings)
+    if checkpoint is not None and checkpoint.begin(
+        refinement, run.scene.digest(camera=False), run.method, run.settings
+    ):
+        run.resumed(checkpoint)
 
     def report(share: float) -> None:
         if checkpoint is not None:
-            checkpoint.step(refinement, refinement.steps)
+            checkpoint.step(refinement, refinement.steps, run.elapsed_s)
         run.report("shooting", refinement.steps, share, until, len(refinement.transport.mesh.elements))
 
     def solution() -> RadiositySolution:
@@ -297,9 +327,13 @@ def _progressive(
             before = None
             refinement.run(until, max_steps, report)
         return solution()
+    except _TimeIsUpError:
+        if checkpoint is not None:
+            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
+        return before or solution()
     except KeyboardInterrupt as stop:
         if checkpoint is not None:
-            checkpoint.write(refinement, refinement.steps)
+            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
         # While elements are being split, the solution from before is the one that is whole.
         raise RadiosityInterrupted(before or (solution() if refinement.steps else None)) from stop
 
@@ -325,15 +359,17 @@ def _monte_carlo(
     run: _Run, mesh: Mesh, particles: int, seed: int, for_camera: bool, checkpoint: SolverCheckpoint | None
 ) -> RadiositySolution:
     shooting = monte_carlo.Shooting(mesh, seed, for_camera)
-    if checkpoint is not None:
-        checkpoint.begin(shooting, run.scene.digest(camera=False), run.method, run.settings)
+    if checkpoint is not None and checkpoint.begin(
+        shooting, run.scene.digest(camera=False), run.method, run.settings
+    ):
+        run.resumed(checkpoint)
     asked = -(-particles // BATCH)
     # Of a checkpoint that has more: up to where the next decision is.
     batches = max(asked, -(-(shooting.particles // BATCH) // asked) * asked)
 
     def report() -> None:
         if checkpoint is not None:
-            checkpoint.step(shooting, shooting.particles // BATCH)
+            checkpoint.step(shooting, shooting.particles // BATCH, run.elapsed_s)
         left = max(0.0, 1 - shooting.particles / (batches * BATCH))
         run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
 
@@ -361,9 +397,13 @@ def _monte_carlo(
                 return solution()
             # At the same numbers, however many threads there are.
             batches += asked
+    except _TimeIsUpError:
+        if checkpoint is not None:
+            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
+        return solution()
     except KeyboardInterrupt as stop:
         if checkpoint is not None:
-            checkpoint.write(shooting, shooting.particles // BATCH)
+            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
         raise RadiosityInterrupted(solution() if shooting.particles else None) from stop
 
 
