@@ -18,7 +18,7 @@ from glpath.gl import program, ray_bvh
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
-from glpath.gl.ray_bvh import RayBvh, _item_table, _items, ray_bvh_glsl
+from glpath.gl.ray_bvh import RayBvh, _item_table, _items
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
 from tests.reference.numpy_path_tracer import nearest_hits
@@ -88,20 +88,20 @@ def cast(
         textures[name].filter = (gl.NEAREST, gl.NEAREST)
     out = gl.texture(size, 4, dtype="f4")
     drawn = program.load_program(
-        gl, vertex="gl/fullscreen.vert", fragment="cast.frag", generated={"RAY_BVH": ray_bvh_glsl()}
+        gl, vertex="gl/fullscreen.vert", fragment="cast.frag", generated=bvh.generated, defines=bvh.defines
     )
     Pass("cast", gl, drawn, gl.framebuffer([out]), textures=textures).run(bvh.uniforms)
     found = np.frombuffer(out.read(), np.float32).reshape(-1, 4)
     return found[:, 0].astype(np.int64), found[:, 1] > 0.5
 
 
-@pytest.mark.parametrize("octants", [True, False])
+@pytest.mark.parametrize("far_nodes", [False, True])
 @pytest.mark.parametrize("make", [lambda: soup(400), lambda: path_traceable(load_scene("cornell-box-36"))])
 def test_rays_find_what_every_triangle_asked_finds(
-    make: Any, octants: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    make: Any, far_nodes: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    if not octants:
-        monkeypatch.setattr(ray_bvh, "_MANY", 0)
+    if far_nodes:
+        monkeypatch.setattr(ray_bvh, "_NEAR_GROUPS", 0)
     scene = path_traceable(make())
     random = np.random.default_rng(1)
     low, high = scene.bounds

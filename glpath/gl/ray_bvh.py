@@ -1,13 +1,13 @@
 """The BVH on the device for the rays of paths, which go in all directions and meet triangles alone.
 
-One item a leaf, a triangle or two that are a parallelogram; one texel a node: its box in 16-bit steps of the
-scene's, and either the node after its subtree or the leaf's item. The tree lies there eight times, for the eight
-signs of a direction, the nearer child first, so that a ray finds its hit early and passes the rest by, without a
-stack. Above `_MANY` triangles it lies there once.
+A tree of up to four children a node, whose boxes have 16-bit steps of the scene's, and with each node the order in
+which rays of each octant of directions meet its children. One item a leaf, a triangle or two that are a
+parallelogram. Nodes and items lie in slots of the same size: the children of a node are four slots side by side, a
+group, so that a ray keeps the number of a group and a bit for each child that is yet to be visited.
 
-Cost:     304 bytes a triangle, 80 above `_MANY`; building it, a second for 20,000 triangles.
-Source:   Hachisuka 2015, Implementing a photorealistic rendering system using GLSL (multiple-threaded BVH);
-          Moeller & Trumbore 1997.
+Cost:     some 100 bytes a triangle; building it, a second for 20,000 triangles.
+Source:   Wald, Benthin & Boulos 2008, Getting rid of packets; Ylitie, Karras & Laine 2017, Efficient incoherent ray
+          traversal on GPUs through compressed wide BVHs; Moeller & Trumbore 1997.
 """
 
 from __future__ import annotations
@@ -20,38 +20,53 @@ from numpy.typing import NDArray
 
 from glpath.accel.nodes import Bvh
 from glpath.accel.sweep import SWEPT, sweep_bvh
+from glpath.accel.wide import WIDTH, WideBvh, collapse
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.moving import Refitting
 from glpath.gl.texel_store import UINTS, StoreRows, make_store, store_glsl
+from glpath.gl.texel_store import WIDTH as STORE_WIDTH
+from glpath.gl.variants import defined
 from glpath.scene.model import Scene
 
-#: The contents of a node's texel, and an item's. All are integers, coordinates as the bits of floats.
+#: The contents of a slot. All are integers, coordinates of corners as the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
-    "ray_node": {
-        "BOX": "x, y, z: lower corner in the low 16 bits, upper in the high ones; w: the node after its subtree, "
-        "or LEAF_BIT and an item's number"
-    },
-    "ray_item": {
-        "CORNER": "a corner; w: number of its triangle",
-        "AB": "to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
-        "AC": "to the third; w: ITEM_ALPHA where a triangle has an opacity, ITEM_THIN_DIELECTRIC where it is one",
+    "ray_slot": {
+        "X": "of a node: by child the lower bound in the low 16 bits, the upper in the high ones; of an item: a "
+        "corner; w: number of its triangle",
+        "Y": "of an item: to the second corner; w: number of the triangle opposite, NO_TRIANGLE for none",
+        "Z": "of an item: to the third; w: ITEM_ALPHA where a triangle has an opacity, ITEM_THIN_DIELECTRIC where "
+        "it is one",
+        "LINK": "of a node: x: 256 times the number of its children's group, 16 times a bit for each that is an "
+        "item, and a bit for each that is a node; y, z: for each octant of directions 8 bits, the children in the "
+        "order in which a ray meets them",
     },
 }
-_LEAF_BIT = np.uint32(1 << 31)
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
 _ALPHA, _THIN_DIELECTRIC = 1, 2
 _STEPS = 65535
-# More in all the eight orders would be 64 MiB of nodes.
-_MANY = 250_000
+# Groups that a ray's word has bits for, beside those of the children and their order.
+_NEAR_GROUPS = 1 << 20
+# The stack of all trees up to so high is the same, and so their programs.
+_STACKS = 4
 
 
-def ray_bvh_glsl() -> str:
-    """The layout as GLSL, for `#include <RAY_BVH>`."""
+def ray_bvh_glsl(stack: int) -> str:
+    """The layout as GLSL, for `#include <RAY_BVH>`; stack: how many groups a ray keeps at most."""
     return (
-        f"const uint LEAF_BIT = {int(_LEAF_BIT)}u;\nconst uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\n"
+        f"const uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\nconst int RAY_STACK = {stack};\n"
         + f"const uint ITEM_ALPHA = {_ALPHA}u;\nconst uint ITEM_THIN_DIELECTRIC = {_THIN_DIELECTRIC}u;\n"
         + store_glsl("ray_bvh", UINTS, LAYOUT)
+        + _SLOT_AT
     )
+
+
+# Of the first of a slot's four texels: no slot goes over the end of a row.
+_SLOT_AT = f"""ivec2 ray_slot_at(int slot)
+{{
+    int i = 4 * slot;
+    return ivec2(i & {STORE_WIDTH - 1}, i >> {STORE_WIDTH.bit_length() - 1});
+}}
+"""
 
 
 class RayBvh:
@@ -65,31 +80,76 @@ class RayBvh:
         triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
         paths = _paths(scene)
         items = _items(triangles, paths)
-        tree = _tree(triangles, items)
-        octants = 1 if len(triangles) > _MANY else 8
-        grid = _Grid.of(tree, scene.moving.bounds if scene.moving else None)
-        boxes = grid.steps(tree.lower, tree.upper)
+        wide = collapse(_tree(triangles, items))
+        grid = _Grid.of(wide.tree, scene.moving.bounds if scene.moving else None)
         item_table = _item_table(triangles, items)
         flags = np.append(_flags(scene.scene), np.uint32(0))
         item_table[:, 2, 3] = flags[items[:, 0]] | flags[items[:, 1]]
-        tables = {"ray_node": _node_table(tree, boxes, octants), "ray_item": item_table}
-        texture, bases = make_store(gl, UINTS, LAYOUT, tables, scene.scene.source or scene.scene.name)
+        slots = _Slots.of(wide)
+        table = slots.table(grid.steps(wide.tree.lower, wide.tree.upper), item_table)
+        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
         self.textures = {"ray_bvh": texture}
-        self.generated = {"RAY_BVH": ray_bvh_glsl()}
-        self.defines: dict[str, object] = {}
+        self.generated = {"RAY_BVH": ray_bvh_glsl(max(_STACKS, -(-wide.stack // _STACKS) * _STACKS))}
+        self.defines = defined(HAS_FAR_NODES=len(wide) >= _NEAR_GROUPS)
         self.uniforms: dict[str, object] = {
-            "ray_node_count": len(tree),
-            "ray_octants": octants == 8,
             "ray_lower": tuple(map(float, grid.lower)),
             "ray_step": tuple(map(float, grid.step)),
             **bases,
         }
         if scene.moving is not None:
-            self._moving = _MovingItems(texture, bases, tree, items, item_table, grid, octants, paths > 0)
+            self._moving = _MovingItems(texture, slots, items, item_table, grid, paths > 0)
 
     def move_to(self, triangles: NDArray[np.float64]) -> None:
         """Move the triangles (T, 3, 3) to another time; see `glpath.gl.moving`."""
         self._moving.move(triangles)
+
+
+@dataclass(frozen=True)
+class _Slots:
+    """Where the nodes and items of a tree are: the root in slot 0 of the first group, whose others are empty, then
+    a group of children for each wide node.
+
+    of_node : (W,) slots of the wide nodes; of_item : (N,) of the items
+    """
+
+    wide: WideBvh
+    of_node: NDArray[np.int64]
+    of_item: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, wide: WideBvh) -> _Slots:
+        """The slots of a tree."""
+        tree = wide.tree
+        slot = WIDTH * (np.arange(len(wide))[:, None] + 1) + np.arange(WIDTH)
+        of_node, of_item = np.zeros(len(wide), np.int64), np.zeros(len(tree.order), np.int64)
+        of_node[wide.number[wide.children[wide.is_inner]]] = slot[wide.is_inner]
+        of_item[tree.order[tree.first[wide.children[wide.is_leaf]]]] = slot[wide.is_leaf]
+        return cls(wide, of_node, of_item)
+
+    def table(self, boxes: NDArray[np.uint32], items: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        """(4 (W + 1), 4, 4), of boxes (M, 3) of the binary tree, and items (N, 3, 4)."""
+        table = np.zeros((WIDTH * (len(self.wide) + 1), 4, 4), np.uint32)
+        if len(self.wide):
+            table[self.of_node, :3] = self.children_boxes(boxes, np.arange(len(self.wide)))
+            table[self.of_node, 3] = self._links()
+            table[self.of_item, :3] = items
+        return table
+
+    def children_boxes(self, boxes: NDArray[np.uint32], nodes: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """(n, 3, 4): the boxes of the children of wide nodes, by axis."""
+        children = self.wide.children[nodes]
+        found = np.where(children[:, :, None] >= 0, boxes[children], np.uint32(0))
+        return np.asarray(found.transpose(0, 2, 1))
+
+    def _links(self) -> NDArray[np.uint32]:
+        wide, bits = self.wide, 1 << np.arange(WIDTH)
+        links = np.zeros((len(wide), 4), np.uint32)
+        links[:, 0] = 256 * (np.arange(len(wide)) + 1) + (wide.is_leaf * 16 * bits).sum(axis=1)
+        links[:, 0] += (wide.is_inner * bits).sum(axis=1).astype(np.uint32)
+        for octant in range(8):
+            order = (wide.order(octant) << (2 * np.arange(WIDTH))).sum(axis=1).astype(np.uint32)
+            links[:, 1 + octant // 4] |= order << np.uint32(8 * (octant % 4))
+        return links
 
 
 class _MovingItems:
@@ -98,40 +158,36 @@ class _MovingItems:
     def __init__(
         self,
         texture: moderngl.Texture,
-        bases: dict[str, object],
-        tree: Bvh,
+        slots: _Slots,
         items: NDArray[np.int64],
         item_table: NDArray[np.uint32],
         grid: _Grid,
-        octants: int,
         moved: NDArray[np.bool_],
     ) -> None:
         self._rows = StoreRows(texture, UINTS)
-        self._grid, self._items, self._table = grid, items, item_table
+        self._grid, self._items, self._table, self._slots = grid, items, item_table, slots
+        wide, tree = slots.wide, slots.wide.tree
         leaf_item = np.where(tree.count > 0, tree.order[np.minimum(tree.first, len(items) - 1)], -1).astype(
             np.int64
         )
         self._fit = Refitting(tree.lower, tree.upper, tree.skip, leaf_item, moved[items[:, 0]])
-        base = int(bases["ray_node_base"])  # type: ignore[call-overload]
-        nodes = self._fit.nodes
-        self._row_numbers = [
-            base + octant * len(tree) + _row_numbers(tree, octant)[nodes] for octant in range(octants)
-        ]
-        links = _node_table(tree, np.zeros((len(tree), 3), np.uint32), octants).reshape(-1, 4)
-        self._links = [links[rows - base, 3] for rows in self._row_numbers]
-        self._item_base = int(bases["ray_item_base"])  # type: ignore[call-overload]
+        changed = np.zeros(len(tree), np.bool_)
+        changed[self._fit.nodes] = True
+        self._nodes = np.flatnonzero((changed[wide.children] & wide.present).any(axis=1))
 
     def move(self, triangles: NDArray[np.float64]) -> None:
         fit, which = self._fit, self._fit.items
         fit.refit(*_item_boxes(triangles, self._items[which]))
-        boxes = self._grid.steps(fit.lower[fit.nodes], fit.upper[fit.nodes])
-        for rows, links in zip(self._row_numbers, self._links, strict=True):
-            self._rows.put(rows, np.column_stack([boxes, links]))
+        boxes = self._grid.steps(fit.lower, fit.upper)
         table = _item_table(triangles, self._items[which])
         table[:, 2, 3] = self._table[which, 2, 3]
-        numbers = self._item_base + 3 * which[:, None] + np.arange(3)
-        self._rows.put(numbers.ravel(), table)
+        self._put(self._slots.of_node[self._nodes], self._slots.children_boxes(boxes, self._nodes))
+        self._put(self._slots.of_item[which], table)
         self._rows.write()
+
+    def _put(self, slots: NDArray[np.int64], texels: NDArray[np.uint32]) -> None:
+        """The first three texels (n, 3, 4) of slots."""
+        self._rows.put((4 * slots[:, None] + np.arange(3)).ravel(), texels)
 
 
 def _paths(scene: DeviceScene) -> NDArray[np.int64]:
@@ -171,20 +227,6 @@ class _Grid:
         low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
         high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
         return np.asarray(low | high << np.uint32(16))
-
-
-def _node_table(tree: Bvh, boxes: NDArray[np.uint32], octants: int) -> NDArray[np.uint32]:
-    """(octants * M, 1, 4), the tree in as many orders."""
-    count = len(tree)
-    table = np.zeros((octants * count, 1, 4), np.uint32)
-    leaf = tree.count > 0
-    size = tree.skip - np.arange(count)
-    for octant in range(octants):
-        row = octant * count + _row_numbers(tree, octant)
-        table[row, 0, :3] = boxes
-        table[row, 0, 3] = row + size
-        table[row[leaf], 0, 3] = _LEAF_BIT | tree.order[tree.first[leaf]].astype(np.uint32)
-    return table
 
 
 def _flags(scene: Scene) -> NDArray[np.uint32]:
@@ -253,29 +295,3 @@ def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     from glpath.accel.bvh import build_bvh  # with numba, which is slow to import
 
     return build_bvh(lower, upper, leaf_size=1)
-
-
-def _row_numbers(tree: Bvh, octant: int) -> NDArray[np.int64]:
-    """(M,): where nodes lie when of two children the one comes first that a direction of these signs meets first.
-
-    octant : bit k set: component k of the direction is negative
-    """
-    count = len(tree)
-    row = np.zeros(count, np.int64)
-    size = tree.skip.astype(np.int64) - np.arange(count)
-    sign = np.array([-1.0 if octant >> k & 1 else 1.0 for k in range(3)])
-    middle = 0.5 * (tree.lower + tree.upper)
-    level = np.flatnonzero(tree.count[:1] == 0)
-    while len(level):
-        left = level + 1
-        right = tree.skip[left].astype(np.int64)
-        apart = middle[right] - middle[left]
-        # By the axis along which they lie furthest apart.
-        axis = np.argmax(np.abs(apart), axis=1)
-        swapped = np.take_along_axis(apart * sign, axis[:, None], axis=1)[:, 0] < 0
-        first, second = np.where(swapped, right, left), np.where(swapped, left, right)
-        row[first] = row[level] + 1
-        row[second] = row[first] + size[first]
-        children = np.concatenate([left, right])
-        level = children[tree.count[children] == 0]
-    return row

@@ -65,6 +65,7 @@ VARIANTS: dict[str, Variant] = {
     "START_SHADING": Variant("points have normals to shade with", "integrators.start_points"),
     "START_VERTEX": Variant("the first vertex of a path is made here", "shaders"),
     # Paths with rays of their own.
+    "HAS_FAR_NODES": Variant("the BVH has more nodes than 20 bits count", "gl.ray_bvh"),
     "COMPUTE": Variant("a compute shader instead of a fragment shader", _RAYS),
     "GATHER": Variant("paths end by looking up a radiosity solution", _RAYS),
     "GUIDED": Variant("directions are chosen by guides", "integrators.path_guide"),

@@ -75,6 +75,7 @@ class EmitterSilhouettes:
                 generated={**scene.generated, **bvh.generated},
                 defines={
                     **scene.defines,
+                    **bvh.defines,
                     **eye_defines,
                     **defined(HAS_SKY=scene.scene.sky is not None),
                     "SUBSAMPLES": SUBSAMPLES,

@@ -61,7 +61,7 @@ class StartPoints:
                 vertex="gl/fullscreen.vert",
                 fragment="camera/start_points.frag",
                 generated={**scene.generated, **bvh.generated},
-                defines=scene.defines | self.defines,
+                defines=scene.defines | bvh.defines | self.defines,
             ),
             gl.framebuffer([eye_buffer]),
             textures={**scene.textures, **bvh.textures, **self.textures},

@@ -2,9 +2,7 @@
 // Needs:  <RAY_BVH>
 // Frame:  world; boxes are intersected in steps of the scene's own box, the distance along the ray being the same.
 #include <RAY_BVH>
-uniform int ray_node_count;  // of one tree
-uniform bool ray_octants;    // there are eight
-uniform vec3 ray_lower;      // of the scene's box in steps: where it begins, and a step
+uniform vec3 ray_lower;  // of the scene's box in steps: where it begins, and a step
 uniform vec3 ray_step;
 #include "sampling/directions.glsl"
 #include "scene/opacity.glsl"
@@ -13,38 +11,133 @@ const float NO_HIT = 1e30;
 // A ray through a common edge meets one of the triangles at least: their edges are as much wider, in shares of them.
 const float EDGE = 1e-5;
 
+// Steps from node to node before the items that were found are tested: lanes of a vector wait for each other less.
+const int MAX_STEPS = 4;
+
 struct Ray
 {
     vec3 origin;
     vec3 direction;
-    vec3 start;      // in steps
-    vec3 inverse;    // of the direction in steps
-    int first;       // the tree of the direction's signs, and its end
-    int end;
+    vec3 start;    // distance along the ray to where the boxes' steps begin, by axis
+    vec3 inverse;  // of the direction in steps
+    uint order;    // where the order of its octant is in a word,
+    bool second;   // and in which of the two
 };
 
 Ray ray_along(vec3 origin, vec3 direction)
 {
     bvec3 against = lessThan(direction, vec3(0.0));
-    int octant = ray_octants ? int(against.x) + 2 * int(against.y) + 4 * int(against.z) : 0;
-    int first = octant * ray_node_count;
-    return Ray(origin, direction, (origin - ray_lower) / ray_step, ray_step * inverse_direction(direction), first,
-               first + ray_node_count);
+    vec3 inverse = inverse_direction(direction);
+    return Ray(origin, direction, (ray_lower - origin) * inverse, ray_step * inverse,
+               (against.x ? 8u : 0u) + (against.y ? 16u : 0u), against.z);
 }
 
-// The next leaf's item from a node on, nearer than tmax; -1 for none. Advances the node.
-int next_item(inout int node, Ray ray, float tmax)
+// A group of slots, of whose children some are yet to be visited: a bit for each, in the order in which they are met, and
+// that order, two bits for each. 0: none.
+#ifdef HAS_FAR_NODES
+#define Visit uvec2
+Visit visit(uint group, uint children) { return uvec2(group, children); }
+uint group_of(Visit v) { return v.x; }
+uint children_of(Visit v) { return v.y; }
+#else
+#define Visit uint
+Visit visit(uint group, uint children) { return group << 12u | children; }
+uint group_of(Visit v) { return v >> 12u; }
+uint children_of(Visit v) { return v & 0xfffu; }
+#endif
+const Visit NOWHERE = Visit(0u);
+
+bool has_children(Visit v) { return (children_of(v) & 15u) != 0u; }
+
+// Where a ray is in the tree. The stack is an array that no index reaches into, so that it stays in registers.
+struct Walk
 {
-    int item = -1;
-    while (node < ray.end && item < 0)
+    Visit now;
+    Visit later[RAY_STACK];
+    uint items;       // to be tested: 16 times the number of their group, and a bit for each
+    uint more_items;  // and after these
+};
+
+Walk walk_from_root()
+{
+    Walk walk;
+    walk.now = visit(0u, 1u);
+    for (int i = 0; i < RAY_STACK; ++i) walk.later[i] = NOWHERE;
+    walk.items = 0u;
+    walk.more_items = 0u;
+    return walk;
+}
+
+bool walk_continues(Walk walk) { return has_children(walk.now) || walk.items != 0u; }
+
+// The number of the lowest of four bits.
+uint lowest_bit(uint bits) { return (0x12131210u >> ((bits & 15u) << 1u)) & 3u; }
+
+// Distances to the planes of an axis as integers, which order as floats do where none is negative; negative ones stay
+// below all others.
+ivec4 lower_planes(uvec4 bounds, float start, float inverse)
+{
+    return floatBitsToInt(fma(vec4(bounds & 0xffffu), vec4(inverse), vec4(start)));
+}
+
+ivec4 upper_planes(uvec4 bounds, float start, float inverse)
+{
+    return floatBitsToInt(fma(vec4(bounds >> 16u), vec4(inverse), vec4(start)));
+}
+
+// Bits of the children, in the order of a word of LINK.
+uint in_order(uint bits, uint order)
+{
+    return ((bits >> (order & 3u)) & 1u) | ((bits >> ((order >> 2u) & 3u)) & 1u) << 1u
+         | ((bits >> ((order >> 4u) & 3u)) & 1u) << 2u | ((bits >> (order >> 6u)) & 1u) << 3u;
+}
+
+// From the next node to its children, those that are nearer than tmax.
+void step_down(inout Walk walk, Ray ray, float tmax)
+{
+    uint children = children_of(walk.now);
+    uint child = (children >> (4u + 2u * lowest_bit(children))) & 3u;
+    Visit rest = visit(group_of(walk.now), children & (children - 1u));
+    ivec2 at = ray_slot_at(int(4u * group_of(walk.now) + child));
+    uvec4 x = texel(ray_bvh, at), y = texel(ray_bvh, at + ivec2(RAY_SLOT_Y, 0)), z = texel(ray_bvh, at + ivec2(RAY_SLOT_Z, 0));
+    uvec4 link = texel(ray_bvh, at + ivec2(RAY_SLOT_LINK, 0));
+    ivec4 x0 = lower_planes(x, ray.start.x, ray.inverse.x), x1 = upper_planes(x, ray.start.x, ray.inverse.x);
+    ivec4 y0 = lower_planes(y, ray.start.y, ray.inverse.y), y1 = upper_planes(y, ray.start.y, ray.inverse.y);
+    ivec4 z0 = lower_planes(z, ray.start.z, ray.inverse.z), z1 = upper_planes(z, ray.start.z, ray.inverse.z);
+    ivec4 enter = max(max(min(x0, x1), min(y0, y1)), max(min(z0, z1), ivec4(0)));
+    ivec4 leave = min(min(max(x0, x1), max(y0, y1)), min(max(z0, z1), ivec4(floatBitsToInt(tmax))));
+    uint hit = (enter.x <= leave.x ? 1u : 0u) | (enter.y <= leave.y ? 2u : 0u) | (enter.z <= leave.z ? 4u : 0u)
+             | (enter.w <= leave.w ? 8u : 0u);
+    uint group = link.x >> 8u, item_bits = hit & (link.x >> 4u) & 15u;
+    uint found = item_bits != 0u ? group << 4u | item_bits : 0u;
+    walk.more_items = walk.items != 0u ? found : 0u;
+    walk.items = walk.items != 0u ? walk.items : found;
+    uint nodes = hit & link.x & 15u, order = ((ray.second ? link.z : link.y) >> ray.order) & 255u;
+    bool down = nodes != 0u, aside = has_children(rest), push = down && aside, pop = !down && !aside;
+    walk.now = down ? visit(group, order << 4u | in_order(nodes, order)) : aside ? rest : walk.later[0];
+    Visit above = rest;
+    for (int i = 0; i < RAY_STACK; ++i)
     {
-        uvec4 box = ray_node_texel(node, RAY_NODE_BOX);
-        vec3 a = (vec3(box.xyz & 0xffffu) - ray.start) * ray.inverse, b = (vec3(box.xyz >> 16u) - ray.start) * ray.inverse;
-        vec3 near = min(a, b), far = max(a, b);
-        float enter = max(max(near.x, near.y), max(near.z, 0.0)), leave = min(min(far.x, far.y), min(far.z, tmax));
-        bool hit = enter <= leave, leaf = box.w >= LEAF_BIT;
-        item = hit && leaf ? int(box.w - LEAF_BIT) : -1;
-        node = hit || leaf ? node + 1 : int(box.w);
+        Visit own = walk.later[i], below = i + 1 < RAY_STACK ? walk.later[i + 1] : NOWHERE;
+        walk.later[i] = push ? above : pop ? below : own;
+        above = own;
+    }
+}
+
+// The slot of the next item on the way that is nearer than tmax, -1 where none was found yet. Advances the walk.
+int next_item(inout Walk walk, Ray ray, float tmax)
+{
+    // Loops ask at their end: llvmpipe runs one that asks at its start once more than it has to, with all lanes off.
+    int steps = 0;
+    if (walk.more_items == 0u && has_children(walk.now)) do
+    {
+        step_down(walk, ray, tmax);
+    } while (has_children(walk.now) && walk.more_items == 0u && ++steps < MAX_STEPS);
+    int item = walk.items == 0u ? -1 : int(4u * (walk.items >> 4u) + lowest_bit(walk.items));
+    walk.items &= walk.items - 1u;
+    if ((walk.items & 15u) == 0u) {
+        walk.items = walk.more_items;
+        walk.more_items = 0u;
     }
     return item;
 }
@@ -52,8 +145,8 @@ int next_item(inout int node, Ray ray, float tmax)
 // The distance to an item's triangle, NO_HIT where it is missed or excluded.
 float meet_item(Ray ray, int item, int exclude, out int triangle)
 {
-    uvec4 of_corner = ray_item_texel(item, RAY_ITEM_CORNER), of_ab = ray_item_texel(item, RAY_ITEM_AB);
-    vec3 ab = uintBitsToFloat(of_ab.xyz), ac = uintBitsToFloat(ray_item_texel(item, RAY_ITEM_AC).xyz);
+    uvec4 of_corner = ray_slot_texel(item, RAY_SLOT_X), of_ab = ray_slot_texel(item, RAY_SLOT_Y);
+    vec3 ab = uintBitsToFloat(of_ab.xyz), ac = uintBitsToFloat(ray_slot_texel(item, RAY_SLOT_Z).xyz);
     int one = int(of_corner.w), other = of_ab.w == NO_TRIANGLE ? -1 : int(of_ab.w);
     vec3 s = ray.origin - uintBitsToFloat(of_corner.xyz), p = cross(ray.direction, ac), q = cross(s, ab);
     float scale = 1.0 / dot(ab, p);
@@ -68,7 +161,7 @@ float meet_item(Ray ray, int item, int exclude, out int triangle)
 #ifdef HAS_ALPHA
 bool item_lets_through(int item, int triangle, vec3 position)
 {
-    return (ray_item_texel(item, RAY_ITEM_AC).w & ITEM_ALPHA) != 0u && lets_through(triangle, position);
+    return (ray_slot_texel(item, RAY_SLOT_Z).w & ITEM_ALPHA) != 0u && lets_through(triangle, position);
 }
 #endif
 
@@ -82,12 +175,13 @@ vec3 passed_thin_dielectrics;
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 {
     Ray ray = ray_along(origin, direction);
+    Walk walk = walk_from_root();
     float t = NO_HIT;
-    int nearest = -1, node = ray.first, item = next_item(node, ray, t);
-    while (item >= 0)
+    int nearest = -1;
+    do
     {
-        int triangle;
-        float at = meet_item(ray, item, exclude, triangle);
+        int item = next_item(walk, ray, t), triangle;
+        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle);
 #ifdef HAS_ALPHA
         if (at < t && item_lets_through(item, triangle, origin + at * direction)) at = NO_HIT;
 #endif
@@ -95,8 +189,7 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
             t = at;
             nearest = triangle;
         }
-        item = next_item(node, ray, t);
-    }
+    } while (walk_continues(walk));
     return nearest;
 }
 
@@ -107,22 +200,21 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
 #ifdef HAS_THIN_DIELECTRICS
     passed_thin_dielectrics = vec3(1.0);
 #endif
-    int node = ray.first, item = next_item(node, ray, tmax);
-    while (item >= 0)
+    Walk walk = walk_from_root();
+    do
     {
-        int triangle;
-        float at = meet_item(ray, item, exclude, triangle);
+        int item = next_item(walk, ray, tmax), triangle;
+        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle);
         blocked = at < tmax;
 #ifdef HAS_ALPHA
         blocked = blocked && !item_lets_through(item, triangle, origin + at * direction);
 #endif
 #ifdef HAS_THIN_DIELECTRICS
-        if (blocked && (ray_item_texel(item, RAY_ITEM_AC).w & ITEM_THIN_DIELECTRIC) != 0u) {
+        if (blocked && (ray_slot_texel(item, RAY_SLOT_Z).w & ITEM_THIN_DIELECTRIC) != 0u) {
             passed_thin_dielectrics *= thin_transmittance(triangle, origin + at * direction, direction);
             blocked = max(passed_thin_dielectrics.r, max(passed_thin_dielectrics.g, passed_thin_dielectrics.b)) <= 0.0;
         }
 #endif
-        item = blocked ? -1 : next_item(node, ray, tmax);
-    }
+    } while (!blocked && walk_continues(walk));
     return blocked;
 }
