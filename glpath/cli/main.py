@@ -6,13 +6,15 @@ cause is printed as one block without a traceback; a traceback is a mistake of g
 
 from __future__ import annotations
 
+import atexit
 import io
 import logging
+import os
 import sys
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Annotated, Any, ClassVar
 
@@ -167,4 +169,22 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     sys.excepthook = _traceback_as_lines
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
-    commands(prog_name=name)
+    try:
+        commands(prog_name=name)
+    except SystemExit as end:
+        if isinstance(end.code, int) and arrived():
+            _end_with(end.code)
+        raise
+
+
+def _end_with(code: int) -> None:
+    """End the process with this exit code, after a signal.
+
+    Python ends as by SIGINT, whatever the code, where a KeyboardInterrupt has once gone through code that was made
+    from text, as that of dataclasses is, even if it was caught.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)

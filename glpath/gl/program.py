@@ -23,6 +23,7 @@ from glpath.errors import ShaderError
 from glpath.gl import llvmpipe
 from glpath.gl.conditions import Conditions
 from glpath.gl.constants import constants_glsl
+from glpath.gl.signals import SignalsWait
 from glpath.gl.variants import check_declared
 from glpath.system.machine import return_memory
 
@@ -334,6 +335,16 @@ def _for_llvmpipe(
 
 
 def _compile(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:
+    # moderngl calls functions of Python while it makes a program, and crashes where one is broken off.
+    signals = SignalsWait(_program_of.__code__)
+    signals.begin()
+    try:
+        return _program_of(gl, sources)
+    finally:
+        signals.end()
+
+
+def _program_of(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:
     label = "+".join(source.name for source in sources.values())
     try:
         if "compute_shader" in sources:

@@ -1,8 +1,8 @@
-"""Ctrl-C at the end of a `with` block: it waits until the block has let go.
+"""Ctrl-C where it must not break off: it waits until a function has ended.
 
 Python looks for signals where a function begins, so an `__exit__` written in Python can be broken off before its
-first line, and what it should let go is held for ever. While such a block is open in the main thread, the only one
-that gets signals, handlers of these signals wait for the end of the `__exit__` where they come in one.
+first line, and what it should let go is held for ever. Libraries in C that call Python may crash where that is
+broken off. Handlers wait for the end of such a function, in the main thread, the only one that gets signals.
 """
 
 from __future__ import annotations
