@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -38,10 +39,9 @@ def test_a_signal_waits_until_a_program_is_compiled() -> None:
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_the_exit_code_is_ours_wherever_the_signal_came(name: str) -> None:
-    """Python has its own where a KeyboardInterrupt went through code from text, as dataclasses make it."""
-    done = subprocess.run(
-        [sys.executable, "-c", IN_CODE_FROM_TEXT.format(name=name)], capture_output=True, text=True
-    )
+def test_the_exit_code_is_ours_wherever_the_signal_came(name: str, tmp_path: Path) -> None:
+    """That of `python -m` is Python's where a KeyboardInterrupt went through code from text, as of dataclasses."""
+    (tmp_path / "broken_off.py").write_text(IN_CODE_FROM_TEXT.format(name=name))
+    done = subprocess.run([sys.executable, "-m", "broken_off"], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 130, done.stderr
     assert "interrupted" in done.stderr

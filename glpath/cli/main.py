@@ -180,8 +180,8 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
 def _end_with(code: int) -> None:
     """End the process with this exit code, after a signal.
 
-    Python ends as by SIGINT, whatever the code, where a KeyboardInterrupt has once gone through code that was made
-    from text, as that of dataclasses is, even if it was caught.
+    `python -m` ends as by SIGINT, whatever the code, where a KeyboardInterrupt has once gone through code that was
+    made from text, as that of dataclasses is, even if it was caught.
     """
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
