@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from glpath.accel.nodes import Bvh
 
-Float64, Int64 = NDArray[np.float64], NDArray[np.int64]
+Int64 = NDArray[np.int64]
 
 #: Children of a node at most.
 WIDTH = 4
