@@ -49,6 +49,7 @@ class PixelSums:
     max_radiance : radiance that has 36 bits; a little of 2**24 times that may still be added
     split        : direct light is summed apart as well: a pass writes what a sample has of it, in quanta, and
                    `path_set_added` takes it to the sums
+    order        : (h, w) where each pixel's sums are, as y * w + x, row 0 at the bottom; None: where the pixel is
 
     Attributes
     ----------
@@ -58,19 +59,26 @@ class PixelSums:
     """
 
     def __init__(
-        self, gl: moderngl.Context, size: tuple[int, int], max_radiance: float, *, split: bool = False
+        self,
+        gl: moderngl.Context,
+        size: tuple[int, int],
+        max_radiance: float,
+        *,
+        split: bool = False,
+        order: NDArray[np.int64] | None = None,
     ) -> None:
         exponent = int(np.ceil(np.log2(max_radiance))) if 0.0 < max_radiance < np.inf else 0
         self.quanta = float(2.0 ** min(36 - exponent, 120))
         self.defines: dict[str, object] = {"SPLIT_LIGHT": 1} if split else {}
         self.size = size
+        self._order = order
         self._direct: PixelSums | None = None
         of_sample: dict[str, moderngl.Texture] = {}  # what a sample has of direct light, beside the sums
         if split:
             direct = gl.texture(size, 4, dtype="f4")
             direct.filter = (moderngl.NEAREST, moderngl.NEAREST)
             of_sample = {"direct": direct}
-            sums = self._direct = PixelSums(gl, size, max_radiance)
+            sums = self._direct = PixelSums(gl, size, max_radiance, order=order)
             program = load_program(gl, vertex="gl/fullscreen.vert", fragment="film/direct_sums.frag")
             self._add_direct = sums.sets.each(
                 lambda read, write: Pass(
@@ -94,9 +102,10 @@ class PixelSums:
         """The sums, which are then empty."""
         width, height = self.size
         textures = self.sets.read.textures
-        low, high = (
-            np.frombuffer(textures[name].read(), np.uint32).reshape(height, width, 4)[::-1] for name in _NAMES
-        )
+        read = (np.frombuffer(textures[name].read(), np.uint32).reshape(-1, 4) for name in _NAMES)
+        if self._order is not None:
+            read = (words[self._order.ravel()] for words in read)
+        low, high = (words.reshape(height, width, 4)[::-1] for words in read)
         for texture in textures.values():
             texture.write(bytes(16 * width * height))
         quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]

@@ -125,6 +125,8 @@ VALUES: dict[str, str] = {
     "GUIDE_POINTS": "points on the elements of a guide",
     "GUIDE_RAYS": "rays from a guide through each of its cells",
     "ID_BITS": "bits of a triangle's number in a packed float",
+    "LANES": "fragments of a vector, across and up",
+    "LANE_STRIDE": "how far apart pixels are that share random numbers",
     "LIGHTS": "light samples of a path set",
     "LIGHT_ROWS": "texels of a light sample",
     "NOTHING_FOUND": "what a cell holds where nothing was found",

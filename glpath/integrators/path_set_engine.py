@@ -22,6 +22,7 @@ from glpath.gl.camera import (
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.lanes import fragments_of_pixels
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
@@ -78,7 +79,8 @@ class PathSetEngine(Engine):
 
     def prepare(self) -> Self:
         gl, scene, settings, size = self.gl, self.scene, self.settings, self._size
-        self._sums = PixelSums(gl, size, self._max_radiance, split=settings.splits_light)
+        order = fragments_of_pixels(size) if self._shares_lanes else None
+        self._sums = PixelSums(gl, size, self._max_radiance, split=settings.splits_light, order=order)
         self._eye_buffer = self._texture(size, 1, "u4")
         if isinstance(self.sensor, PointSensor):
             self._bvh = RayBvh(gl, scene)
@@ -91,6 +93,11 @@ class PathSetEngine(Engine):
         if scene.stream is not None:
             scene.stream.reserve()
         return self
+
+    @property
+    def _shares_lanes(self) -> bool:
+        """Whether paths are traced in the order of `glpath.gl.lanes`."""
+        return False
 
     @abstractmethod
     def _prepare_stages(self) -> None:

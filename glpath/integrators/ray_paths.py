@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from glpath.gl.context import context_of
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.lanes import LANE_DEFINES
 from glpath.gl.light_draws import LightDraws
 from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
@@ -44,7 +45,7 @@ from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LightSamples
 from glpath.sampling.points import PathSetSampler, counter_hash
 from glpath.scene.model import Environment
-from glpath.sensors.sensor import PointSensor, Sensor
+from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
 #: Light samples of a path set at most, for its paths to choose from.
 LIGHTS = 16
@@ -133,6 +134,10 @@ class RayPathEngine(PathSetEngine):
 
     # Its parts.
 
+    @property
+    def _shares_lanes(self) -> bool:
+        return isinstance(self.sensor, CameraSensor)
+
     def _prepare_stages(self) -> None:
         gl, scene, settings = self.gl, self.scene, self.settings
         hardware = context_of(gl).info.hardware
@@ -178,6 +183,7 @@ class RayPathEngine(PathSetEngine):
             "BRANCHES": self._branches,
             "PARTS": self._parts,
             "LIGHT_ROWS": LIGHT_ROWS,
+            **(LANE_DEFINES if self._shares_lanes else {}),
             **self._sums.defines,
         }
         # Measurements at points are also averaged: with shared light samples all errors would be alike.
@@ -253,6 +259,7 @@ class RayPathEngine(PathSetEngine):
         points, choices = _words(each[:, 0]), _words(each[:, 1, 0])
         return {
             "image_window": self._image_window(),
+            "window_size": self._size,
             "random_seed": counter_hash(seed, index, 0, 5),
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],

@@ -15,6 +15,7 @@
 #include "sampling/random.glsl"
 #include "lights/light_sample.glsl"
 #include "path/path_vertex.glsl"
+#include "path/lanes.glsl"
 #ifdef START_POINTS
 #define START_VERTEX
 #include "camera/start_points.glsl"
@@ -52,6 +53,7 @@ const int MIRRORS = 1024;       // vertices of a path through glass and by mirro
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
+uniform ivec2 window_size;
 uniform int max_depth;               // vertices of a path
 uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
@@ -206,10 +208,11 @@ struct ScatterVertex
 #endif
 };
 
-// Radiance of the path of a pixel of the window, and the rays that it cast. Its branches part at the first vertex.
-vec4 trace_path(ivec2 pixel)
+// Radiance of the path that a fragment traces, and the rays that it cast. Its branches part at the first vertex.
+vec4 trace_path(ivec2 fragment)
 {
-    PathId at = PathId(path_in_image(pixel), 0, 0);
+    ivec2 pixel = pixel_of_fragment(fragment, window_size);
+    PathId at = PathId(shared_path(pixel), 0, 0);
 #ifdef START_POINTS
     vec3 origin = vec3(0.0), direction = vec3(0.0);
     if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
