@@ -28,7 +28,7 @@ BRIGHT = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light
 A_TENTH_BRIGHTER = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
 BLACK_LOOK_UP = (
     "path/path_rays.glsl",
-    "L += beta * diffuse_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI;",
+    "path.L += path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;",
     "",
 )
 

@@ -1,0 +1,94 @@
+// path_direct.glsl: light samples for the vertices of paths with rays of their own.
+// Needs:  LIGHTS: as many light samples has a set; PARTS: of the lights, see direct_light; OWN_LIGHT_SAMPLES: paths draw
+//         light samples of their own; path_numbers.glsl, ray_bvh.glsl, and what light_sample.glsl needs
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709.
+#ifdef OWN_LIGHT_SAMPLES
+#include "lights/light_draw.glsl"
+uniform uvec3 sequence_point;           // a point of the sequence
+#else
+uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
+#endif
+
+#ifdef OWN_LIGHT_SAMPLES
+// Shifted for each vertex of each branch, and for each part of the lights.
+LightSample light_of(PathId at, int part, out float share)
+{
+    uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
+    uvec3 shift = uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
+    return light_draw(part, sequence_point ^ shift ^ (0x9E3779B9u * uint(part)), share);
+}
+#else
+LightSample light_in(int number, out float share)
+{
+    int row = LIGHT_ROWS * number;
+    vec4 a = light_table[row], b = light_table[row + 1], c = light_table[row + 2], d = light_table[row + 3];
+    share = d.z;
+#ifdef HAS_PROFILES
+    return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0, int(d.w));
+#else
+    return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0);
+#endif
+}
+
+// The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex.
+LightSample light_of(PathId at, int part, out float share)
+{
+    uint other = 5u * uint(at.depth + at.branch);
+    int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS));
+    return light_in(first + part, share);
+}
+#endif
+
+// Direct light, shadows not asked for; views: see mis_weight_light.
+// There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
+DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
+{
+    int selected = 0;
+    float scale = 1.0, share;
+#if PARTS > 1
+    float weights[PARTS], sum = 0.0;
+    for (int k = 0; k < PARTS; ++k)
+    {
+        LightSample one = light_of(at, k, share);
+        vec3 light = light_from(one, position, normal, views).light;
+        weights[k] = share * (light.r + light.g + light.b);
+        sum += weights[k];
+    }
+    float number = choice_number(at) * sum, upto = 0.0, weight = 0.0;
+    for (int k = 0; k < PARTS; ++k)
+    {
+        bool beyond = weights[k] > 0.0 && upto <= number;
+        selected = beyond ? k : selected;
+        weight = beyond ? weights[k] : weight;
+        upto += weights[k];
+    }
+    scale = weight > 0.0 ? sum / weight : 0.0;
+#endif
+    light_sample = light_of(at, selected, share);
+    DirectLight direct = light_from(light_sample, position, normal, views);
+    direct.light *= scale * share;
+    return direct;
+}
+
+// What an unoccluded light sample would bring. start: off the surface by `rounding`, of a triangle.
+void add_unblocked(
+    inout vec3 L, vec3 lit, PathId at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
+{
+    if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
+        // To just before the light, so that its own triangle does not occlude it.
+        vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
+        float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
+#ifdef HAS_ALPHA
+        opacity_key_at(at, USE_SHADOW_OPACITY);
+#endif
+        if (!is_blocked(start, to_light, tmax, triangle)) {
+#ifdef HAS_THIN_DIELECTRICS
+            lit *= passed_thin_dielectrics;
+#endif
+            L += lit;
+#ifdef SPLIT_LIGHT
+            if (scattered == 0) direct_part += lit;
+#endif
+        }
+    }
+}
