@@ -59,8 +59,8 @@ def test_a_crop_is_that_part_of_the_picture() -> None:
 
 
 def test_a_wide_picture_shows_more_at_the_sides_and_the_same_in_the_middle() -> None:
-    square = glpath.render(BOX, spp=128, max_depth=1, resolution=(32, 32)).mean
-    wide = glpath.render(BOX, spp=128, max_depth=1, resolution=(64, 32)).mean
+    square = glpath.render(BOX, spp=192, max_depth=1, resolution=(32, 32)).mean
+    wide = glpath.render(BOX, spp=192, max_depth=1, resolution=(64, 32)).mean
     assert relative_mse(wide[:, 16:48], square) < 1e-4
 
 

@@ -65,6 +65,7 @@ VARIANTS: dict[str, Variant] = {
     "START_SHADING": Variant("points have normals to shade with", "integrators.start_points"),
     "START_VERTEX": Variant("the first vertex of a path is made here", "shaders"),
     # Paths with rays of their own.
+    "LANE_STRIDE": Variant("pixels share random numbers; so far apart", "gl.lanes"),
     "HAS_FAR_NODES": Variant("the BVH has more nodes than 20 bits count", "gl.ray_bvh"),
     "COMPUTE": Variant("a compute shader instead of a fragment shader", _RAYS),
     "GATHER": Variant("paths end by looking up a radiosity solution", _RAYS),
@@ -126,7 +127,6 @@ VALUES: dict[str, str] = {
     "GUIDE_RAYS": "rays from a guide through each of its cells",
     "ID_BITS": "bits of a triangle's number in a packed float",
     "LANES": "fragments of a vector, across and up",
-    "LANE_STRIDE": "how far apart pixels are that share random numbers",
     "LIGHTS": "light samples of a path set",
     "LIGHT_ROWS": "texels of a light sample",
     "NOTHING_FOUND": "what a cell holds where nothing was found",
