@@ -17,12 +17,10 @@ import trimesh
 
 import glpath
 from glpath import RadiositySolution, load_scene, solve_radiosity
-from glpath.cli.radiosity import _event
-from glpath.cli.warm import _SCENE, compile_kernels
+from glpath.cli.warm import SCENE, compile_kernels
 from glpath.radiosity import RadiosityInterrupted, RadiosityProgress
 from glpath.radiosity.solvers import solve
 from glpath.radiosity.solvers.checks import METHODS
-from glpath.system.reporting import reporting
 from tests.support.command_line import run
 from tests.support.repository import ROOT
 
@@ -144,21 +142,27 @@ def test_the_solution_of_another_scene_is_refused(solved, tmp_path):
 
 
 @pytest.mark.parametrize("mode", ["bar", "lines", "json", "none"])
-def test_progress_is_shown(mode, capsys):
-    with reporting(mode, sys.stderr, _event) as report:
-        if report is not None:
-            report(RadiosityProgress("shooting", 12, 0.25, 0.001, 300, 1.5))
-            report(RadiosityProgress("refining", 12, None, 0.001, 300, 1.6))
-    said = capsys.readouterr().err
+def test_progress_is_shown(mode, tmp_path, monkeypatch):
+    def fake(scene, *, on_progress, **options):
+        assert (on_progress is None) == (mode == "none")
+        if on_progress is not None:
+            on_progress(RadiosityProgress("shooting", 12, 0.25, 0.001, 300, 1.5))
+            on_progress(RadiosityProgress("refining", 12, None, 0.001, 300, 1.6))
+        raise RadiosityInterrupted(None)
+
+    monkeypatch.setattr("glpath.radiosity.solve_radiosity", fake)
+    done = run("radiosity", "cornell-box", "-o", tmp_path / "s.npz", "--progress", mode)
+    *said, last = done.stderr.splitlines()
+    assert last == "glpath: interrupted: nothing was solved yet; nothing is written"
     if mode == "lines":
-        assert said.splitlines() == [
+        assert said == [
             "shooting: 12 steps, 25 % unshot, 300 elements after 1.5 s",
             "refining: 12 steps, 300 elements after 1.6 s",
         ]
     elif mode == "json":
-        assert [json.loads(line)["unshot"] for line in said.splitlines()] == [0.25, None]
+        assert [json.loads(line)["unshot"] for line in said] == [0.25, None]
     elif mode == "none":
-        assert said == ""
+        assert said == []
 
 
 # glTF.
@@ -267,7 +271,7 @@ def test_the_solver_is_a_public_name():
 
 def test_what_is_compiled_in_advance_is_what_a_solution_needs(caplog):
     """`glpath doctor --warm`: afterwards nothing is left to compile, for scenes of other shapes and lights."""
-    compile_kernels(load_scene(_SCENE))
+    compile_kernels(load_scene(SCENE))
     caplog.clear()
     for name, method in product(("cornell-box", "furnace"), METHODS):
         glpath.solve_radiosity(name, method=method, patches=1, particles=1)
