@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from glpath.scene import Scene
 
 #: Shapes that emit, a solid, a sphere, a point light and a sky: what every engine takes.
-_SCENE: dict[str, Any] = {
+SCENE: dict[str, Any] = {
     "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0]},
     "film": {"resolution": [32, 32]},
     "shapes": [
@@ -37,7 +37,7 @@ def compile_all() -> None:
     from glpath.io import load_scene
 
     began = time.perf_counter()
-    scene = load_scene(_SCENE)
+    scene = load_scene(SCENE)
     solution = compile_kernels(scene)
     compile_shaders(scene, solution)
     compile_lightmap(scene, solution)

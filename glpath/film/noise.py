@@ -9,7 +9,7 @@ distribution F(k, (B - 1) k), whose quantile is the bound.
 k follows from the batches, too: they differ by vectors of covariance S, and k = tr(S)² / tr(S²). Both traces come
 from the B x B products between batches (Srivastava 2005); the pixels' own matrix is never made. Half of it is
 taken, as it is a guess from few batches, and as errors of unequal size have a longer tail than F: so measured over
-seeds (tests/test_stopping.py), with any sampling.
+seeds (tests/rendering/test_stopping.py), with any sampling.
 
 A pixel's relative error is held against the mean of the other batches: against its own, one bright sample would
 seem small in the very pixel that it has spoilt.

@@ -1,0 +1,486 @@
+"""No work is lost: outputs that cannot be written, signals at every moment, pipes and devices."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from benchmarks.figures.outcome import Outcome, write
+from glpath import rendering
+from glpath.cli.main import app
+from glpath.errors import ImageError, UsageError
+from glpath.film.film import Film, FilmMetadata
+from glpath.radiosity import RadiositySolution
+from glpath.rendering.interrupts import interrupt_as_flag
+from glpath.system import files
+from tests.conftest import MakeFilm
+
+FULL = Path("/dev/full")
+
+SCENE = """
+film = { resolution = [8, 8] }
+camera = { position = [0, 0, 3], target = [0, 0, 0] }
+[[shapes]]
+type = "sphere"
+radius = 1.0
+emission = { radiance = 1.0 }
+"""
+
+
+def run(*arguments: object, stdin: str | bytes | None = None) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments], input=stdin)
+
+
+@pytest.fixture
+def film(make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch) -> Film:
+    """What `glpath render` renders, at once."""
+    made = make_film([(0, 32)])
+    monkeypatch.setattr(rendering, "render", lambda scene, **options: made)
+    return made
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary folders are made."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    return folder
+
+
+def full(folder: Path, name: str) -> Path:
+    """A name that leads to a full disk."""
+    (folder / name).symlink_to(FULL)
+    return folder / name
+
+
+# An output that cannot be written.
+
+
+def test_an_output_that_fails_takes_no_other_with_it_and_all_failures_are_named(film: Film, tmp_path: Path) -> None:
+    outputs = [full(tmp_path, "a.png"), tmp_path / "b.png", full(tmp_path, "c.exr"), tmp_path / "d.npz"]
+    result = run("render", "furnace", *(x for path in outputs for x in ("-o", path)))
+    assert result.exit_code == 1
+    assert "2 of 4 outputs cannot be written." in result.stderr
+    for path in (outputs[0], outputs[2]):
+        assert f"{path}: cannot be written: No space left on device." in result.stderr
+    assert iio.imread(outputs[1]).shape == (4, 6, 3)
+    assert Film.load(outputs[3]).path_sets == 32
+    assert f"wrote {outputs[1]}" in result.stderr
+    assert f"wrote {outputs[0]}" not in result.stderr
+    assert "kept" not in result.stderr
+
+
+@pytest.mark.parametrize("good", [(), ("b.png",)])
+def test_where_no_film_could_be_written_it_is_kept_in_a_temporary_folder(
+    film: Film, tmp_path: Path, temporary: Path, good: tuple[str, ...]
+) -> None:
+    outputs = [full(tmp_path, "a.npz"), *(tmp_path / name for name in good)]
+    result = run("render", "furnace", *(x for path in outputs for x in ("-o", path)))
+    assert result.exit_code == 1
+    (kept,) = temporary.glob("*/*")
+    assert f"The film is kept in {kept};" in result.stderr
+    assert np.array_equal(Film.load(kept).radiance_sums, film.radiance_sums)
+
+
+def test_where_only_a_picture_was_wanted_the_film_is_kept_too(film: Film, tmp_path: Path, temporary: Path) -> None:
+    result = run("render", "furnace", "-o", full(tmp_path, "a.png"))
+    (kept,) = temporary.glob("*/*")
+    assert (result.exit_code, Film.load(kept).path_sets) == (1, 32)
+    assert result.stderr.endswith(
+        f"a.png: cannot be written: No space left on device.\n"
+        f"  The film is kept in {kept}; glpath.Film.load reads it, save writes it.\n"
+    )
+
+
+def test_a_mistake_in_one_format_does_not_lose_the_others(
+    film: Film, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.film.film.write_exr", lambda *_, **__: 1 / 0)
+    result = run("render", "furnace", "-o", tmp_path / "a.exr", "-o", tmp_path / "b.npz")
+    assert result.exit_code == 1
+    assert "a.exr: cannot be written: ZeroDivisionError('division by zero')." in result.stderr
+    assert Film.load(tmp_path / "b.npz").path_sets == 32
+
+
+def test_where_even_the_temporary_folder_is_full_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    monkeypatch.setattr(files.os.path, "isdir", lambda path: False)
+    written, failure = files.save_all({full(tmp_path, "a.txt"): save_text}, {"b.txt": save_text}, "In {}.")
+    assert (written, failure and failure.remedy) == ([], "Nor could it be kept in a temporary folder.")
+
+
+def save_text(path: Path) -> None:
+    files.write_bytes(b"text", path)
+
+
+def test_a_solution_is_kept_where_its_file_cannot_be_written(tmp_path: Path, temporary: Path) -> None:
+    options = ("--patches", 20, "--receiver-points", 1, "-q")
+    result = run("radiosity", "cornell-box-36", "-o", full(tmp_path, "s.npz"), *options)
+    (kept,) = temporary.glob("*/*")
+    assert result.exit_code == 1
+    assert f"The solution is kept in {kept}" in result.stderr
+    result = run("radiosity", "cornell-box-36", "-o", full(tmp_path, "b.glb"), "--radiosity", kept, "-q")
+    assert (result.exit_code, len(list(temporary.glob("*/*")))) == (1, 2)
+    again = [RadiositySolution.load(path).elements for path in temporary.glob("*/*")]
+    assert np.array_equal(*again)
+
+
+def test_a_figure_that_fails_in_one_file_is_kept_whole(tmp_path: Path, temporary: Path) -> None:
+    from tests.support.figure_commands import outcome
+
+    made: Outcome = outcome()
+    full(tmp_path, f"{made.report.name}.csv")
+    with pytest.raises(ImageError, match="1 of 3 outputs cannot be written") as caught:
+        write(made, tmp_path)
+    assert sorted(path.suffix for path in temporary.glob("*/*")) == [".csv", ".json", ".png"]
+    assert str(next(temporary.iterdir())) in str(caught.value)
+    assert (tmp_path / f"{made.report.name}.json").is_file()
+
+
+LIMITED = """
+import sys
+from pathlib import Path
+import numpy as np
+from glpath.errors import ImageError
+from glpath.film.film import Film, FilmMetadata
+
+film = Film.empty(FilmMetadata("noise", "0", "path", 0, 5, {}, (96, 96), (0, 0, 96, 96)))
+film.add(0, 5, np.random.default_rng(0).random((96, 96, 3)))
+for path in sys.argv[1:]:
+    try:
+        film.save(path)
+        print("saved")
+    except ImageError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_a_disk_that_fills_up_while_writing_is_an_error_in_every_format(tmp_path: Path, old: bool) -> None:
+    paths = [tmp_path / f"a{suffix}" for suffix in (".png", ".exr", ".npz")]
+    for path in paths:
+        if old:
+            path.write_bytes(b"old")
+    limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))  # noqa: E731
+    command = [sys.executable, "-B", "-c", LIMITED, *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, preexec_fn=limit)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 3, done.stderr
+    for path, line in zip(paths, lines, strict=True):
+        assert line.startswith(f"{path}: cannot be written: "), line
+        assert (path.read_bytes() if old else path.exists()) == (b"old" if old else False)
+    assert len(os.listdir(tmp_path)) == (3 if old else 0)
+
+
+@pytest.fixture
+def tiny_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 64 KiB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("needs the right to mount")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_leaves_the_old_file_and_no_half_one(tiny_disk: Path, make_film: MakeFilm) -> None:
+    large = make_film([(0, 8)], (200, 200))
+    for suffix in (".exr", ".npz", ".png"):
+        path = tiny_disk / f"a{suffix}"
+        path.write_bytes(b"old")
+        with pytest.raises(ImageError, match="cannot be written"):
+            large.save(path)
+        assert path.read_bytes() == b"old"
+    assert len(os.listdir(tiny_disk)) == 3
+
+
+# Signals.
+
+# A render that takes no time; `AT` is a moment at which the process sends itself a signal.
+PROGRAM = """
+import os, signal, sys, time
+import numpy as np
+from glpath import rendering
+from glpath.cli.main import run
+from glpath.film.film import Film, FilmMetadata
+from glpath.rendering import Progress, RenderInterrupted
+
+at, number, times = sys.argv.pop(1), getattr(signal, sys.argv.pop(1)), int(sys.argv.pop(1))
+
+def strike(moment):
+    if moment == at:
+        for _ in range(times):
+            os.kill(os.getpid(), number)
+            time.sleep(0.01)
+
+def render(scene, on_progress, **options):
+    film = Film.empty(FilmMetadata("fast", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+    on_progress(Progress(0, 5, 0.0, None, film, "compiling shaders", ""))
+    film.add(0, 5, np.ones((4, 6, 3)))
+    if at == "unwinding":
+        try:
+            raise RenderInterrupted(film)
+        finally:
+            strike("unwinding")
+    on_progress(Progress(5, 5, 1.0, None, film, "rendering", ""))
+    strike("end")
+    return film
+
+def savez(file, **arrays):
+    strike("saving")
+    real(file, **arrays)
+
+real, np.savez, rendering.render = np.savez, savez, render
+run()
+"""
+
+
+def struck(out: Path, moment: str, name: str, times: int) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", PROGRAM, moment, name, str(times), "render", "furnace", "-o", str(out)]
+    command += ["--spp", "5", "--progress", "lines"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("moment", "name", "times"),
+    [
+        ("end", "SIGINT", 1),
+        ("end", "SIGTERM", 2),
+        ("unwinding", "SIGINT", 1),
+        ("unwinding", "SIGTERM", 3),
+        ("saving", "SIGINT", 2),
+        ("saving", "SIGTERM", 1),
+    ],
+)
+def test_no_signal_loses_a_film(tmp_path: Path, moment: str, name: str, times: int) -> None:
+    done = struck(tmp_path / "a.npz", moment, name, times)
+    assert done.returncode == 130, done.stderr
+    assert Film.load(tmp_path / "a.npz").path_sets == 5
+    assert f"interrupted: 5 of 5 path sets are in {tmp_path / 'a.npz'}" in done.stderr
+    assert os.listdir(tmp_path) == ["a.npz"]
+
+
+def test_the_third_signal_gives_up(tmp_path: Path) -> None:
+    done = struck(tmp_path / "a.npz", "saving", "SIGINT", 3)
+    assert (done.returncode, os.listdir(tmp_path)) == (130, [])
+    assert "interrupt once more" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+REAL = """
+import os, signal, sys
+from glpath.cli.main import run
+from glpath.rendering.session import Session
+
+Session.remarks = lambda *_: os.kill(os.getpid(), signal.SIGTERM) or []
+run()
+"""
+
+
+def test_a_signal_between_a_real_render_and_its_saving_waits(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", REAL, "render", "furnace", "-D", "resolution=8", "--spp", "1"]
+    out = tmp_path / "a.npz"
+    done = subprocess.run([*command, "-o", str(out)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 130, done.stderr
+    assert Film.load(out).path_sets == 1
+
+
+SOLVER = """
+import os, signal, sys
+from pathlib import Path
+from glpath.cli.main import run
+from glpath.radiosity import solution, solvers
+
+save = solution.RadiositySolution.save
+def struck(self, path):
+    os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGTERM)
+    save(self, path)
+solution.RadiositySolution.save = struck
+run()
+"""
+
+
+def test_signals_wait_for_a_solution_to_be_saved(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", SOLVER, "radiosity", "cornell-box-36", "-o", str(tmp_path / "s.npz")]
+    command += ["--patches", "20", "--receiver-points", "1", "-q"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 130, done.stderr
+    assert "what was solved is in" in done.stderr
+    assert RadiositySolution.load(tmp_path / "s.npz").elements.max() > 0
+
+
+def test_a_second_signal_does_not_tear_a_film_apart() -> None:
+    class Torn(Film):
+        """Two signals come when the first of its fields has changed."""
+
+        def __setattr__(self, name: str, value: object) -> None:
+            super().__setattr__(name, value)
+            if name == "ranges" and value:
+                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(signal.SIGINT)
+
+    film = Torn.empty(FilmMetadata("torn", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
+
+    def add() -> None:
+        with interrupt_as_flag() as interrupted, interrupted.whole():
+            film.add(0, 5, np.ones((4, 6, 3)))
+
+    with pytest.raises(KeyboardInterrupt):
+        add()
+    assert (film.path_sets, film.ranges, film.mean.max()) == (5, ((0, 5),), 0.2)
+
+
+def test_a_signal_after_the_last_step_ends_a_render_too() -> None:
+    """It is not swallowed: who renders in a loop means the loop."""
+    import glpath
+
+    def strike(progress: glpath.Progress) -> None:
+        if progress.done == progress.total:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(glpath.RenderInterrupted) as caught:
+        glpath.render("furnace", spp=1, resolution=(8, 8), on_progress=strike)
+    assert caught.value.film.path_sets == 1
+
+
+# Pipes and devices.
+
+
+def received(path: Path, save: Callable[[Path], object]) -> bytes:
+    """What comes out of a pipe that something is saved to."""
+    got: list[bytes] = []
+    reader = threading.Thread(target=lambda: got.append(path.read_bytes()))
+    reader.start()
+    save(path)
+    reader.join(10)
+    return got[0]
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npz", "a"])
+def test_a_pipe_gets_the_bytes_of_the_file(make_film: MakeFilm, tmp_path: Path, name: str) -> None:
+    made = make_film([(0, 32)])
+    os.mkfifo(tmp_path / name)
+    got = received(tmp_path / name, made.save)
+    assert stat.S_ISFIFO((tmp_path / name).stat().st_mode)
+    expected = tmp_path / f"file{Path(name).suffix or '.png'}"
+    made.save(expected)
+    if expected.suffix == ".npz":  # a zip file has the time in it
+        expected.write_bytes(got)
+        assert np.array_equal(Film.load(expected).radiance_sums, made.radiance_sums)
+    else:
+        assert got == expected.read_bytes()
+
+
+def test_a_device_stays_a_device(film: Film, tmp_path: Path) -> None:
+    for arguments in (("render", "furnace", "-o", "/dev/null"), ("schema", "-o", "/dev/null")):
+        result = run(*arguments)
+        assert result.exit_code == 0, result.stderr
+    film.save("/dev/null")
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+    assert not list(Path("/dev").glob(".null*"))
+
+
+def test_what_is_neither_file_nor_pipe_is_refused(make_film: MakeFilm, tmp_path: Path) -> None:
+    import socket
+
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "a.png"))
+        for attempt in (files.check_writable, make_film([(0, 8)]).save):
+            with pytest.raises(ImageError, match=r"a.png: .*is a block device or a socket"):
+                attempt(tmp_path / "a.png")
+        assert stat.S_ISSOCK((tmp_path / "a.png").stat().st_mode)
+
+
+def test_a_reader_that_leaves_is_an_error_and_no_traceback(make_film: MakeFilm, tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    os.mkfifo(path)
+    reader = threading.Thread(target=lambda: os.close(os.open(path, os.O_RDONLY)))
+    reader.start()
+    with pytest.raises(ImageError, match=r"a.exr: cannot be written: Broken pipe"):
+        make_film([(0, 8)], (400, 400)).save(path)
+    reader.join(10)
+
+
+def test_dash_is_a_png_on_standard_output(film: Film, tmp_path: Path) -> None:
+    result = run("render", "furnace", "-o", "-", "-o", tmp_path / "a.png")
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout_bytes == (tmp_path / "a.png").read_bytes()
+    assert "wrote -" in result.stderr
+
+
+def test_standard_output_takes_a_png_from_a_real_render() -> None:
+    command = [sys.executable, "-m", "glpath", "render", "-", "-o", "-", "--spp", "1"]
+    done = subprocess.run(command, input=SCENE.encode(), capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    picture = iio.imread(done.stdout)
+    assert (picture.shape, picture.max()) == ((8, 8, 3), 255)
+    assert b"rendering" in done.stderr
+    closed = subprocess.run(
+        f"{sys.executable} -m glpath render furnace -D resolution=200 -o - --spp 1 -q | true",
+        shell=True, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert closed.stderr == "glpath: error: -: cannot be written: Broken pipe.\n" or closed.stderr.startswith(
+        "glpath: error: -: cannot be written: Broken pipe.\n  The film is kept in "
+    )
+
+
+# A scene from standard input.
+
+
+@pytest.mark.parametrize("command", ["render", "radiosity", "export", "info", "validate"])
+def test_a_scene_comes_from_standard_input(command: str, tmp_path: Path, film: Film) -> None:
+    out = {"render": "a.png", "radiosity": "s.npz", "export": "e.xml"}.get(command)
+    text = SCENE.replace('type = "sphere"\nradius = 1.0', 'type = "box"\nmin = [0, 0, 0]\nmax = [1, 1, 1]')
+    options = () if out is None else ("-o", tmp_path / out)
+    result = run(command, "-", *options, stdin=text)
+    assert result.exit_code == 0, result.output
+    assert "Traceback" not in result.output
+    assert out is None or (tmp_path / out).stat().st_size
+
+
+def test_a_mistake_on_standard_input_is_named() -> None:
+    result = run("info", "-", stdin="shapes = [")
+    assert (result.exit_code, result.stderr[:37]) == (1, "glpath: error: standard input: line 1")
+    assert "is not UTF-8 text" in run("validate", "-", stdin=b"\xff\xfe").output
+    assert run("info", "-", "-D", "radiance=1", stdin=SCENE).exit_code == 2
+
+
+def test_a_scene_comes_through_a_pipe(tmp_path: Path) -> None:
+    from glpath import load_scene
+
+    os.mkfifo(tmp_path / "scene.toml")
+    writer = threading.Thread(target=(tmp_path / "scene.toml").write_text, args=(SCENE,))
+    writer.start()
+    assert len(load_scene(tmp_path / "scene.toml").shapes) == 1
+    writer.join(10)
+
+
+def test_a_picture_is_not_for_a_terminal(film: Film, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pty
+
+    primary, secondary = pty.openpty()
+    command = [sys.executable, "-m", "glpath", "render", "furnace", "-o", "-"]
+    done = subprocess.run(command, stdout=secondary, stderr=subprocess.PIPE, text=True, timeout=60)
+    os.close(primary)
+    os.close(secondary)
+    assert (done.returncode, "no text for a terminal" in done.stderr) == (2, True)
+    with pytest.raises(UsageError):
+        film.save("-.gif")

@@ -1,0 +1,331 @@
+"""Streamed triangles: the bits of the same ones in memory, within a budget, and clear errors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import glpath
+from glpath.cli.scene_summary import summarize
+from glpath.gl.camera import eye_uniforms, view_volume
+from glpath.gl.geometry_stream import before_planes
+from glpath.io.export import export
+from tests.support.engines import engine_options
+from tests.support.repository import ROOT
+from tests.support.terrain import Hills
+
+GRASS = {"grass": {"reflectance": [0.3, 0.6, 0.3]}, "clay": {"reflectance": [0.7, 0.2, 0.2]}}
+SCANS = {"integrator": "path-buffer", "spp": 3, "max_depth": 3, "light_resolution": 64}
+
+
+def corners(hills: Hills) -> NDArray[np.float64]:
+    found = (hills.chunk(i) for i in range(len(hills)))
+    return np.concatenate([vertices[faces] for vertices, faces in found]).astype(np.float64)
+
+
+def scene_of(terrain: dict[str, Any], **more: Any) -> glpath.Scene:
+    return glpath.load_scene(
+        {
+            "camera": {"position": [0, 3, 6], "target": [0, 0, 0], "fov": 45},
+            "film": {"resolution": [40, 30]},
+            "materials": GRASS,
+            "shapes": [
+                {"type": "box", "min": [-0.4, 0.5, -0.3], "max": [0.3, 1.2, 0.3], "material": "clay"},
+                {
+                    "type": "quad",
+                    "corners": [[-1, 3, -1], [1, 3, -1], [1, 3, 1], [-1, 3, 1]],
+                    "emission": {"radiance": 9},
+                },
+                {"material": "grass", **terrain},
+            ],
+            **more,
+        }
+    )
+
+
+def in_memory(triangles: NDArray[Any], **more: Any) -> dict[str, Any]:
+    vertices = np.asarray(triangles, np.float64).reshape(-1, 3)
+    return {"vertices": vertices, "faces": np.arange(len(vertices)).reshape(-1, 3), **more}
+
+
+SKY = {"sky": {"zenith": [0.2, 0.3, 0.6], "horizon": 0.5}}
+LAMPS = {
+    "lights": [
+        {"type": "point", "position": [1, 2, 1], "intensity": 5},
+        {"type": "directional", "direction": [1, -1, -0.5], "irradiance": 1},
+    ]
+}
+
+
+# 16 squares a tile: 8,192 triangles and what the box has, more than share a word with their depth.
+@pytest.mark.parametrize("squares", [8, 17])
+@pytest.mark.parametrize("light", [{}, SKY, LAMPS], ids=["lamp", "sky", "lamps"])
+def test_a_streamed_scene_has_the_bits_of_one_in_memory(squares: int, light: dict[str, Any]):
+    hills = Hills(4, squares)
+    options = {**SCANS, "aovs": ("albedo", "normal")}
+    whole = glpath.render(scene_of(in_memory(corners(hills)), **light), **options)
+    scene = scene_of({"type": "stream", "stream": hills}, **light)
+    # In the least budget chunks take turns in one place; in the other all stay.
+    for budget in (3, 64):
+        streamed = glpath.render(scene, **options, geometry_budget=budget)
+        np.testing.assert_array_equal(streamed.mean, whole.mean)
+        for name in options["aovs"]:
+            np.testing.assert_array_equal(streamed.aov(name), whole.aov(name))
+    assert (whole.mean > 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("engine", ["lattice", "hemisphere", "sphere"])
+def test_so_it_has_whatever_directions_are_shared(engine: str):
+    hills = Hills(2, 12)
+    options = {**SCANS, **engine_options(engine)}
+    whole = glpath.render(scene_of(in_memory(corners(hills)), **SKY), **options)
+    streamed = glpath.render(scene_of({"type": "stream", "stream": hills}, **SKY), **options)
+    np.testing.assert_array_equal(streamed.mean, whole.mean)
+
+
+def test_a_file_is_streamed_through_a_transform_with_its_fronts_turned(tmp_path: Path):
+    triangles = corners(Hills(2, 6))
+    triangles[5, 2] = triangles[5, 1]  # no area: left out of both
+    np.save(tmp_path / "hills.npy", triangles)
+    shape = {
+        "transform": [{"scale": [1, 1, -1]}, {"rotate": {"axis": [0, 1, 0], "angle": 20}}],
+        "flip_normals": True,
+    }
+    (tmp_path / "scene.toml").write_text(
+        """
+        camera = { position = [0, 3, 6], target = [0, 0, 0] }
+        film = { resolution = [40, 30] }
+        sky = { zenith = [0.2, 0.3, 0.6], horizon = 0.5 }
+        [materials]
+        grass = { reflectance = 0.5, two_sided = false }
+        [[shapes]]
+        type = "stream"
+        file = "hills.npy"
+        material = "grass"
+        transform = [{ scale = [1, 1, -1] }, { rotate = { axis = [0, 1, 0], angle = 20 } }]
+        flip_normals = true
+        """
+    )
+    with pytest.warns(glpath.SceneWarning, match="dropped 1 of"):
+        whole = glpath.load_scene(
+            {
+                "camera": {"position": [0, 3, 6], "target": [0, 0, 0]},
+                "film": {"resolution": [40, 30]},
+                **SKY,
+                "materials": {"grass": {"reflectance": 0.5, "two_sided": False}},
+                "shapes": [in_memory(triangles, material="grass", **shape)],
+            }
+        )
+    film = glpath.render(tmp_path / "scene.toml", **SCANS)
+    np.testing.assert_array_equal(film.mean, glpath.render(whole, **SCANS).mean)
+    assert film.mean.max() > 0.1
+
+
+def test_what_a_view_cannot_see_is_not_asked_for():
+    asked = []
+
+    class Watched(Hills):
+        def chunk(self, index: int) -> Any:
+            asked.append(index)
+            return super().chunk(index)
+
+    hills = Watched(4, 8)
+    # From above the corner where x and z are least: some of the 16 tiles.
+    camera = {"camera": {"position": [-2.9, 4, 2.9], "target": [-2.2, 0, 2.2], "fov": 25}}
+    base = {**camera, **SKY, "film": {"resolution": [24, 24]}, "materials": GRASS}
+    scene = glpath.load_scene({**base, "shapes": [{"type": "stream", "stream": hills, "material": "grass"}]})
+    whole = glpath.load_scene({**base, "shapes": [in_memory(corners(hills), material="grass")]})
+    options = {"integrator": "path-buffer", "spp": 1, "max_depth": 1, "light_resolution": 16}
+    asked.clear()
+    film = glpath.render(scene, **options, geometry_budget=1)
+    assert set(range(16)) == set(asked[:16])  # how far the scene extends
+    assert 0 < len(set(asked[16:])) < 10
+    np.testing.assert_array_equal(film.mean, glpath.render(whole, **options).mean)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_no_box_that_reaches_into_what_is_seen_is_left_out(projection):
+    camera = {"projection": projection, **({"height": 3.0} if projection == "orthographic" else {})}
+    scene = scene_of(in_memory(corners(Hills(1, 4)))).with_camera(**camera)
+    window = (7, 3, 20, 11)
+    normals, offsets = view_volume(scene.camera, eye_uniforms(scene.camera, window))
+    rays, origins = scene.camera.rays(), np.broadcast_to(scene.camera.origins(), scene.camera.rays().shape)
+    inside = np.s_[3:14, 7:27]
+    random = np.random.default_rng(1)
+    points = origins[inside] + rays[inside] * random.uniform(0.1, 20, (11, 20, 1))
+    points = points.reshape(-1, 3)
+    lower, upper = points - random.uniform(0, 0.2, points.shape), points + random.uniform(0, 0.2, points.shape)
+    assert before_planes(lower, upper, normals, offsets).all()
+    outside = np.s_[[[0], [16]], [*range(4), *range(30, 40)]]
+    outside = (origins[outside] + rays[outside] * random.uniform(0.1, 20, (2, 14, 1))).reshape(-1, 3)
+    assert not before_planes(outside, outside, normals, offsets).any()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"integrator": "gather"}, {"integrator": "gather", "cast": "path-buffer"}, {"integrator": "t-buffer"}],
+    ids=["path", "gather", "gather by scans", "t-buffer"],
+)
+def test_engines_that_want_all_triangles_in_memory_say_so(options: Any):
+    scene = scene_of({"type": "stream", "stream": Hills(1, 2), "name": "hills"})
+    with pytest.raises(glpath.SceneError, match=r"streams triangles \(hills\)") as error:
+        glpath.render(scene, spp=1, **options)
+    assert 'integrator="path-buffer"' in error.value.remedy
+
+
+def test_so_do_radiosity_and_export(tmp_path: Path):
+    scene = scene_of({"type": "stream", "stream": Hills(1, 2)})
+    with pytest.raises(glpath.SceneError, match="streams triangles"):
+        glpath.solve_radiosity(scene)
+    with pytest.raises(glpath.SceneError, match="streams triangles"):
+        export(scene, tmp_path / "scene.xml")
+
+
+def test_a_scene_tells_of_its_streams():
+    scene = scene_of({"type": "stream", "stream": Hills(2, 3)})
+    told = summarize(scene)
+    assert told["triangles"] == 14 + 72
+    assert (told["shapes"][-1]["triangles"], told["shapes"][-1]["area"]) == (72, None)
+    assert told["warnings"] == []
+    assert "14 triangles, 72 streamed triangles" in repr(scene)
+    other = scene_of({"type": "stream", "stream": Hills(2, 4)})
+    assert scene.digest() == scene_of({"type": "stream", "stream": Hills(2, 3)}).digest() != other.digest()
+    lower, upper = scene.bounds
+    assert lower[0] == -3
+    assert upper[2] == 3
+
+
+class Given:
+    """Chunks that are what a test says."""
+
+    def __init__(self, *chunks: Any) -> None:
+        self.chunks = chunks
+
+    def __len__(self) -> int:
+        return len(self.chunks)
+
+    def chunk(self, index: int) -> Any:
+        return self.chunks[index]
+
+
+TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 0, -1]]], float)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ({"stream": Given()}, "must have chunk"),
+        ({"stream": 3}, "must have chunk"),
+        ({"stream": Given(TRIANGLE[:, :, :2])}, r"shape \(1, 3, 2\)"),
+        ({"stream": Given(TRIANGLE, TRIANGLE * np.nan)}, "not finite"),
+        ({"stream": Given((TRIANGLE[0], [[0, 1, 3]]))}, "no numbers of its 3 vertices"),
+        ({"stream": Given(TRIANGLE[:, [0, 1, 1]])}, "no triangles with an area"),
+        ({"stream": Given(TRIANGLE), "emission": {"radiance": 1}}, "makes a stream a light"),
+        ({"stream": Given(TRIANGLE), "material": "seen"}, "which has textures"),
+        ({"stream": Given(TRIANGLE), "file": "a.npy"}, "stream and file"),
+        ({}, "lacks the field `file`"),
+        ({"file": "none.npy"}, "no such file"),
+        ({"file": "none.ply"}, r"a \.npy file"),
+    ],
+)
+def test_what_is_no_stream_is_named(shape: dict[str, Any], message: str):
+    data = {
+        "camera": {"position": [0, 3, 6], "target": [0, 0, 0]},
+        **SKY,
+        "materials": {"seen": {"texture": "t"}},
+        "textures": {"t": {"type": "checker"}},
+        "shapes": [{"type": "stream", **shape}],
+    }
+    with pytest.raises(glpath.SceneError, match=message) as error:
+        glpath.load_scene(data)
+    assert "shapes" in error.value.message
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (np.zeros((4, 9)), r"shape \(4, 9\)"),
+        (np.zeros((4, 3, 3), int), "type int64"),
+        (np.asfortranarray(np.ones((4, 3, 3))), "Fortran"),
+        (b"PK", "no .npy file"),
+        ("cut", "ends after"),
+    ],
+)
+def test_a_file_that_is_no_array_of_triangles_is_refused(tmp_path: Path, content: Any, message: str):
+    path = tmp_path / "hills.npy"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif isinstance(content, str):
+        np.save(path, np.ones((10, 3, 3)))
+        path.write_bytes(path.read_bytes()[:-8])
+    else:
+        np.save(path, content)
+    with pytest.raises(glpath.SceneError, match=message):
+        scene_of({"type": "stream", "file": str(path)})
+
+
+def test_chunks_that_change_are_noticed():
+    chunks = Given(TRIANGLE, np.concatenate([TRIANGLE, TRIANGLE + 2]))
+    scene = scene_of({"type": "stream", "stream": chunks}, **SKY)
+    chunks.chunks = (TRIANGLE, TRIANGLE)
+    with pytest.raises(glpath.SceneError, match="chunk 1 had 2 triangles when the scene was made, and now has 1"):
+        glpath.render(scene, integrator="path-buffer", spp=1)
+
+
+def test_a_budget_without_room_for_a_chunk_is_refused_with_what_is_needed():
+    scene = scene_of({"type": "stream", "stream": Hills(1, 64)})
+    with pytest.raises(glpath.UsageError, match=r"geometry_budget: 4 MiB, but \d+ are needed at least") as error:
+        glpath.render(scene, integrator="path-buffer", spp=1, geometry_budget=4)
+    needed = int(error.value.message.split("but ")[1].split()[0])
+    glpath.render(scene, integrator="path-buffer", spp=1, geometry_budget=needed + 1)
+
+
+def test_a_budget_is_an_option_of_scans_alone():
+    with pytest.raises(glpath.UsageError, match="geometry_budget: 8 with the integrator"):
+        glpath.render("cornell-box-36", spp=1, geometry_budget=8)
+
+
+@pytest.mark.evidence
+def test_twenty_million_triangles_take_256_mebibytes():
+    found = []
+    for tiles in (1, 25):  # of 32,768 triangles
+        run = subprocess.run(
+            [sys.executable, "-m", "tests.support.terrain", str(tiles), "256"],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=ROOT,
+        )
+        found.append(json.loads(run.stdout))
+    small, large = found
+    print(f"one tile {small}, 20,480,000 triangles {large}")
+    assert large["peak"] - small["peak"] < 256
+    assert large["device"] < 256
+    # Another relief a tile is another picture, but not another light.
+    assert large["lit"] > 0.3
+    assert abs(large["mean"] / small["mean"] - 1) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"type": "panorama"}, "which no panorama can see"),
+        ({"shutter": [0, 1]}, "which cannot be where other shapes move"),
+    ],
+)
+def test_what_streams_cannot_be_with_is_said(change, said):
+    keys = [{"time": 0, "transform": []}, {"time": 1, "transform": [{"translate": [1, 0, 0]}]}]
+    keys = keys if "shutter" in change else []
+    ball = {"type": "sphere", "center": [0, 1, 0], "radius": 0.2, "motion": keys}
+    camera = {"position": [0, 2, 6], "target": [0, 0, 0], **change}
+    shapes = [{"type": "stream", "stream": Hills(1, 2)}, ball]
+    scene = glpath.load_scene({"camera": camera, "shapes": shapes, "sky": {"zenith": 1}})
+    with pytest.raises(glpath.SceneError, match=said):
+        glpath.render(scene, spp=1, integrator="path-buffer", resolution=(32, 16))

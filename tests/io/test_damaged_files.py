@@ -1,0 +1,244 @@
+"""Damaged files: clear errors, well-formed results, bounded memory; what the format allows is read."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from glpath import load_scene, read_image
+from glpath.cli.main import app
+from glpath.errors import ImageError, SceneError, SceneWarning
+from glpath.film.film import Film
+from glpath.scene.model import Scene
+from tests.conftest import MakeFilm
+from tests.support.damaged import bomb
+from tests.support.repository import TESTS
+
+PROGRAM = TESTS / "support" / "damaged.py"
+
+
+def attacked(*arguments: int) -> dict[str, object]:
+    command = [sys.executable, str(PROGRAM), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    found: dict[str, object] = json.loads(done.stdout)
+    return found
+
+
+def test_no_damaged_file_brings_a_traceback_or_fills_the_memory() -> None:
+    found = attacked(1, 16)
+    assert (found["wrong"], found["first"]) == (0, [])
+    assert found["error"] > 120
+    assert found["files"] > 110
+
+
+@pytest.mark.evidence
+def test_none_of_thousands_does() -> None:
+    found = attacked(2)
+    assert (found["wrong"], found["first"]) == (0, [])
+    assert found["files"] > 3000
+
+
+def test_a_bomb_is_refused_by_its_header(tmp_path: Path) -> None:
+    """9 MB in the file that found this, and 8.9 GiB in memory."""
+    path = tmp_path / "bomb.npz"
+    path.write_bytes(bomb((300 << 17,), "<f8", 300))
+    assert path.stat().st_size < 2_000_000
+    with pytest.raises(ImageError, match=r"bomb.npz: cannot be read as .npz: .* unfold to 0.315 GB"):
+        read_image(path)
+
+
+def changed_film(film: Film, path: Path, **arrays: object) -> Path:
+    film.save(path)
+    np.savez(path, **dict(np.load(path)) | arrays)
+    return path
+
+
+@pytest.mark.parametrize(
+    "ranges",
+    [[[0, 20], [10, 22]], [[0, 16], [16, 32]], [[0, 33]], [[-1, 31]], [[16, 32], [0, 16]], [[8, 40]], [[0, 32.0]]],
+)
+def test_ranges_must_be_disjoint_and_what_the_batches_count(
+    make_film: MakeFilm, tmp_path: Path, ranges: list[list[float]]
+) -> None:
+    path = changed_film(make_film([(0, 32)]), tmp_path / "a.npz", ranges=np.array(ranges))
+    with pytest.raises(ImageError, match=r"a.npz: cannot be read as a film: (its ranges of path sets|`ranges`)"):
+        Film.load(path)
+
+
+@pytest.mark.parametrize("ranges", [[(0, 7)], [(3, 21), (64, 131)], [(0, 1), (2, 3), (1000, 1100)]])
+def test_a_film_of_any_ranges_is_read(make_film: MakeFilm, tmp_path: Path, ranges: list[tuple[int, int]]) -> None:
+    film = make_film(ranges)
+    film.save(tmp_path / "a.npz")
+    assert Film.load(tmp_path / "a.npz").ranges == tuple(ranges)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_no_picture(make_film: MakeFilm, tmp_path: Path, value: float) -> None:
+    film = make_film([(0, 32)])
+    sums = film.radiance_sums[film.batch_counts > 0]
+    sums[0, 1, 2, 0] = value
+    path = changed_film(film, tmp_path / "a.npz", radiance_sums=sums)
+    for attempt in (Film.load, read_image):
+        with pytest.raises(ImageError, match="NaN or infinite"):
+            attempt(path)
+    np.save(tmp_path / "a.npy", np.full((2, 3, 3), value))
+    with pytest.raises(ImageError, match=r"a.npy: cannot be read as .npy: 6 of its 6 pixels are NaN or infinite"):
+        read_image(tmp_path / "a.npy")
+
+
+# OBJ: what the format allows.
+
+PLAIN = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/1\n"
+
+SPELLINGS = {
+    "comments after statements": PLAIN.replace("3/3\n", "3/3 # the first one\n").replace(
+        "v 0 0 0", "v 0 0 0 #\u00f6"
+    ),
+    "tabs": PLAIN.replace(" ", "\t"),
+    "indentation and blanks": PLAIN.replace("v ", "   v    ").replace("f ", " \tf  ").replace("\n", "  \n"),
+    "continued lines": PLAIN.replace("2/2 ", "\\\n  2/2 \\\n ").replace("v 2 ", "v \\\n2 "),
+    "a comment that ends in a backslash": "# C:\\meshes\\\n" + PLAIN,
+    "ends of lines of DOS": PLAIN.replace("\n", "\r\n"),
+    "ends of lines of old Macs": PLAIN.replace("\n", "\r"),
+    "no last end of line": PLAIN.rstrip(),
+    "indices backwards": PLAIN.replace("f 1/1 2/2 3/3", "f -4/-3 -3/-2 -2/-1"),
+    "backwards, with more vertices behind": PLAIN.replace("f 1/1 2/2 3/3\n", "f -4/-3 -3/-2 -2/-1\nv 9 9 9\n"),
+    "weights": PLAIN.replace("0\nv ", "0 1.0\nv "),
+    "names in Latin-1": "o gr\u00f6\u00dfe\x85v 9 9 9\n" + PLAIN,
+    "other statements": "g a b\ns off\nvp 0 0\n" + PLAIN + "l 1 2\np 1\n",
+}
+
+
+def plate(path: Path) -> Scene:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        return load_scene(path)
+
+
+def check_plate(scene: Scene) -> None:
+    assert scene.areas.sum() == pytest.approx(2.0)
+    assert np.allclose(scene.normals, [0, 0, 1])
+    assert np.ptp(scene.triangles.reshape(-1, 3), axis=0).tolist() == [2, 1, 0]
+    assert scene.shapes[0].geometry.uv is not None
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_obj_is_read_however_it_is_spelt(tmp_path: Path, spelling: str) -> None:
+    (tmp_path / "plate.obj").write_bytes(SPELLINGS[spelling].encode("latin-1"))
+    check_plate(plate(tmp_path / "plate.obj"))
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1", "cp1252", "shift-jis"]
+)
+def test_obj_is_read_in_every_encoding(tmp_path: Path, encoding: str) -> None:
+    name = {"shift-jis": "\u6905\u5b50", "utf-16": "\u6905\u5b50"}.get(encoding, "St\u00fchle")
+    mark = {"utf-16-be": "\ufeff"}.get(encoding, "")
+    (tmp_path / "plate.obj").write_bytes((mark + f"# {name}\no {name}\n" + PLAIN).encode(encoding))
+    check_plate(plate(tmp_path / "plate.obj"))
+
+
+def test_an_obj_that_numbers_texture_coordinates_it_has_not_is_read_without(tmp_path: Path) -> None:
+    lines = [line for line in PLAIN.splitlines() if not line.startswith("vt")]
+    (tmp_path / "plate.obj").write_text("\n".join(lines))
+    scene = plate(tmp_path / "plate.obj")
+    assert scene.areas.sum() == pytest.approx(2.0)
+    assert scene.shapes[0].geometry.uv is None
+
+
+@pytest.mark.parametrize(
+    ("face", "message"),
+    [
+        ("f \\\n1/1 \\\n2/9 3/1", "line 8 names texture coordinate 9, but the file has 3"),
+        ("f 1/1 2/2 -5/1", "line 8 names vertex -5, but the file has 4 vertices (1 to 4)"),
+    ],
+)
+def test_an_index_that_names_nothing_is_an_error_with_its_line(tmp_path: Path, face: str, message: str) -> None:
+    (tmp_path / "plate.obj").write_text(PLAIN.replace("f 1/1 2/2 3/3", face))
+    with pytest.raises(SceneError) as error:
+        plate(tmp_path / "plate.obj")
+    assert message in str(error.value)
+
+
+def test_names_that_are_not_ascii_do_not_matter_in_ply_and_stl(tmp_path: Path) -> None:
+    from tests.support.damaged import PLY_HEAD
+
+    rows = "0 0 0\n2 0 0\n2 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
+    head = PLY_HEAD.format("ascii").replace("element vertex", "comment St\u00fchle\nelement vertex")
+    (tmp_path / "a.ply").write_bytes((head + rows).encode("latin-1"))
+    facets = [
+        np.array(f, "<f4").tobytes() for f in ([[0, 0, 0], [2, 0, 0], [2, 1, 0]], [[0, 0, 0], [2, 1, 0], [0, 1, 0]])
+    ]
+    body = np.uint32(2).tobytes() + b"".join(bytes(12) + f + bytes(2) for f in facets)
+    (tmp_path / "a.stl").write_bytes("St\u00fchle".encode("latin-1").ljust(80, b"\xff") + body)
+    for name in ("a.ply", "a.stl"):
+        assert plate(tmp_path / name).areas.sum() == pytest.approx(2.0)
+
+
+# What is dropped is said.
+
+COLOURED = PLAIN.replace("0\nv", "0 1 0.5 0\nv")
+RGB = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+VERTEX = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+FACE = "element face 1\nproperty list uchar int vertex_indices\n"
+COLOURED_PLY = VERTEX + RGB + FACE + "end_header\n0 0 0 9 8 7\n1 0 0 9 8 7\n1 1 0 1 2 3\n3 0 1 2\n"
+DROPPED = {
+    "colours.obj": (COLOURED, "vertex colours in it are not used"),
+    "materials.obj": ("mtllib a.mtl\n" + PLAIN.replace("f", "usemtl red\nf", 1), "materials in it are not used"),
+    "both.obj": ("mtllib a.mtl\n" + COLOURED, "materials and vertex colours in it are not used"),
+    "colours.ply": (COLOURED_PLY, "vertex colours in it are not used"),
+    "faces.ply": (
+        f"{VERTEX}{FACE}{RGB}end_header\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2 9 8 7\n",
+        "face colours in it are not used",
+    ),
+    "texture.ply": (
+        COLOURED_PLY.replace("element vertex", "comment TextureFile a.png\nelement vertex"),
+        "a texture",
+    ),
+}
+
+
+def scene_of(folder: Path, name: str) -> Path:
+    (folder / name).write_text(DROPPED[name][0])
+    shape = f'[[shapes]]\ntype = "mesh"\nfile = "{name}"\nemission = {{ radiance = 1 }}\n'
+    turned = shape + "flip_normals = true\ntransform = [{ translate = [0, 0, 1] }]\n"
+    head = "camera = { position = [0.5, 0.5, 5], target = [0.5, 0.5, 0] }\n"
+    (folder / "scene.toml").write_text(head + shape + turned)
+    return folder / "scene.toml"
+
+
+@pytest.mark.parametrize("name", DROPPED)
+def test_what_a_mesh_file_holds_and_is_not_used_is_said_once(tmp_path: Path, name: str) -> None:
+    scene = scene_of(tmp_path, name)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_scene(scene)
+    (warning,) = caught
+    assert issubclass(warning.category, SceneWarning)
+    assert str(warning.message).startswith(f"{tmp_path / name}: {DROPPED[name][1]}")
+
+
+def test_a_mesh_without_colours_brings_no_warning(tmp_path: Path) -> None:
+    (tmp_path / "plate.obj").write_text(PLAIN)
+    with pytest.warns(SceneWarning, match="no camera") as caught:
+        load_scene(tmp_path / "plate.obj")
+    assert len(caught) == 1
+
+
+def test_the_command_line_says_what_is_dropped(tmp_path: Path) -> None:
+    scene, text = str(scene_of(tmp_path, "both.obj")), "materials and vertex colours in it are not used"
+    validated = CliRunner().invoke(app, ["validate", scene])
+    assert (validated.exit_code, validated.output.count(text)) == (0, 1)
+    assert CliRunner().invoke(app, ["validate", "--strict", scene]).exit_code == 1
+    told = CliRunner().invoke(app, ["info", scene])
+    assert (told.exit_code, told.output.count(text)) == (0, 1)
+    listed = json.loads(CliRunner().invoke(app, ["info", "--json", scene]).stdout)
+    assert [text in warning for warning in listed["warnings"]] == [True]
