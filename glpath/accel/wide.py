@@ -67,8 +67,8 @@ class WideBvh:
 
     @cached_property
     def stack(self) -> int:
-        """How often a ray can leave siblings for later on one way down: at nodes with two inner children at least,
-        where it goes on to children of one of them."""
+        """How often a ray can leave siblings for later between the root and a leaf: at nodes with two inner
+        children or more, where it visits the children of one of them first."""
         later = np.zeros(len(self), np.int64)
         forks = self.is_inner.sum(axis=1) > 1
         level = np.arange(min(1, len(self)))
@@ -81,8 +81,8 @@ class WideBvh:
 
     def order(self, octant: int) -> Int64:
         """(W, 4): the children as a ray meets them that runs against axis k where bit k of `octant` is set."""
-        met = depth_first(self.tree, octant)
-        return np.argsort(np.where(self.present, met[self.children], len(self.tree)), axis=1, kind="stable")
+        order = depth_first(self.tree, octant)
+        return np.argsort(np.where(self.present, order[self.children], len(self.tree)), axis=1, kind="stable")
 
 
 def collapse(tree: Bvh) -> WideBvh:
@@ -92,7 +92,7 @@ def collapse(tree: Bvh) -> WideBvh:
     inner = tree.count == 0
     if not inner[0]:
         return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]))
-    parts = _least_parts(tree)
+    parts = _min_cost_parts(tree)
     # Of a node's four lanes those from one on belong to a subtree, up to as many as it may be divided into.
     roots = [np.zeros(1, np.int64)]
     found = []
@@ -105,7 +105,7 @@ def collapse(tree: Bvh) -> WideBvh:
     return WideBvh(tree, np.concatenate(found)[order])
 
 
-def _least_parts(tree: Bvh) -> NDArray[np.int8]:
+def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:
     """(M, 5): into how many of k subtrees, at most, the left child of a node is divided where the cost is least.
 
     Column 0 is for a node that remains, all of whose four children it has; columns 2 to 4 for one that up to k
@@ -113,22 +113,22 @@ def _least_parts(tree: Bvh) -> NDArray[np.int8]:
     """
     extent = tree.upper - tree.lower
     area = extent[:, 0] * extent[:, 1] + extent[:, 1] * extent[:, 2] + extent[:, 2] * extent[:, 0]
-    least = np.zeros((len(tree), WIDTH))  # areas of what remains below, with up to 1, 2, 3, 4 subtrees
+    min_cost = np.zeros((len(tree), WIDTH))  # areas of what remains below, with up to 1, 2, 3, 4 subtrees
     parts = np.zeros((len(tree), WIDTH + 1), np.int8)
     for level in reversed(_levels(tree)):
-        left, right = least[level + 1], least[tree.skip[level + 1]]
-        # least of (k, parts of the left one)
+        left, right = min_cost[level + 1], min_cost[tree.skip[level + 1]]
+        # by (parts of the left one, node)
         splits = [
             np.stack([left[:, i - 1] + right[:, k - i - 1] for i in range(1, k)]) for k in range(2, WIDTH + 1)
         ]
         chosen = [1 + np.argmin(split, axis=0) for split in splits]
         costs = [split.min(axis=0) for split in splits]
         best = area[level] + costs[-1]
-        least[level, 0], parts[level, 0] = best, chosen[-1]
+        min_cost[level, 0], parts[level, 0] = best, chosen[-1]
         for k, cost, part in zip(range(2, WIDTH + 1), costs, chosen, strict=True):
             parts[level, k] = np.where(cost < best, part, -1)
             best = np.minimum(best, cost)
-            least[level, k - 1] = best
+            min_cost[level, k - 1] = best
     return parts
 
 
@@ -138,11 +138,11 @@ def _divided(tree: Bvh, roots: Int64, parts: NDArray[np.int8]) -> Int64:
     budget = np.zeros((len(roots), WIDTH), np.int64)
     row = np.arange(len(roots))
 
-    def place(rows: Int64, lane: Int64, of: Int64, first: Int64, count: Int64) -> None:
+    def divide(rows: Int64, lane: Int64, of: Int64, first: Int64, count: Int64) -> None:
         node[rows, lane], budget[rows, lane] = of + 1, first
         node[rows, lane + first], budget[rows, lane + first] = tree.skip[of + 1], count - first
 
-    place(row, np.zeros(len(roots), np.int64), roots, parts[roots, 0].astype(np.int64), np.full(len(roots), WIDTH))
+    divide(row, np.zeros(len(roots), np.int64), roots, parts[roots, 0].astype(np.int64), np.full(len(roots), WIDTH))
     for _ in range(WIDTH - 2):
         # Only so many subtrees as pay.
         for _ in range(WIDTH - 1):
@@ -152,7 +152,7 @@ def _divided(tree: Bvh, roots: Int64, parts: NDArray[np.int8]) -> Int64:
             budget -= inner & (parts[node, budget] < 0)
         rows, lane = np.nonzero((node >= 0) & (budget > 1))
         of, count = node[rows, lane], budget[rows, lane]
-        place(rows, lane, of, parts[of, count].astype(np.int64), count)
+        divide(rows, lane, of, parts[of, count].astype(np.int64), count)
     return node
 
 
@@ -168,12 +168,12 @@ def _levels(tree: Bvh) -> list[Int64]:
 
 
 def depth_first(tree: Bvh, octant: int) -> Int64:
-    """(M,): when each node is met depth first, where of two children the one comes first that a direction of these
-    signs meets first: by the axis along which they are furthest apart.
+    """(M,): the number of each node, depth first, where of two children the one comes first that a direction of
+    these signs hits first: by the axis along which they are furthest apart.
 
     octant : bit k set: component k of the direction is negative
     """
-    met = np.zeros(len(tree), np.int64)
+    number = np.zeros(len(tree), np.int64)
     size = tree.skip.astype(np.int64) - np.arange(len(tree))
     sign = np.array([-1.0 if octant >> k & 1 else 1.0 for k in range(3)])
     middle = 0.5 * (tree.lower + tree.upper)
@@ -184,6 +184,6 @@ def depth_first(tree: Bvh, octant: int) -> Int64:
         axis = np.argmax(np.abs(apart), axis=1)
         swapped = np.take_along_axis(apart * sign, axis[:, None], axis=1)[:, 0] < 0
         first, second = np.where(swapped, right, left), np.where(swapped, left, right)
-        met[first] = met[level] + 1
-        met[second] = met[first] + size[first]
-    return met
+        number[first] = number[level] + 1
+        number[second] = number[first] + size[first]
+    return number

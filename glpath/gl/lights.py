@@ -53,7 +53,7 @@ LIGHT_ROWS = 4
 
 
 def light_rows(lights: LightSamples, share: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(N, LIGHT_ROWS, 4) float32: light samples as rows of vec4 for `light_table` in `shaders/path/path_direct.glsl`.
+    """(N, LIGHT_ROWS, 4) float32: light samples as rows of `light_table` in `shaders/path/path_direct.glsl`.
 
     share : (N,) of all lights, by their probability, that each sample stands for
     """

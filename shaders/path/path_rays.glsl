@@ -271,7 +271,7 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 
 #ifdef HAS_LOBES
 // By microfacets, clearcoat, a mirror or through glass; chosen: beyond the diffuse lobe's chance. Returns the cosine.
-float leave_by_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
+float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;
     BsdfSample leaving = bsdf_sample(s.v, s.lobes, chosen, numbers);
@@ -306,7 +306,7 @@ float leave_by_others(inout RayPath path, ScatterVertex s, float chosen, vec2 nu
 #endif
 
 // By the cosine, or to where a guide sends it; chance: of the diffuse lobe. Returns the cosine.
-float leave_by_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 numbers)
+float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 numbers)
 {
 #ifdef HAS_LOBES
     path.bounces += 1;
@@ -337,9 +337,9 @@ void leave(inout RayPath path, ScatterVertex s)
     path.origin = s.start;
 #ifdef HAS_LOBES
     float chosen = random_at(path.at, USE_LOBE) - s.lobes.diffuse;
-    float cosine = chosen < 0.0 ? leave_by_diffuse(path, s, s.lobes.diffuse, numbers) : leave_by_others(path, s, chosen, numbers);
+    float cosine = chosen < 0.0 ? sample_diffuse(path, s, s.lobes.diffuse, numbers) : sample_others(path, s, chosen, numbers);
 #else
-    float cosine = leave_by_diffuse(path, s, 1.0, numbers);
+    float cosine = sample_diffuse(path, s, 1.0, numbers);
 #endif
     float max_beta = max(path.beta.r, max(path.beta.g, path.beta.b));
     if (path.at.depth + 1 >= roulette_depth) {

@@ -32,7 +32,7 @@ Ray ray_along(vec3 origin, vec3 direction)
                (against.x ? 8u : 0u) + (against.y ? 16u : 0u), against.z);
 }
 
-// A group of slots, of whose children some are yet to be visited: a bit for each, in the order in which they are met, and
+// A group of slots, of whose children some are yet to be visited: a bit for each, in the order in which the ray hits them, and
 // that order, two bits for each. 0: none.
 #ifdef HAS_FAR_NODES
 #define Visit uvec2
@@ -124,7 +124,7 @@ void step_down(inout Walk walk, Ray ray, float tmax)
     }
 }
 
-// The slot of the next item on the way that is nearer than tmax, -1 where none was found yet. Advances the walk.
+// The slot of the next item that is nearer than tmax, -1 where none was found yet. Advances the walk.
 int next_item(inout Walk walk, Ray ray, float tmax)
 {
     // Loops ask at their end: llvmpipe runs one that asks at its start once more than it has to, with all lanes off.
