@@ -100,7 +100,8 @@ def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untype
 
     found, built : the candidates, if the shaft is built; else the parent's, from which it will be
     """
-    source, lit, groups, settings, counts = step.source, step.lit, step.groups, step.settings, work.counts
+    tree, polygons, source, lit, groups, settings, visible = step
+    lists, latest, counts = work.lists, work.latest, work.counts
     samples = len(source.points)
     for k in range(groups.begin[group], groups.end[group]):
         if not before_emitter(lit, k, source):
@@ -112,10 +113,10 @@ def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untype
             counts[RAYS] += 1
             segment = segment_between(source, s, lit, k)
             if not built or found.begin < found.end:
-                last = work.latest[OCCLUDER]
+                last = latest[OCCLUDER]
                 if settings.coherency and last >= 0 and last != segment.own_b:
                     counts[OBJECT_TESTS] += 1
-                    if hits(last, segment, step.polygons):
+                    if hits(last, segment, polygons):
                         counts[CACHED] += 1
                         counts[BLOCKED] += 1
                         continue
@@ -124,20 +125,18 @@ def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untype
                     found = shaft_list(step, group, found, True, work)
             if found.begin == found.end:
                 counts[FREE] += 1
-                step.visible[p, s] = True
+                visible[p, s] = True
                 continue
-            x, at, box_tests, object_tests = _occluder(
-                segment, found, step.tree, step.polygons, settings.object_boxes, work.lists
-            )
+            x, at, box_tests, object_tests = _occluder(segment, found, tree, polygons, settings.object_boxes, lists)
             counts[BOX_TESTS] += box_tests
             counts[OBJECT_TESTS] += object_tests
             if x < 0:
-                step.visible[p, s] = True
+                visible[p, s] = True
                 continue
             counts[BLOCKED] += 1
-            work.latest[OCCLUDER] = x
+            latest[OCCLUDER] = x
             if settings.order == LAST_OCCLUDER_FIRST:
-                _to_front(at, found.begin, work.lists)
+                _to_front(at, found.begin, lists)
 
 
 @kernel_part
@@ -160,7 +159,8 @@ class _Clump(NamedTuple):
 @kernel_part
 def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-def]
     """All rays of a group against one candidate after the other, so that the processor tests several at once."""
-    source, lit, groups, counts, bundle = step.source, step.lit, step.groups, work.counts, work.bundle
+    tree, polygons, source, lit, groups, settings, visible = step
+    lists, latest, counts, bundle = work.lists, work.latest, work.counts, work.bundle
     begin, own = groups.begin[group], groups.polygon[group]
     clump = _Clump(begin, groups.end[group] - begin, own)
     samples, clear = len(source.points), bundle.clear
@@ -169,10 +169,10 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
         return
     rays = left
     counts[RAYS] += rays
-    last = work.latest[OCCLUDER]
-    if step.settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
+    last = latest[OCCLUDER]
+    if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
         counts[OBJECT_TESTS] += left
-        left = _block(last, step.polygons, source, lit, clump, bundle, left)
+        left = _block(last, polygons, source, lit, clump, bundle, left)
         counts[CACHED] += rays - left
     if left and not built:
         found = shaft_list(step, group, found, True, work)
@@ -183,24 +183,22 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
     for i in range(found.begin, found.end):
         if left == 0:
             break
-        x = np.int64(work.lists.objects[i])
+        x = np.int64(lists.objects[i])
         if x < 0:
             boxes = True
         elif x != own:
             counts[OBJECT_TESTS] += left
             before = left
-            left = _block(x, step.polygons, source, lit, clump, bundle, left)
+            left = _block(x, polygons, source, lit, clump, bundle, left)
             if before - left > max_blocked:
                 max_blocked = before - left
-                work.latest[OCCLUDER] = x
+                latest[OCCLUDER] = x
     if left and boxes:
         for k in range(clump.size):
             for s in range(samples):
                 if clear[s, k]:
                     segment = segment_between(source, s, lit, begin + k)
-                    x, _, box_tests, object_tests = _occluder(
-                        segment, found, step.tree, step.polygons, False, work.lists
-                    )
+                    x, _, box_tests, object_tests = _occluder(segment, found, tree, polygons, False, lists)
                     counts[BOX_TESTS] += box_tests
                     counts[OBJECT_TESTS] += object_tests
                     if x >= 0:
@@ -208,7 +206,7 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
                         left -= 1
     counts[BLOCKED] += rays - left
     if left:  # it was all False before
-        order, visible = groups.order, step.visible
+        order = groups.order
         for k in range(clump.size):
             p = order[begin + k]
             for s in range(samples):
@@ -323,14 +321,15 @@ def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
 def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-untyped-def]
     """The groups from `first` to `last`, which is no group's child, from the emitter list on."""
     source, lit, groups, settings = step.source, step.lit, step.groups, step.settings
+    lists, around = work.lists, work.around
     for i in range(len(roots)):
-        work.lists.nodes[i], work.lists.flags[i] = roots[i], root_flags[i]
+        lists.nodes[i], lists.flags[i] = roots[i], root_flags[i]
     top, boxed = objects_of(step, False, -1, 0, len(roots), work)
     found = CandidateRange(0, top, boxed, -1)
     # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
     ends, level = work.ends, 0
     ends[0] = last
-    _keep_list(work.around, level, found)
+    _keep_list(around, level, found)
     tiny = -1e-12 * settings.size
 
     group = first
@@ -343,7 +342,7 @@ def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-
         ):
             group = groups.skip[group]
             continue
-        found = _kept_list(work.around, level)
+        found = _kept_list(around, level)
         built = settings.strategy < 0 or ray_count(source, groups, group) < settings.no_shaft_below
         if groups.skip[group] > group + 1:
             if not built:
@@ -351,7 +350,7 @@ def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-
             if found.begin < found.end:
                 level += 1
                 ends[level] = groups.skip[group]
-                _keep_list(work.around, level, found)
+                _keep_list(around, level, found)
                 group += 1
                 continue
             built = True  # nothing occludes any of its parts

@@ -36,13 +36,9 @@ _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
 
 
 class SearchTree(NamedTuple):
-    """`Tree`, with the parents."""
+    """With the parent of each node, and the leaf of each item."""
 
-    boxes: Float64
-    skip: Int32
-    first: Int32
-    items: Int32
-    order: Int32
+    tree: Tree
     parent: Int32
     leaf_of: Int32
 
@@ -52,7 +48,7 @@ class SearchTree(NamedTuple):
         parent = np.full(len(tree.skip), -1, np.int32)
         leaf_of = np.full(len(tree.order), -1, np.int32)
         _upwards(tree, parent, leaf_of)
-        return cls(*tree, parent, leaf_of)
+        return cls(tree, parent, leaf_of)
 
 
 class Settings(NamedTuple):
@@ -81,7 +77,7 @@ class Step(NamedTuple):
     visible : (P, S) bool, the result
     """
 
-    tree: SearchTree
+    tree: Tree
     polygons: Polygons
     source: Source
     lit: Lit
@@ -182,12 +178,13 @@ def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def find_emitter_list(tree, source, leaf, wanted, behind, touching, lists):  # type: ignore[no-untyped-def]
+def find_emitter_list(search, source, wanted, behind, touching, lists):  # type: ignore[no-untyped-def]
     """See `Visibility.emitter_list`. Fills the nodes and flags of `lists`, and returns how many there are.
 
-    leaf     : of the emitter's polygon, left out; -1 where it has none
     touching : the flag of what overlaps the emitter's box
     """
+    tree, parent, leaf_of = search
+    leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1  # of its polygon, which is left out
     box, plane, pending = source.box, source.plane, lists.stack[:, 0]
     n = 0
     if not len(tree.skip):
@@ -195,7 +192,7 @@ def find_emitter_list(tree, source, leaf, wanted, behind, touching, lists):  # t
     # Walk up from the emitter; the siblings of its nodes are looked at. An emitter that is none of the objects, or
     # that has a larger box than its polygon, starts at the root.
     below = leaf
-    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
+    node = parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
         pending[0] = 0
         node, below, waiting = -1, -1, 1
@@ -228,7 +225,7 @@ def find_emitter_list(tree, source, leaf, wanted, behind, touching, lists):  # t
                 n += 1
         if node < 0:
             break
-        below, node = node, tree.parent[node]
+        below, node = node, parent[node]
     return n
 
 
@@ -241,10 +238,12 @@ def objects_of(step, coplanar, own_b, begin, end, work):  # type: ignore[no-unty
 
     Returns the new end, and whether boxes are left.
     """
-    items, first, order, own_a = step.tree.items, step.tree.first, step.tree.order, step.source.polygon
-    nodes, flags, objects, a, b = work.lists.nodes, work.lists.flags, work.lists.objects, work.shaft.a, work.shaft.b
+    tree, polygons, settings, own_a = step.tree, step.polygons, step.settings, step.source.polygon
+    lists, shaft = work.lists, work.shaft
+    items, first, order = tree.items, tree.first, tree.order
+    nodes, flags, objects = lists.nodes, lists.flags, lists.objects
     n = begin
-    boxed = step.settings.object_boxes
+    boxed = settings.object_boxes
     for i in range(begin, end):
         node = np.int64(nodes[i])
         x = np.int64(-1)
@@ -252,7 +251,7 @@ def objects_of(step, coplanar, own_b, begin, end, work):  # type: ignore[no-unty
             x = np.int64(order[first[node]])
             if (x == own_a) | (x == own_b):
                 continue
-            if coplanar and never_hit(x, a, b, step.polygons, step.settings.size):
+            if coplanar and never_hit(x, shaft.a, shaft.b, polygons, settings.size):
                 continue
         else:
             boxed = True
@@ -291,31 +290,31 @@ def _permute(values, begin, by, spare, n):  # type: ignore[no-untyped-def]
 @kernel  # and not a part of its callers, so that it can be compiled beside them
 def shaft_list(step, group, parent, leaf, work):  # type: ignore[no-untyped-def]
     """Form the shaft between the emitter and a group; its candidates' range, behind the parent's."""
-    source, groups, settings = step.source, step.groups, step.settings
-    lists, shaft, counts = work.lists, work.shaft, work.counts
+    tree, source, groups, settings = step.tree, step.source, step.groups, step.settings
+    lists, shaft, latest, counts = work.lists, work.shaft, work.latest, work.counts
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
         # The points that lie this share along the segments from all of one box to all of the other.
         emitter, receiver = source.box[k], groups.boxes[group, k]
         shaft.a[k] = emitter + share * (receiver - emitter)
         shaft.b[k] = receiver + share * (emitter - receiver)
-    work.latest[NUMBER] += 1
-    number = work.latest[NUMBER]
+    latest[NUMBER] += 1
+    number = latest[NUMBER]
     strategy = settings.strategy
     if ray_count(source, groups, group) < settings.keep_closed_below:
         strategy = _KEEP_CLOSED
     form_shaft(shaft, settings.slack, settings.min_cut)
-    nodes = len(step.tree.skip)
+    nodes = len(tree.skip)
     longest = settings.longest if strategy == _ALWAYS_OPEN else nodes
     opening = Opening(strategy, settings.ratio, settings.open_enclosing)
-    size, tests = gather(step.tree, shaft, opening, lists, parent.begin, parent.end, number, longest)
+    size, tests = gather(tree, shaft, opening, lists, parent.begin, parent.end, number, longest)
     if size < 0:  # too many to test one by one: keep boxes of them
         opening = Opening(_RATIO_OPEN, settings.ratio, settings.open_enclosing)
-        size, more = gather(step.tree, shaft, opening, lists, parent.begin, parent.end, number, nodes)
+        size, more = gather(tree, shaft, opening, lists, parent.begin, parent.end, number, nodes)
         tests += more
     end, boxed = objects_of(step, settings.coplanar, groups.polygon[group], parent.end, size, work)
     if leaf and settings.order == LARGEST_FIRST:
-        _largest_first(step.tree, parent.end, end, work)
+        _largest_first(tree, parent.end, end, work)
     counts[SHAFTS] += 1
     counts[SHAFT_TESTS] += tests
     if end == parent.end:

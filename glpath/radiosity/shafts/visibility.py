@@ -67,7 +67,7 @@ class Visibility:
         return cluster(*boxes) if self.bvh == "clusters" else build_bvh(*boxes, leaf_size=1)
 
     @cached_property
-    def _kernel_tree(self) -> SearchTree:
+    def _search_tree(self) -> SearchTree:
         return SearchTree.of(self.tree)
 
     @property
@@ -106,14 +106,13 @@ class Visibility:
 
         Returns (n,) int32 nodes and (n,) int8: 1 the box overlaps the emitter's, 0 it does not, -1 unknown.
         """
-        tree, o = self._kernel_tree, self.options
-        source = source_of(emitter)
-        leaf = int(tree.leaf_of[emitter.polygon]) if emitter.polygon >= 0 else -1
+        o = self.options
         behind = o.behind_emitter and emitter.normal is not None
         # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
-        size = len(tree.skip)
+        size = len(self.tree)
         lists = CandidateLists.empty(size, size)
-        n = find_emitter_list(tree, source, leaf, o.emitter_list, behind, -1 if o.tolerance else 1, lists)
+        touching = -1 if o.tolerance else 1
+        n = find_emitter_list(self._search_tree, source_of(emitter), o.emitter_list, behind, touching, lists)
         return lists.nodes[:n], lists.flags[:n]
 
     def step(self, emitter: Emitter, receivers: Receivers | Prepared) -> tuple[NDArray[np.bool_], Statistics]:
@@ -128,7 +127,7 @@ class Visibility:
         if not visible.size:
             return visible, Statistics()
         groups, lit = receivers if isinstance(receivers, Prepared) else self.prepare(receivers)
-        tree = self._kernel_tree
+        tree = self._search_tree.tree
         roots, flags = self.emitter_list(emitter)
         settings = Settings(
             int(STRATEGIES[o.strategy]), float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
