@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.radiosity.shafts.search import highest
 from glpath.radiosity.shafts.shaft import classify_box, form_shaft
 from glpath.radiosity.view_factors.convex import ROOM, Polygon, clip, height, measure
 from glpath.radiosity.view_factors.exchange import exchange
@@ -370,16 +371,6 @@ def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
     return found
 
 
-@inner_kernel
-def _reaches_before(polygon, planes, i, eps):  # type: ignore[no-untyped-def]
-    """Whether a corner of a polygon lies before planes[i]."""
-    points, n = polygon
-    k = 0
-    while k < n and height(planes, i, points[k, 0], points[k, 1], points[k, 2]) <= eps:
-        k += 1
-    return k < n
-
-
 @kernel
 def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # type: ignore[no-untyped-def]
     """Exchange areas of facets from `first` to `last` with all that follow them, into `rows`.
@@ -395,13 +386,14 @@ def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # t
     for i in range(first, last):
         if size + total - i > len(rows.columns):
             return i
-        own = Polygon(facets.corners[i], facets.sides[i])
+        own, plane = Polygon(facets.corners[i], facets.sides[i]), facets.planes[i]
         for k in range(6):
             shaft.a[k] = facets.boxes[i, k]
         # All occluders that reach before the facet.
         count = 0
         for o in range(len(occluders.sides)):
-            if _reaches_before(Polygon(occluders.corners[o], occluders.sides[o]), facets.planes, i, eps):
+            _, high = _heights(facets.planes, i, Polygon(occluders.corners[o], occluders.sides[o]))
+            if high > eps:
                 lists[count] = o
                 count += 1
         pending[0, 0], pending[0, 1], pending[0, 2] = 0, 0, count
@@ -413,17 +405,14 @@ def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # t
             node, begin, end = pending[top, 0], pending[top, 1], pending[top, 2]
             if tree.first[skip[node]] <= i + 1:
                 continue
-            highest = facets.planes[i, 3]
-            for k in range(3):
-                f = facets.planes[i, k]
-                highest += f * (boxes[node, k + 3] if f > 0 else boxes[node, k])
-            if highest <= eps:
+            if highest(boxes, node, plane) <= eps:
                 continue
             leaf = tree.leaf[node]
             j = np.int64(tree.first[node])
             if leaf:
                 counts[PAIRS] += 1
-                if not _reaches_before(own, facets.planes, j, eps):
+                _, high = _heights(facets.planes, j, own)
+                if high <= eps:
                     continue
             put = end
             if end > begin:
