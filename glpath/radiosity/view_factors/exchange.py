@@ -132,7 +132,7 @@ def _between_points(a, n, b, m, na, nb):  # type: ignore[no-untyped-def]
 
 
 class _Edge(NamedTuple):
-    """Where an edge begins, and the way to its end."""
+    """Where an edge begins, and the vector to its end."""
 
     x: float
     y: float
