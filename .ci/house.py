@@ -4,7 +4,7 @@ modules, lines       : of the package, without benchmarks; `code` has no blank l
 loose                : modules at the package's top besides __init__, __main__ and errors
 circles              : groups of modules that import each other, deferred imports counted, type checking's not
 longest_function     : lines; kernels and command-line callbacks too
-most_parameters      : without command-line callbacks, public calls and kernels
+most_parameters      : without command-line callbacks and public calls
 longest_shader_function, shaders : lines; files of shaders
 render_files         : files of rendering, integrators, buffers, gl and film that run in a second render of a scene
 words                : occurrences of words that the house does not use, in names and in prose (words.py)
@@ -128,7 +128,7 @@ def functions(text: str) -> Iterator[tuple[str, int, int, bool]]:
             decorators = " ".join(ast.unparse(each) for each in node.decorator_list)
             annotated = any("typer." in ast.unparse(each.annotation) for each in a.args if each.annotation)
             public_call = len(a.kwonlyargs) > 4 and not node.name.startswith("_")
-            free = annotated or public_call or bool(re.search(r"kernel|njit|jit|with_options", decorators))
+            free = annotated or public_call or "with_options" in decorators
             yield node.name, (node.end_lineno or 0) - node.lineno + 1, count, free
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.accel.nodes import Bvh
+from glpath.accel.nodes import Bvh, Tree
 from glpath.errors import UsageError
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
@@ -44,16 +44,8 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     if leaf_size < 1:
         raise UsageError(f"build_bvh: leaf_size is {leaf_size}; allowed is a whole number from 1.")
     boxes = np.concatenate([low, high], axis=1)
-    n = len(boxes)
-    order = np.arange(n, dtype=np.int32)
-    max_nodes = max(2 * n - 1, 0)
-    nodes = np.empty((max_nodes, 6))
-    skip, first, count = (np.empty(max_nodes, np.int32) for _ in range(3))
-    size = _build(
-        boxes, order, int(leaf_size), nodes, skip, first, count, np.empty((n + 1, 2), np.int64), _workspace()
-    )  # fmt: skip
-    lower, upper = nodes[:size, :3].copy(), nodes[:size, 3:].copy()
-    return Bvh(lower, upper, skip[:size].copy(), first[:size].copy(), count[:size].copy(), order)
+    tree = Tree.empty(len(boxes))
+    return tree.bvh(_build(boxes, int(leaf_size), tree, _Workspace.of(len(boxes))))
 
 
 def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]:
@@ -73,21 +65,18 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
 
 
 @kernel
-def _build(boxes, order, leaf_size, nodes, skip, first, count, pending, work):  # type: ignore[no-untyped-def]
-    """Fill the nodes of all ranges, depth first; return how many there are. Permutes `boxes` along with `order`, so
-    that each range lies together.
-
-    pending : (N + 1, 2) int64, for ranges yet to come; they are disjoint, so never more than items
-    work    : of `_workspace`
-    """
-    n = len(order)
+def _build(boxes, leaf_size, tree, work):  # type: ignore[no-untyped-def]
+    """Fill the nodes of all ranges, depth first; return how many there are. Permutes `boxes` along with the tree's
+    order, so that each range lies together."""
+    skip, first, count, pending = tree.skip, tree.first, tree.items, work.pending
+    n = len(boxes)
     pending[0, 0], pending[0, 1] = 0, n
     waiting = 1 if n else 0
     size = 0
     while waiting:
         waiting -= 1
         begin, end = pending[waiting, 0], pending[waiting, 1]
-        middle = _split(boxes, order, begin, end, leaf_size, nodes, size, work)
+        middle = _split(boxes, begin, end, leaf_size, tree, size, work)
         first[size] = begin
         if middle == begin:
             count[size] = end - begin
@@ -103,26 +92,30 @@ def _build(boxes, order, leaf_size, nodes, skip, first, count, pending, work):  
 
 
 class _Workspace(NamedTuple):
-    """Arguments of `_split`.
+    """Room to build in.
 
+    pending      : (N + 1, 2), ranges yet to come; they are disjoint, so never more than items
     bins, filled : (BINS, 6) boxes and (BINS,) how many items are in each
     right_cost   : (BINS,) of what lies to the right of each
     around       : (1, 6), a box around what was passed
     """
 
+    pending: NDArray[np.int64]
     bins: Float64
     filled: NDArray[np.int64]
     right_cost: Float64
     around: Float64
 
-
-def _workspace() -> _Workspace:
-    return _Workspace(np.empty((BINS, 6)), np.empty(BINS, np.int64), np.empty(BINS), np.empty((1, 6)))
+    @classmethod
+    def of(cls, items: int) -> _Workspace:
+        pending = np.empty((items + 1, 2), np.int64)
+        return cls(pending, np.empty((BINS, 6)), np.empty(BINS, np.int64), np.empty(BINS), np.empty((1, 6)))
 
 
 @kernel_part
-def _split(boxes, order, begin, end, leaf_size, nodes, node, work):  # type: ignore[no-untyped-def]
+def _split(boxes, begin, end, leaf_size, tree, node, work):  # type: ignore[no-untyped-def]
     """Write the range's box, part its items in two and return where the second begins; `begin` for a leaf."""
+    nodes, order = tree.boxes, tree.order
     n = end - begin
     _clear(nodes, node)
     low0 = low1 = low2 = np.inf  # of the centroids

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,3 +58,34 @@ class Bvh:
         """(n,) int32, all items below a node."""
         end = self.skip[node]
         return self.order[self.first[node] : self.first[end] if end < len(self) else len(self.order)]
+
+
+class Tree(NamedTuple):
+    """A `Bvh` for the kernels: boxes (M, 6) float64, lower and upper corner, and its other arrays.
+
+    items : its `count`
+    """
+
+    boxes: Float64
+    skip: Int32
+    first: Int32
+    items: Int32
+    order: Int32
+
+    @classmethod
+    def of(cls, bvh: Bvh) -> Tree:
+        boxes = np.concatenate([bvh.lower, bvh.upper], axis=1)
+        return cls(boxes, bvh.skip, bvh.first, bvh.count, bvh.order)
+
+    @classmethod
+    def empty(cls, items: int) -> Tree:
+        """Room for the nodes over so many items, of which inner ones have two children or more."""
+        nodes = max(2 * items - 1, 0)
+        skip, first, count = (np.empty(nodes, np.int32) for _ in range(3))
+        return cls(np.empty((nodes, 6)), skip, first, count, np.arange(items, dtype=np.int32))
+
+    def bvh(self, size: int) -> Bvh:
+        """The first `size` nodes."""
+        lower, upper = self.boxes[:size, :3].copy(), self.boxes[:size, 3:].copy()
+        skip, first, items = (part[:size].copy() for part in (self.skip, self.first, self.items))
+        return Bvh(lower, upper, skip, first, items, self.order)

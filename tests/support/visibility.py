@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.radiosity.shafts.occluders import Float64, Int32, Polygons, hits
+from glpath.radiosity.shafts.occluders import Float64, Int32, Polygons, Segment, hits
 from glpath.system.kernels import kernel
 
 
@@ -26,9 +26,8 @@ def _visible_by_all(polygons, points_a, points_b, own_a, own_b, visible):  # typ
     for i in range(len(points_a)):
         for j in range(len(points_b)):
             a, b = points_a[i], points_b[j]
+            segment = Segment(a[0], a[1], a[2], b[0], b[1], b[2], own_a[i], own_b[j])
             for x in range(len(polygons.forms)):
-                if x != own_a[i] and x != own_b[j] and hits(
-                    x, a[0], a[1], a[2], b[0], b[1], b[2], polygons.forms, polygons.bounds, polygons.flags
-                ):  # fmt: skip
+                if x != own_a[i] and x != own_b[j] and hits(x, segment, polygons):
                     visible[i, j] = False
                     break

@@ -111,17 +111,18 @@ class FormFactors:
     def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
         """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
         which = self.batches[batch]
-        corners, normal, size = self._corners[which], self._normals[which[0]], self._size[which]
+        emitters = _Emitters(self._corners[which], self._normals[which[0]], self._size[which], self._areas[which])
         tier = np.empty((len(at.lit.points), len(which)), np.int8)
-        _tiers(at.lit, corners, normal, size, self._tiers, tier)
+        _tiers(at.lit, emitters, self._tiers, tier)
         factors = np.zeros((len(which), len(at.open)))
         took = Statistics()
         for t, k in enumerate(self._tiers):
-            some = np.flatnonzero((tier == t).any(axis=1))
+            wanted = tier == t
+            some = np.flatnonzero(wanted.any(axis=1))
             if not len(some):
                 continue
-            samples = np.einsum("sc,bcx->bsx", self._samples[int(k)], corners)
-            source = Emitter(samples.reshape(-1, 3), normal, int(self._own[which[0]]))
+            samples = np.einsum("sc,bcx->bsx", self._samples[int(k)], emitters.corners)
+            source = Emitter(samples.reshape(-1, 3), emitters.normal, int(self._own[which[0]]))
             if len(some) > _MAX_SHARE * len(tier) and at.prepared is not None:
                 some = np.arange(len(tier))
                 visible, counts = self.visibility.step(source, at.prepared)
@@ -129,7 +130,7 @@ class FormFactors:
                 visible, counts = self.visibility.step(source, at.some(some))
             took += counts
             exact = self.kind == "polygon"
-            _factors(at.lit, some, tier, t, corners, normal, samples, self._areas[which], visible, exact, factors)
+            _factors(at.lit, emitters, some, wanted, samples, visible, exact, factors)
         heartbeat.beat()
         return (factors / at.each).astype(np.float32), took
 
@@ -169,6 +170,15 @@ class _Lit(NamedTuple):
     number: Int64
 
 
+class _Emitters(NamedTuple):
+    """The emitters of a batch for the kernels: triangles (B, 3, 3), their normal, sizes and areas (B,)."""
+
+    corners: Float64
+    normal: Float64
+    sizes: Float64
+    areas: Float64
+
+
 @dataclass(frozen=True)
 class ReceiverPoints:
     """Points that stand for receivers, polygon by polygon.
@@ -195,9 +205,10 @@ class ReceiverPoints:
 
 
 @kernel
-def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped-def]
+def _tiers(lit, emitters, tiers, tier):  # type: ignore[no-untyped-def]
     """Fill tier (P, B): which of the numbers of samples along a side, `tiers`, a point needs; -1 if not lit."""
     points, normals, _ = lit
+    corners, normal, sizes, _ = emitters
     last = len(tiers) - 1
     for p in range(len(points)):
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
@@ -225,16 +236,20 @@ def _tiers(lit, corners, normal, sizes, tiers, tier):  # type: ignore[no-untyped
 
 
 @kernel
-def _factors(lit, some, tier, t, corners, normal, samples, areas, visible, polygon, factors):  # type: ignore[no-untyped-def]
-    """Add those of points `some` of tier t to factors (B, R); samples: (B, S, 3), visible: (len(some), B * S)."""
+def _factors(lit, emitters, some, wanted, samples, visible, polygon, factors):  # type: ignore[no-untyped-def]
+    """Add those of points `some` to factors (B, R), where they are `wanted`, (P, B).
+
+    samples: (B, S, 3), visible: (len(some), B * S).
+    """
     points, normals, number = lit
+    corners, normal, _, areas = emitters
     count = samples.shape[1]
     for w in range(len(some)):
         p = some[w]
         px, py, pz = points[p, 0], points[p, 1], points[p, 2]
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         for b in range(len(corners)):
-            if tier[p, b] != t:
+            if not wanted[p, b]:
                 continue
             part = areas[b] / count
             total, seen = 0.0, 0.0
@@ -263,38 +278,38 @@ def triangle_factor(px, py, pz, nx, ny, nz, corners):  # type: ignore[no-untyped
     Lambert's formula, 1 / (2 pi) sum theta (v_i x v_i+1) / |v_i x v_i+1| . n, of what is above the horizon.
     """
     total = 0.0
-    inx = iny = inz = outx = outy = outz = 0.0
+    n = (nx, ny, nz)
+    into = out = (0.0, 0.0, 0.0)
     clipped = False
-    ax, ay, az = corners[0, 0] - px, corners[0, 1] - py, corners[0, 2] - pz
-    ha = ax * nx + ay * ny + az * nz
+    a = (corners[0, 0] - px, corners[0, 1] - py, corners[0, 2] - pz)
+    ha = a[0] * nx + a[1] * ny + a[2] * nz
     for k in range(3):
         j = (k + 1) % 3
-        bx, by, bz = corners[j, 0] - px, corners[j, 1] - py, corners[j, 2] - pz
-        hb = bx * nx + by * ny + bz * nz
+        b = (corners[j, 0] - px, corners[j, 1] - py, corners[j, 2] - pz)
+        hb = b[0] * nx + b[1] * ny + b[2] * nz
         if ha > 0 or hb > 0:
-            sx, sy, sz, ex, ey, ez = ax, ay, az, bx, by, bz
+            start, end = a, b
             if ha <= 0 or hb <= 0:
                 clipped = True
                 t = ha / (ha - hb)
-                cx, cy, cz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
+                c = (a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2]))
                 if ha <= 0:
-                    sx, sy, sz = cx, cy, cz
-                    inx, iny, inz = cx, cy, cz
+                    start = into = c
                 else:
-                    ex, ey, ez = cx, cy, cz
-                    outx, outy, outz = cx, cy, cz
-            total += _edge(sx, sy, sz, ex, ey, ez, nx, ny, nz)
-        ax, ay, az, ha = bx, by, bz, hb
+                    end = out = c
+            total += _edge(start, end, n)
+        a, ha = b, hb
     if clipped:
-        total += _edge(outx, outy, outz, inx, iny, inz, nx, ny, nz)
+        total += _edge(out, into, n)
     return abs(total) / (2 * np.pi)
 
 
 @inner_kernel
-def _edge(ax, ay, az, bx, by, bz, nx, ny, nz):  # type: ignore[no-untyped-def]
+def _edge(a, b, n):  # type: ignore[no-untyped-def]
     """The angle that an edge spans, times the cosine between its plane's normal and n."""
-    cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    cx, cy, cz = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     sine = np.sqrt(cx * cx + cy * cy + cz * cz)
     if sine == 0:
         return 0.0
-    return np.arctan2(sine, ax * bx + ay * by + az * bz) * (cx * nx + cy * ny + cz * nz) / sine
+    along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return np.arctan2(sine, along) * (cx * n[0] + cy * n[1] + cz * n[2]) / sine

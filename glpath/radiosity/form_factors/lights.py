@@ -13,6 +13,7 @@ Poor at:  an environment map that is seen through small openings, which few of a
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from glpath.lights.lighting import Lighting
 from glpath.lights.samples import incident
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
-from glpath.radiosity.shafts.rays import nearest, rays_of
+from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Environment, Float64
@@ -49,10 +50,7 @@ class DirectLight:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.lighting = Lighting.of(scene)
-        self._rays = rays_of(scene) if self else None
-        self._opacity = Appearance(scene).mean_opacity()
-        self._glass = Glass.of_scene(scene)
-        self._normals = scene.normals
+        self._surfaces = _Surfaces.of(scene) if self else None
 
     def __bool__(self) -> bool:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
@@ -181,8 +179,7 @@ class DirectLight:
         """(P, K, 3): the share of light that arrives; 0 or 1 where no surface lets some of it through."""
         end = distance * (1 - _NEAR_LIGHT)
         free = np.empty(wi.shape)
-        surfaces = (self._opacity, self._glass, self._normals)
-        _free(self._rays, *surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
+        _free(self._surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
         return free
 
 
@@ -255,12 +252,26 @@ def _shares(sky: Environment, wi: Float64, normals: Float64) -> Float64:
     return np.asarray(cosine / np.maximum(every, np.finfo(float).tiny))
 
 
+class _Surfaces(NamedTuple):
+    """What lets light through: normals (T, 3), opacity (T,)."""
+
+    rays: Rays
+    normals: Float64
+    opacity: Float64
+    glass: Glass
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Surfaces:
+        return cls(rays_of(scene), scene.normals, Appearance(scene).mean_opacity(), Glass.of_scene(scene))
+
+
 @kernel
-def _free(rays, opacity, glass, normals, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
+def _free(surfaces, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
     """Fill (P, K, 3): what is left of light along rays wi (P, K, 3) from points of triangles, up to the end (P,).
 
     work: (2, 3).
     """
+    rays, normals, opacity, glass = surfaces
     o, found = work[0], work[1]
     for p in range(len(points)):
         for k in range(wi.shape[1]):

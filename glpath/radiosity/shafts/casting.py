@@ -6,9 +6,11 @@ or one ray after the other, each until it is blocked, as in the paper.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from glpath.radiosity.shafts.ends import before_emitter, before_receiver
+from glpath.radiosity.shafts.ends import before_emitter, before_receiver, segment_between
 from glpath.radiosity.shafts.occluders import ENDS, PARALLELOGRAM, SLIVER, SOLID, crosses, height, hits
 from glpath.radiosity.shafts.options import (
     BLOCKED,
@@ -47,15 +49,15 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _occluder(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, object_boxes, work):  # type: ignore[no-untyped-def]
-    """The first polygon of a list between a and b, or -1; its index there; tests of boxes and of objects."""
+def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ignore[no-untyped-def]
+    """The first polygon of a list that a segment crosses, or -1; its index there; tests of boxes and of objects."""
+    ax, ay, az, bx, by, bz, own_a, own_b = segment
     ix = iy = iz = 0.0
     if found.boxed:
         ix, iy, iz = _inverse(bx - ax), _inverse(by - ay), _inverse(bz - az)
     box_tests, object_tests = 0, 0
-    forms, bounds, flags = polygons.forms, polygons.bounds, polygons.flags
     boxes, skip, items, first, order = tree.boxes, tree.skip, tree.items, tree.first, tree.order
-    nodes, objects, mark, number = work.nodes, work.objects, work.mark, found.number
+    nodes, objects, mark, number = lists.nodes, lists.objects, lists.mark, found.number
     for i in range(found.begin, found.end):
         x = np.int64(objects[i])  # one type everywhere, so that functions are compiled once
         if x >= 0:
@@ -66,7 +68,7 @@ def _occluder(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, objec
                 if not _box_hit(boxes, nodes[i], ax, ay, az, ix, iy, iz):
                     continue
             object_tests += 1
-            if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
+            if hits(x, segment, polygons):
                 return x, i, box_tests, object_tests
             continue
         node = np.int64(nodes[i])
@@ -86,91 +88,94 @@ def _occluder(ax, ay, az, bx, by, bz, own_a, own_b, found, tree, polygons, objec
                     x = np.int64(order[k])
                     if (x != own_a) & (x != own_b):
                         object_tests += 1
-                        if hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):
+                        if hits(x, segment, polygons):
                             return x, i, box_tests, object_tests
             node += 1
     return -1, -1, box_tests, object_tests
 
 
 @kernel_part
-def _cast_one_by_one(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
-):
+def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untyped-def]
     """The rays of a group as in the paper: the last occluder, then the shaft's list until something is hit.
 
     found, built : the candidates, if the shaft is built; else the parent's, from which it will be
     """
+    tree, polygons, source, lit, groups, settings, visible = step
+    lists, latest, counts = work.lists, work.latest, work.counts
     samples = len(source.points)
     for k in range(groups.begin[group], groups.end[group]):
         if not before_emitter(lit, k, source):
             continue
         p = groups.order[k]
-        bx, by, bz, own_b = lit.x[k], lit.y[k], lit.z[k], lit.own[k]
         for s in range(samples):
-            ax, ay, az = source.points[s, 0], source.points[s, 1], source.points[s, 2]
             if not before_receiver(lit, k, source, s):
                 continue
             counts[RAYS] += 1
+            segment = segment_between(source, s, lit, k)
             if not built or found.begin < found.end:
-                last = work.latest[OCCLUDER]
-                if settings.coherency and last >= 0 and last != own_b:
+                last = latest[OCCLUDER]
+                if settings.coherency and last >= 0 and last != segment.own_b:
                     counts[OBJECT_TESTS] += 1
-                    if hits(last, ax, ay, az, bx, by, bz, polygons.forms, polygons.bounds, polygons.flags):
+                    if hits(last, segment, polygons):
                         counts[CACHED] += 1
                         counts[BLOCKED] += 1
                         continue
                 if not built:
                     built = True
-                    found = shaft_list(
-                        tree, polygons, source, groups, group, found, settings, True, work, counts
-                    )  # fmt: skip
+                    found = shaft_list(step, group, found, True, work)
             if found.begin == found.end:
                 counts[FREE] += 1
                 visible[p, s] = True
                 continue
-            x, at, box_tests, object_tests = _occluder(
-                ax, ay, az, bx, by, bz, source.polygon, own_b, found, tree, polygons, settings.object_boxes, work
-            )
+            x, at, box_tests, object_tests = _occluder(segment, found, tree, polygons, settings.object_boxes, lists)
             counts[BOX_TESTS] += box_tests
             counts[OBJECT_TESTS] += object_tests
             if x < 0:
                 visible[p, s] = True
                 continue
             counts[BLOCKED] += 1
-            work.latest[OCCLUDER] = x
+            latest[OCCLUDER] = x
             if settings.order == LAST_OCCLUDER_FIRST:
-                _to_front(at, found.begin, work)
+                _to_front(at, found.begin, lists)
 
 
 @kernel_part
-def _to_front(at, begin, work):  # type: ignore[no-untyped-def]
-    node, flag, x = work.nodes[at], work.flags[at], work.objects[at]
+def _to_front(at, begin, lists):  # type: ignore[no-untyped-def]
+    nodes, flags, objects = lists.nodes, lists.flags, lists.objects
+    node, flag, x = nodes[at], flags[at], objects[at]
     for k in range(at, begin, -1):
-        work.nodes[k], work.flags[k], work.objects[k] = work.nodes[k - 1], work.flags[k - 1], work.objects[k - 1]
-    work.nodes[begin], work.flags[begin], work.objects[begin] = node, flag, x
+        nodes[k], flags[k], objects[k] = nodes[k - 1], flags[k - 1], objects[k - 1]
+    nodes[begin], flags[begin], objects[begin] = node, flag, x
+
+
+class _Clump(NamedTuple):
+    """Receiver points of a bundle: the first one, how many, and the polygon that all lie on; see `Groups`."""
+
+    begin: int
+    size: int
+    own: int
 
 
 @kernel_part
-def _cast_together(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
-):
+def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-def]
     """All rays of a group against one candidate after the other, so that the processor tests several at once."""
-    samples, begin = len(source.points), groups.begin[group]
-    count = groups.end[group] - begin
-    own = groups.polygon[group]
-    clear, at_a, at_b = work.clear, work.at_a, work.at_b
-    left = _start(source, lit, groups.normal, group, begin, count, clear, work.before)
+    tree, polygons, source, lit, groups, settings, visible = step
+    lists, latest, counts, bundle = work.lists, work.latest, work.counts, work.bundle
+    begin, own = groups.begin[group], groups.polygon[group]
+    clump = _Clump(begin, groups.end[group] - begin, own)
+    samples, clear = len(source.points), bundle.clear
+    left = _start(source, lit, groups.normal, group, clump, bundle)
     if left == 0:
         return
     rays = left
     counts[RAYS] += rays
-    last = work.latest[OCCLUDER]
+    last = latest[OCCLUDER]
     if settings.coherency and last >= 0 and last != own and not (built and found.begin == found.end):
         counts[OBJECT_TESTS] += left
-        left = _block(last, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
+        left = _block(last, polygons, source, lit, clump, bundle, left)
         counts[CACHED] += rays - left
     if left and not built:
-        found = shaft_list(tree, polygons, source, groups, group, found, settings, True, work, counts)
+        found = shaft_list(step, group, found, True, work)
     if found.begin == found.end:
         counts[FREE] += left
     boxes = False
@@ -178,25 +183,22 @@ def _cast_together(  # type: ignore[no-untyped-def]
     for i in range(found.begin, found.end):
         if left == 0:
             break
-        x = np.int64(work.objects[i])
+        x = np.int64(lists.objects[i])
         if x < 0:
             boxes = True
         elif x != own:
             counts[OBJECT_TESTS] += left
             before = left
-            left = _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
+            left = _block(x, polygons, source, lit, clump, bundle, left)
             if before - left > max_blocked:
                 max_blocked = before - left
-                work.latest[OCCLUDER] = x
+                latest[OCCLUDER] = x
     if left and boxes:
-        for k in range(count):
+        for k in range(clump.size):
             for s in range(samples):
                 if clear[s, k]:
-                    x, _, box_tests, object_tests = _occluder(
-                        source.points[s, 0], source.points[s, 1], source.points[s, 2], lit.x[begin + k],
-                        lit.y[begin + k], lit.z[begin + k], source.polygon, lit.own[begin + k], found, tree,
-                        polygons, False, work,
-                    )  # fmt: skip
+                    segment = segment_between(source, s, lit, begin + k)
+                    x, _, box_tests, object_tests = _occluder(segment, found, tree, polygons, False, lists)
                     counts[BOX_TESTS] += box_tests
                     counts[OBJECT_TESTS] += object_tests
                     if x >= 0:
@@ -205,15 +207,19 @@ def _cast_together(  # type: ignore[no-untyped-def]
     counts[BLOCKED] += rays - left
     if left:  # it was all False before
         order = groups.order
-        for k in range(count):
+        for k in range(clump.size):
             p = order[begin + k]
             for s in range(samples):
                 visible[p, s] = clear[s, k]
 
 
 @kernel_part
-def _start(source, lit, common, group, begin, count, clear, before):  # type: ignore[no-untyped-def]
-    """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many."""
+def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untyped-def]
+    """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many.
+
+    common : (M, 3), of each group's points the normal
+    """
+    clear, before, begin, count = bundle.clear, bundle.before, clump.begin, clump.size
     samples = len(source.points)
     n, a, heights = lit.normals, source.points, lit.heights
     left = np.int64(0)  # of so many bits where this runs as Python, too: a sum of bytes would overflow
@@ -241,8 +247,10 @@ def _start(source, lit, common, group, begin, count, clear, before):  # type: ig
 
 
 @inner_kernel
-def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left):  # type: ignore[no-untyped-def]
+def _block(x, polygons, source, lit, clump, bundle, left):  # type: ignore[no-untyped-def]
     """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
+    begin, count, own = clump
+    clear, at_a, at_b = bundle.clear, bundle.at_a, bundle.at_b
     forms, flag = polygons.forms, polygons.flags[x]
     a, bx, by, bz, own_b = source.points, lit.x, lit.y, lit.z, lit.own
     samples = len(a)
@@ -271,10 +279,8 @@ def _block(x, polygons, source, lit, begin, count, own, clear, at_a, at_b, left)
     if flag & SLIVER or mine:
         for s in range(samples):
             for k in range(count):
-                b = begin + k
-                if clear[s, k] and own_b[b] != x and hits(
-                    x, a[s, 0], a[s, 1], a[s, 2], bx[b], by[b], bz[b], forms, polygons.bounds, polygons.flags
-                ):  # fmt: skip
+                segment = segment_between(source, s, lit, begin + k)
+                if clear[s, k] and segment.own_b != x and hits(x, segment, polygons):
                     clear[s, k] = 0
     elif flag & PARALLELOGRAM:
         _cross_all(at_a, at_b, True, flag & SOLID != 0, samples, count, clear)
@@ -312,20 +318,18 @@ def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def cast_groups(  # type: ignore[no-untyped-def]
-    tree, polygons, source, lit, groups, first, last, roots, root_flags, settings, work, visible, counts
-):
-    """The groups from `first` to `last`, which is no group's child. Fills `visible`, adds to `counts`."""
+def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-untyped-def]
+    """The groups from `first` to `last`, which is no group's child, from the emitter list on."""
+    source, lit, groups, settings = step.source, step.lit, step.groups, step.settings
+    lists, around = work.lists, work.around
     for i in range(len(roots)):
-        work.nodes[i], work.flags[i] = roots[i], root_flags[i]
-    top, boxed = objects_of(
-        tree, polygons, False, settings.object_boxes, settings.size, source.polygon, -1, 0, len(roots), work
-    )
+        lists.nodes[i], lists.flags[i] = roots[i], root_flags[i]
+    top, boxed = objects_of(step, False, -1, 0, len(roots), work)
     found = CandidateRange(0, top, boxed, -1)
     # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
     ends, level = work.ends, 0
     ends[0] = last
-    _keep_list(work.lists, level, found)
+    _keep_list(around, level, found)
     tiny = -1e-12 * settings.size
 
     group = first
@@ -338,26 +342,22 @@ def cast_groups(  # type: ignore[no-untyped-def]
         ):
             group = groups.skip[group]
             continue
-        found = _kept_list(work.lists, level)
+        found = _kept_list(around, level)
         built = settings.strategy < 0 or ray_count(source, groups, group) < settings.no_shaft_below
         if groups.skip[group] > group + 1:
             if not built:
-                found = shaft_list(tree, polygons, source, groups, group, found, settings, False, work, counts)
+                found = shaft_list(step, group, found, False, work)
             if found.begin < found.end:
                 level += 1
                 ends[level] = groups.skip[group]
-                _keep_list(work.lists, level, found)
+                _keep_list(around, level, found)
                 group += 1
                 continue
             built = True  # nothing occludes any of its parts
         if settings.together:
-            _cast_together(
-                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
-            )  # fmt: skip
+            _cast_together(step, group, found, built, work)
         else:
-            _cast_one_by_one(
-                tree, polygons, source, lit, groups, group, found, built, settings, work, counts, visible
-            )  # fmt: skip
+            _cast_one_by_one(step, group, found, built, work)
         group = groups.skip[group]
 
 

@@ -11,11 +11,13 @@ Graphics and Applications 7(5), 14-20.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.accel.bvh import checked_boxes
-from glpath.accel.nodes import Bvh
+from glpath.accel.bvh import Float64, Int32, checked_boxes
+from glpath.accel.nodes import Bvh, Tree
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 
@@ -33,28 +35,37 @@ def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
     low, high = checked_boxes(lower, upper)
     boxes = np.concatenate([low, high], axis=1)
     coming = np.random.default_rng(seed).permutation(len(boxes)).astype(np.int32)
-    n = len(boxes)
-    linked = np.empty((max(2 * n, 1), 6))
-    linked[:n] = boxes
-    child, sibling, parent = (np.full(len(linked), -1, np.int32) for _ in range(3))
-    size, root = _insert_all(boxes, coming, linked, child, sibling, parent, np.zeros(len(linked), np.int32))
-    size = 0 if root < 0 else size
-    nodes = np.empty((size, 6))
-    skip, first, count = np.empty(size, np.int32), np.empty(size, np.int32), np.zeros(size, np.int32)
-    order = np.empty(n, np.int32)
-    _flatten(linked, n, root, child, sibling, nodes, skip, first, count, order, np.empty(2 * size + 1, np.int32))
-    return Bvh(nodes[:, :3].copy(), nodes[:, 3:].copy(), skip, first, count, order)
+    links = _Links.of(boxes)
+    tree = Tree.empty(len(boxes))
+    root = _insert_all(boxes, coming, links)
+    return tree.bvh(_flatten(links, root, tree, np.empty(2 * len(tree.skip) + 1, np.int32)))
+
+
+class _Links(NamedTuple):
+    """The tree as links. Nodes below N are the items themselves, the others inner nodes; -1 is none.
+
+    boxes                  : (2 N, 6), the first N of them the items'
+    child, sibling, parent : (2 N,), the first child, the next one of the same parent, and that
+    children               : (2 N,), how many
+    """
+
+    boxes: Float64
+    child: Int32
+    sibling: Int32
+    parent: Int32
+    children: Int32
+
+    @classmethod
+    def of(cls, boxes: Float64) -> _Links:
+        """Room for a tree over these boxes of items."""
+        child, sibling, parent = np.full((3, 2 * len(boxes)), -1, np.int32)
+        return cls(np.concatenate([boxes, boxes]), child, sibling, parent, np.zeros(len(child), np.int32))
 
 
 @kernel
-def _insert_all(boxes, coming, nodes, child, sibling, parent, children):  # type: ignore[no-untyped-def]
-    """The tree as links; returns how many nodes there are, and the root.
-
-    Nodes below N are the items themselves, the others inner nodes; -1 is none.
-
-    nodes                  : (2 N, 6), the first N of them the boxes
-    child, sibling, parent : (2 N,), -1; children: (2 N,), 0
-    """
+def _insert_all(boxes, coming, links):  # type: ignore[no-untyped-def]
+    """Link all items as they are coming; returns the root, -1 without any."""
+    nodes, child, sibling, parent, children = links
     n = len(boxes)
     size = n
     root = -1
@@ -89,7 +100,7 @@ def _insert_all(boxes, coming, nodes, child, sibling, parent, children):  # type
             size += 1
             for k in range(6):
                 nodes[pair, k] = nodes[chosen, k]
-            _replace(root, chosen, pair, child, sibling, parent)
+            _replace(root, chosen, pair, links)
             if chosen == root:
                 root = pair
             child[pair], children[pair] = chosen, 1
@@ -103,11 +114,12 @@ def _insert_all(boxes, coming, nodes, child, sibling, parent, children):  # type
                 nodes[chosen, k] = min(nodes[chosen, k], boxes[item, k])
                 nodes[chosen, k + 3] = max(nodes[chosen, k + 3], boxes[item, k + 3])
             chosen = parent[chosen]
-    return size, root
+    return root
 
 
 @kernel_part
-def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped-def]
+def _replace(root, old, new, links):  # type: ignore[no-untyped-def]
+    child, sibling, parent = links.child, links.sibling, links.parent
     above = parent[old]
     parent[new] = above
     sibling[new] = sibling[old]
@@ -123,11 +135,14 @@ def _replace(root, old, new, child, sibling, parent):  # type: ignore[no-untyped
 
 
 @kernel
-def _flatten(linked, n, root, child, sibling, nodes, skip, first, count, order, pending):  # type: ignore[no-untyped-def]
-    """The links of n items as depth-first arrays; see `Bvh`. count: all 0.
+def _flatten(links, root, tree, pending):  # type: ignore[no-untyped-def]
+    """The links as depth-first arrays; returns how many nodes there are.
 
     pending : (2 M + 1,), for links yet to come, and ~node where a node's subtree ends
     """
+    linked, child, sibling = links.boxes, links.child, links.sibling
+    nodes, skip, first, count, order = tree
+    n = len(order)
     waiting, items, node = 0, 0, 0
     if root >= 0:
         pending[0] = root
@@ -147,6 +162,7 @@ def _flatten(linked, n, root, child, sibling, nodes, skip, first, count, order, 
             count[node] = 1
             skip[node] = node + 1
         else:
+            count[node] = 0
             pending[waiting] = ~node
             waiting += 1
             below = child[link]
@@ -155,6 +171,7 @@ def _flatten(linked, n, root, child, sibling, nodes, skip, first, count, order, 
                 waiting += 1
                 below = sibling[below]
         node += 1
+    return node
 
 
 @inner_kernel

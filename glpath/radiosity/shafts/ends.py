@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.accel.bvh import Float64, Int32
-from glpath.radiosity.shafts.occluders import Occluders
+from glpath.radiosity.shafts.occluders import Occluders, Segment
 from glpath.system.kernels import inner_kernel, kernel
 
 
@@ -163,6 +163,13 @@ def before_receiver(lit, k, source, s):  # type: ignore[no-untyped-def]
         return True
     n, a = lit.normals, source.points
     return n[k, 0] * a[s, 0] + n[k, 1] * a[s, 1] + n[k, 2] * a[s, 2] > lit.heights[k]
+
+
+@inner_kernel
+def segment_between(source, s, lit, k):  # type: ignore[no-untyped-def]
+    """From a sample to a receiver point."""
+    a = source.points
+    return Segment(a[s, 0], a[s, 1], a[s, 2], lit.x[k], lit.y[k], lit.z[k], source.polygon, lit.own[k])
 
 
 @kernel

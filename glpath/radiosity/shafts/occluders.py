@@ -51,6 +51,19 @@ class Polygons(NamedTuple):
     length: Float64
 
 
+class Segment(NamedTuple):
+    """From point a to point b, for the kernels; own_a and own_b are the polygons that they lie on, -1 for none."""
+
+    ax: float
+    ay: float
+    az: float
+    bx: float
+    by: float
+    bz: float
+    own_a: int
+    own_b: int
+
+
 @dataclass(frozen=True)
 class Occluders:
     """Triangles and parallelograms.
@@ -259,13 +272,15 @@ def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-d
 
 
 @inner_kernel
-def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-untyped-def]
-    """Whether polygon x occludes points a and b from each other: the test that everything rests on."""
+def hits(x, segment, polygons):  # type: ignore[no-untyped-def]
+    """Whether polygon x crosses a segment: the test that everything rests on."""
+    ax, ay, az, bx, by, bz, _, _ = segment
+    forms, bounds = polygons.forms, polygons.bounds
     f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
     ha, hb = height(f0, f1, f2, f3, ax, ay, az), height(f0, f1, f2, f3, bx, by, bz)
     if (ha > 0) == (hb > 0):
         return False
-    flag = flags[x]
+    flag = polygons.flags[x]
     if ha <= 0:
         if flag & SOLID:
             return False
@@ -288,12 +303,13 @@ def hits(x, ax, ay, az, bx, by, bz, forms, bounds, flags):  # type: ignore[no-un
 
 
 @kernel_part
-def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-def]
+def never_hit(x, a, b, polygons, size):  # type: ignore[no-untyped-def]
     """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
 
     That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon
     that a lies behind [SC, Enhancements]. size: the largest coordinate.
     """
+    forms = polygons.forms
     min_a = max_a = min_b = max_b = forms[x, 3]
     for k in range(3):
         f = forms[x, k]
@@ -302,7 +318,7 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
         max_a += f * a[j]
         min_b += f * b[i]
         max_b += f * b[j]
-    tiny = _ROUNDING * size * length[x]
+    tiny = _ROUNDING * size * polygons.length[x]
     far = 2 * tiny / ENDS
     if (min_a > tiny and min_b > tiny) or (max_a < -tiny and max_b < -tiny):
         return True
@@ -310,4 +326,4 @@ def never_hit(x, a, b, forms, flags, length, size):  # type: ignore[no-untyped-d
         return True
     if (max_a <= tiny and max_b <= -far) or (max_a <= -far and max_b <= tiny):
         return True
-    return flags[x] & SOLID and max_a < -tiny
+    return polygons.flags[x] & SOLID and max_a < -tiny

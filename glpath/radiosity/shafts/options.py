@@ -207,3 +207,4 @@ class Statistics:
 # Where each stands in the counts of the kernels.
 SHAFTS, EMPTY, SHAFT_TESTS, CANDIDATES, LISTS = 0, 1, 2, 3, 4
 RAYS, BLOCKED, CACHED, FREE, BOX_TESTS, OBJECT_TESTS = 5, 6, 7, 8, 9, 10
+STATISTICS = len(fields(Statistics))

@@ -88,16 +88,17 @@ def group_points(
     order = np.concatenate([np.arange(start[i], start[i] + size[i]) for i in leaves])
     max_nodes = 4 * count + len(skip)
     boxes = np.empty((max_nodes, 6))
-    skips, begin, end, of_polygon = (np.empty(max_nodes, np.int64) for _ in range(4))
+    skips, begin, end, of_polygon = np.empty((4, max_nodes), np.int64)
     n, levels = _groups(
-        np.ascontiguousarray(points), order, size[leaves], skip, clump or count, group or count, nested,
-        np.ascontiguousarray(polygon, np.int32), boxes, skips, begin, end, of_polygon,
-        np.empty(len(skip) + 1, np.int64), np.empty((max_nodes + 2, 4), np.int64),
-        _Workspace(np.empty((1, 6)), np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)),
-    )  # fmt: skip
-    boxes = boxes[:n].copy()
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(polygon, np.int32),
+        _Forest(skip, size[leaves], np.empty(len(skip) + 1, np.int64)),
+        _Division(clump or count, group or count, nested),
+        Groups(order, boxes, skips, begin, end, of_polygon, np.zeros((0, 3)), 0),
+        _Workspace.of(count, max_nodes),
+    )
     skips, begin, end, of_polygon = (a[:n].copy() for a in (skips, begin, end, of_polygon))
-    normal = np.zeros((len(begin), 3))
+    normal = np.zeros((n, 3))
     if normals is not None:
         # Equal throughout a range where the last change of the normal lies before it.
         sorted_normals = normals[order]
@@ -106,37 +107,66 @@ def group_points(
         same = changed[begin] == changed[end - 1]
         unit = sorted_normals / np.linalg.norm(sorted_normals, axis=1, keepdims=True)
         normal[same] = unit[begin[same]]
-    return Groups(order, boxes, skips, begin, end, of_polygon, normal, levels)
+    return Groups(order, boxes[:n].copy(), skips, begin, end, of_polygon, normal, levels)
+
+
+class _Forest(NamedTuple):
+    """The receivers, as a forest in depth-first order.
+
+    skip   : (F,) int64, the node after a node and those below it
+    size   : (receivers,) int64, points of each leaf
+    before : (F + 1,) int64, how many points lie before each node: filled by `_groups`
+    """
+
+    skip: NDArray[np.int64]
+    size: NDArray[np.int64]
+    before: NDArray[np.int64]
+
+
+class _Division(NamedTuple):
+    """How points are divided; see `group_points`."""
+
+    clump: int
+    group: int
+    nested: bool
 
 
 class _Workspace(NamedTuple):
-    """Of `_halve`: a box (1, 6), and keys, indices and spare room (P,) to sort points by."""
+    """Room to group P points in.
 
+    pending         : (M + 2, 4), ranges yet to come: node of the forest (-1 below a receiver), begin, end, points
+                      of the group around (0: none). (-2, group) is a group's end
+    box             : (1, 6)
+    keys, by, spare : (P,) to sort points by
+    """
+
+    pending: NDArray[np.int64]
     box: Float64
     keys: Float64
     by: NDArray[np.int64]
     spare: NDArray[np.int64]
 
+    @classmethod
+    def of(cls, points: int, groups: int) -> _Workspace:
+        pending = np.empty((groups + 2, 4), np.int64)
+        return cls(pending, np.empty((1, 6)), np.empty(points), *np.empty((2, points), np.int64))
+
 
 @kernel
-def _groups(  # type: ignore[no-untyped-def]
-    points, order, size, skip, clump, group, nested, polygon, boxes, skips, begins, ends, polygons, before, pending,
-    work,
-):  # fmt: skip
-    """See `group_points`. skip: a forest whose leaves are the receivers of `size` points. Permutes `order`.
+def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no-untyped-def]
+    """See `group_points`. Fills the arrays of `groups`, but for the normals, and permutes its order.
 
-    before  : (len(skip) + 1,), how many points lie before each node of the receivers' forest
-    pending : (M + 2, 4), ranges yet to come: node of the forest (-1 below a receiver), begin, end, points of the
-              group around (0: none). (-2, group) is a group's end
-
-    Fills boxes .. polygons, (M, ...) each, and returns how many groups there are, and the most around any point.
+    Returns how many groups there are, and the most around any point.
     """
+    order, boxes, skips, begins, ends, polygons, _, _ = groups
+    clump, group, nested = division
+    skip, before, pending = forest.skip, forest.before, work.pending
     before[0] = 0
     leaf = 0
     for node in range(len(skip)):
         before[node + 1] = before[node]
         if skip[node] == node + 1:
-            before[node + 1] += size[leaf]
+            before[node + 1] += forest.size[leaf]
             leaf += 1
 
     n, levels, level = 0, 0, 0

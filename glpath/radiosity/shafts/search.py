@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.accel.bvh import Float64, Int32
-from glpath.accel.nodes import Bvh
-from glpath.radiosity.shafts.occluders import ENDS, never_hit
-from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS
+from glpath.accel.nodes import Bvh, Tree
+from glpath.radiosity.shafts.ends import Lit, Source
+from glpath.radiosity.shafts.occluders import ENDS, Polygons, never_hit
+from glpath.radiosity.shafts.options import CANDIDATES, EMPTY, LARGEST_FIRST, LISTS, SHAFT_TESTS, SHAFTS, STATISTICS
+from glpath.radiosity.shafts.points import Groups
 from glpath.radiosity.shafts.shaft import (
+    CandidateLists,
+    FormedShaft,
+    Opening,
     Strategy,
-    Tree,
-    empty_shaft,
-    empty_stack,
     encloses,
     form_shaft,
     gather,
@@ -34,13 +36,9 @@ _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
 
 
 class SearchTree(NamedTuple):
-    """`Tree`, with the parents."""
+    """With the parent of each node, and the leaf of each item."""
 
-    boxes: Float64
-    skip: Int32
-    first: Int32
-    items: Int32
-    order: Int32
+    tree: Tree
     parent: Int32
     leaf_of: Int32
 
@@ -50,7 +48,7 @@ class SearchTree(NamedTuple):
         parent = np.full(len(tree.skip), -1, np.int32)
         leaf_of = np.full(len(tree.order), -1, np.int32)
         _upwards(tree, parent, leaf_of)
-        return cls(*tree, parent, leaf_of)
+        return cls(tree, parent, leaf_of)
 
 
 class Settings(NamedTuple):
@@ -73,61 +71,77 @@ class Settings(NamedTuple):
     size: float
 
 
-class Work(NamedTuple):
-    """Room that a thread works in.
+class Step(NamedTuple):
+    """One emitter against all receivers.
 
-    nodes, flags, objects : lists of candidates one behind the other, those of the groups around before a group's
-                            own: nodes of the tree, what is known of each (see `classify_box`), the polygon of a
-                            leaf or -1
-    planes .. extent      : the latest shaft
-    a, b                  : its reference boxes
-    stack                 : of `gather`
-    mark                  : (M,) nodes that are outside a shaft, by its number; empty where they aren't marked
-    latest                : (2,) the latest shaft's number, and the latest occluder or -1
-    keys, by, spare       : (M,) of `merge_sort`; empty where lists are not sorted
-    clear, before         : of rays that are tested together, (S, K) and (K,): which are not blocked yet, and which
-                            points lie before the emitter
-    at_a, at_b            : (3, S) and (3, K), forms of a polygon at their ends
-    ends, lists           : (L,) of the groups around the current one where each ends, and (L, 4) its list
+    visible : (P, S) bool, the result
     """
 
-    nodes: Int32
-    flags: NDArray[np.int8]
-    objects: Int32
-    planes: Float64
-    near: NDArray[np.int64]
-    extent: Float64
-    a: Float64
-    b: Float64
-    stack: Int32
-    mark: NDArray[np.int64]
-    latest: NDArray[np.int64]
-    keys: Float64
-    by: NDArray[np.int64]
-    spare: NDArray[np.int64]
+    tree: Tree
+    polygons: Polygons
+    source: Source
+    lit: Lit
+    groups: Groups
+    settings: Settings
+    visible: NDArray[np.bool_]
+
+
+class Bundle(NamedTuple):
+    """Rays that are tested together.
+
+    clear      : (S, K) which are not blocked yet
+    before     : (K,) which points lie before the emitter
+    at_a, at_b : (3, S) and (3, K), forms of a polygon at their ends
+    """
+
     clear: NDArray[np.uint8]
     before: NDArray[np.uint8]
     at_a: Float64
     at_b: Float64
+
+
+class Work(NamedTuple):
+    """Room that a thread works in.
+
+    lists           : of candidates, those of the groups around before a group's own
+    shaft           : the latest
+    latest          : (2,) the latest shaft's number, and the latest occluder or -1
+    keys, by, spare : (M,) of `merge_sort`; empty where lists are not sorted
+    ends, around    : (L,) of the groups around the current one where each ends, and (L, 4) its list
+    counts          : of `Statistics`, which are added to
+    """
+
+    lists: CandidateLists
+    shaft: FormedShaft
+    latest: NDArray[np.int64]
+    keys: Float64
+    by: NDArray[np.int64]
+    spare: NDArray[np.int64]
+    bundle: Bundle
     ends: NDArray[np.int64]
-    lists: NDArray[np.int64]
+    around: NDArray[np.int64]
+    counts: NDArray[np.int64]
 
     @classmethod
-    def of(
-        cls, tree: SearchTree, levels: int, samples: int, together: int, mailbox: bool, sorted_lists: bool
-    ) -> Work:
-        """For groups of so many levels, an emitter of so many samples, and at most `together` points at once."""
-        nodes = len(tree.skip)
+    def of(cls, step: Step, together: int, mailbox: bool) -> Work:
+        """For at most `together` points at once."""
+        nodes, levels, samples = len(step.tree.skip), step.groups.levels, len(step.source.points)
         room = (levels + 2) * nodes + 1
-        longest = nodes if sorted_lists else 0
-        planes, near, extent = empty_shaft()
+        longest = nodes if step.settings.order == LARGEST_FIRST else 0
+        clear, before = np.empty((samples, together), np.uint8), np.empty(together, np.uint8)
+        bundle = Bundle(clear, before, np.empty((3, samples)), np.empty((3, together)))
         return cls(
-            np.empty(room, np.int32), np.empty(room, np.int8), np.empty(room, np.int32), planes, near, extent,
-            np.empty(6), np.empty(6), empty_stack(nodes), np.zeros(nodes if mailbox else 0, np.int64),
-            np.array([0, -1]), np.empty(longest), np.empty(longest, np.int64), np.empty(longest, np.int64),
-            np.empty((samples, together), np.uint8), np.empty(together, np.uint8), np.empty((3, samples)),
-            np.empty((3, together)), np.empty(levels + 2, np.int64), np.empty((levels + 2, 4), np.int64),
-        )  # fmt: skip
+            CandidateLists.empty(nodes, room, room, mailbox),
+            FormedShaft.between(np.empty(6), np.empty(6)),
+            np.array([0, -1]),
+            np.empty(longest),
+            np.empty(longest, np.int64),
+            np.empty(longest, np.int64),
+            bundle,
+            np.empty(levels + 2, np.int64),
+            np.empty((levels + 2, 4), np.int64),
+            np.zeros(STATISTICS, np.int64),
+        )
 
 
 NUMBER, OCCLUDER = 0, 1
@@ -164,19 +178,21 @@ def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching, found, flags, pending):  # type: ignore[no-untyped-def]
-    """See `Visibility.emitter_list`. Fills found and flags, (M,) as pending, and returns how many there are.
+def find_emitter_list(search, source, wanted, behind, touching, lists):  # type: ignore[no-untyped-def]
+    """See `Visibility.emitter_list`. Fills the nodes and flags of `lists`, and returns how many there are.
 
-    leaf     : of the emitter's polygon, left out; -1 where it has none
     touching : the flag of what overlaps the emitter's box
     """
+    tree, parent, leaf_of = search
+    leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1  # of its polygon, which is left out
+    box, plane, pending = source.box, source.plane, lists.stack[:, 0]
     n = 0
     if not len(tree.skip):
         return n
     # Walk up from the emitter; the siblings of its nodes are looked at. An emitter that is none of the objects, or
     # that has a larger box than its polygon, starts at the root.
     below = leaf
-    node = tree.parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
+    node = parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
         pending[0] = 0
         node, below, waiting = -1, -1, 1
@@ -204,26 +220,30 @@ def find_emitter_list(tree, box, plane, leaf, wanted, behind, touching, found, f
                     child = tree.skip[child]
             else:
                 touches = overlaps(tree.boxes, item, box)
-                found[n] = item
-                flags[n] = -1 if encloses(tree.boxes, item, box) else (touching if touches else 0)
+                lists.nodes[n] = item
+                lists.flags[n] = -1 if encloses(tree.boxes, item, box) else (touching if touches else 0)
                 n += 1
         if node < 0:
             break
-        below, node = node, tree.parent[node]
+        below, node = node, parent[node]
     return n
 
 
 @inner_kernel
-def objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin, end, work):  # type: ignore[no-untyped-def]
-    """Note which candidates are single polygons; leave out those that can't block between work.a and work.b.
+def objects_of(step, coplanar, own_b, begin, end, work):  # type: ignore[no-untyped-def]
+    """Note which candidates are single polygons; leave out those that can't block between the shaft's boxes.
+
+    coplanar : leave out by planes, too
+    own_b    : the polygon that the receiver points lie on
 
     Returns the new end, and whether boxes are left.
     """
+    tree, polygons, settings, own_a = step.tree, step.polygons, step.settings, step.source.polygon
+    lists, shaft = work.lists, work.shaft
     items, first, order = tree.items, tree.first, tree.order
-    nodes, flags, objects, a, b = work.nodes, work.flags, work.objects, work.a, work.b
-    forms, kinds, length = polygons.forms, polygons.flags, polygons.length
+    nodes, flags, objects = lists.nodes, lists.flags, lists.objects
     n = begin
-    boxed = object_boxes
+    boxed = settings.object_boxes
     for i in range(begin, end):
         node = np.int64(nodes[i])
         x = np.int64(-1)
@@ -231,7 +251,7 @@ def objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin
             x = np.int64(order[first[node]])
             if (x == own_a) | (x == own_b):
                 continue
-            if coplanar and never_hit(x, a, b, forms, kinds, length, size):
+            if coplanar and never_hit(x, shaft.a, shaft.b, polygons, settings.size):
                 continue
         else:
             boxed = True
@@ -244,19 +264,19 @@ def objects_of(tree, polygons, coplanar, object_boxes, size, own_a, own_b, begin
 def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
     """Sort a list by the surface of the part of each box that lies in the shaft's extent box."""
     n = end - begin
-    extent, boxes = work.extent, tree.boxes
+    extent, boxes, lists = work.shaft.extent, tree.boxes, work.lists
     keys, by, spare = work.keys, work.by, work.spare
     for i in range(n):
-        node = work.nodes[begin + i]
+        node = lists.nodes[begin + i]
         x = min(boxes[node, 3], extent[3]) - max(boxes[node, 0], extent[0])
         y = min(boxes[node, 4], extent[4]) - max(boxes[node, 1], extent[1])
         z = min(boxes[node, 5], extent[5]) - max(boxes[node, 2], extent[2])
         keys[i] = -(x * y + y * z + z * x)
         by[i] = i
     merge_sort(keys, by, spare, n)
-    _permute(work.nodes, begin, by, spare, n)
-    _permute(work.objects, begin, by, spare, n)
-    _permute(work.flags, begin, by, spare, n)
+    _permute(lists.nodes, begin, by, spare, n)
+    _permute(lists.objects, begin, by, spare, n)
+    _permute(lists.flags, begin, by, spare, n)
 
 
 @inner_kernel
@@ -268,38 +288,31 @@ def _permute(values, begin, by, spare, n):  # type: ignore[no-untyped-def]
 
 
 @kernel  # and not a part of its callers, so that it can be compiled beside them
-def shaft_list(tree, polygons, source, groups, group, parent, settings, leaf, work, counts):  # type: ignore[no-untyped-def]
+def shaft_list(step, group, parent, leaf, work):  # type: ignore[no-untyped-def]
     """Form the shaft between the emitter and a group; its candidates' range, behind the parent's."""
+    tree, source, groups, settings = step.tree, step.source, step.groups, step.settings
+    lists, shaft, latest, counts = work.lists, work.shaft, work.latest, work.counts
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
         # The points that lie this share along the segments from all of one box to all of the other.
         emitter, receiver = source.box[k], groups.boxes[group, k]
-        work.a[k] = emitter + share * (receiver - emitter)
-        work.b[k] = receiver + share * (emitter - receiver)
-    work.latest[NUMBER] += 1
-    number = work.latest[NUMBER]
+        shaft.a[k] = emitter + share * (receiver - emitter)
+        shaft.b[k] = receiver + share * (emitter - receiver)
+    latest[NUMBER] += 1
+    number = latest[NUMBER]
     strategy = settings.strategy
     if ray_count(source, groups, group) < settings.keep_closed_below:
         strategy = _KEEP_CLOSED
-    n = form_shaft(
-        work.a, work.b, settings.slack, settings.min_cut, work.planes, work.near, work.extent
-    )  # fmt: skip
-    size, tests = gather(
-        tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes, work.near,
-        n, strategy, settings.ratio, settings.open_enclosing, work.mark, number, work.stack, work.nodes, work.flags,
-        parent.end, settings.longest if strategy == _ALWAYS_OPEN else len(tree.skip),
-    )  # fmt: skip
+    form_shaft(shaft, settings.slack, settings.min_cut)
+    nodes = len(tree.skip)
+    longest = settings.longest if strategy == _ALWAYS_OPEN else nodes
+    opening = Opening(strategy, settings.ratio, settings.open_enclosing)
+    size, tests = gather(tree, shaft, opening, lists, parent.begin, parent.end, number, longest)
     if size < 0:  # too many to test one by one: keep boxes of them
-        size, more = gather(
-            tree, work.nodes, work.flags, parent.begin, parent.end, work.a, work.b, work.extent, work.planes,
-            work.near, n, _RATIO_OPEN, settings.ratio, settings.open_enclosing, work.mark, number, work.stack,
-            work.nodes, work.flags, parent.end, len(tree.skip),
-        )  # fmt: skip
+        opening = Opening(_RATIO_OPEN, settings.ratio, settings.open_enclosing)
+        size, more = gather(tree, shaft, opening, lists, parent.begin, parent.end, number, nodes)
         tests += more
-    end, boxed = objects_of(
-        tree, polygons, settings.coplanar, settings.object_boxes, settings.size, source.polygon,
-        groups.polygon[group], parent.end, size, work,
-    )  # fmt: skip
+    end, boxed = objects_of(step, settings.coplanar, groups.polygon[group], parent.end, size, work)
     if leaf and settings.order == LARGEST_FIRST:
         _largest_first(tree, parent.end, end, work)
     counts[SHAFTS] += 1

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.accel.bvh import Float64, Int32
-from glpath.accel.nodes import Bvh
+from glpath.accel.nodes import Bvh, Tree
 from glpath.errors import UsageError
 from glpath.system.kernels import inner_kernel, kernel, outer
 
@@ -110,22 +110,22 @@ class Shaft:
                     those that cut off less than this share of it [SC, Future Work]; None takes them as they come
         """
         a, b = _box(box_a, "box_a"), _box(box_b, "box_b")
-        planes, near, extent = empty_shaft()
-        n = _form_shaft(a, b, slack, -1.0 if min_cut is None else min_cut, planes, near, extent)
+        formed = FormedShaft.between(a, b)
+        _form_shaft(formed, slack, -1.0 if min_cut is None else min_cut)
+        n = formed.size[0]
         faces_a = tuple(name for f, name in enumerate(FACES) if _beyond(a, b, f))
         faces_b = tuple(name for f, name in enumerate(FACES) if _beyond(b, a, f))
-        full, corners = _with_three_axes(planes[:n], near[:n])
-        return cls(a, b, extent, faces_a, faces_b, full, corners)
+        full, corners = _with_three_axes(formed.planes[:n], formed.near[:n])
+        return cls(a, b, formed.extent, faces_a, faces_b, full, corners)
 
     def classify(self, boxes: ArrayLike) -> NDArray[np.int8]:
         """(N,) int8 of `Containment`, for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
         given = np.ascontiguousarray(boxes, np.float64)
         if given.ndim < 2 or given[0:1].size not in (0, 6) or given.size % 6:
             raise UsageError(f"Shaft.classify: boxes of shape {given.shape}; allowed are (N, 2, 3) and (N, 6).")
-        planes, near = _with_two_axes(self.planes, self.near)
         each = given.reshape(-1, 6)
         found = np.empty(len(each), np.int8)
-        _classify_boxes(each, self.box_a, self.box_b, self.extent, planes, near, len(planes), found)
+        _classify_boxes(each, FormedShaft.of(self), found)
         return found
 
     def classify_spheres(self, centres: ArrayLike, radii: ArrayLike) -> NDArray[np.int8]:
@@ -144,19 +144,71 @@ class Shaft:
         return found
 
 
-class Tree(NamedTuple):
-    """A `Bvh` for the kernels: boxes (M, 6) float64 and its other arrays."""
+class FormedShaft(NamedTuple):
+    """A `Shaft` for the kernels.
 
-    boxes: Float64
-    skip: Int32
-    first: Int32
-    items: Int32
-    order: Int32
+    a, b   : (6,) float64, the reference boxes
+    extent : (6,) float64
+    planes : (8, 4) float64: the two coordinates of the normal that are not 0, the distance, and the share that it
+             cuts off, where that is asked for
+    near   : (8, 2) int64: which of a box's six numbers belong to them; the axis is that modulo 3
+    size   : (1,) int64, planes that there are
+    """
+
+    a: Float64
+    b: Float64
+    extent: Float64
+    planes: Float64
+    near: NDArray[np.int64]
+    size: NDArray[np.int64]
 
     @classmethod
-    def of(cls, bvh: Bvh) -> Tree:
-        boxes = np.concatenate([bvh.lower, bvh.upper], axis=1)
-        return cls(boxes, bvh.skip, bvh.first, bvh.count, bvh.order)
+    def between(cls, a: Float64, b: Float64) -> FormedShaft:
+        """Room for the shaft between two boxes, which `form_shaft` fills."""
+        planes, near = np.empty((MAX_PLANES, 4)), np.empty((MAX_PLANES, 2), np.int64)
+        return cls(a, b, np.empty(6), planes, near, np.zeros(1, np.int64))
+
+    @classmethod
+    def of(cls, shaft: Shaft) -> FormedShaft:
+        planes, near = _with_two_axes(shaft.planes, shaft.near)
+        return cls(shaft.box_a, shaft.box_b, shaft.extent, planes, near, np.array([len(planes)]))
+
+
+class Opening(NamedTuple):
+    """Which boxes of several items are opened: a `Strategy`, its ratio, and those that enclose a reference box."""
+
+    strategy: int
+    ratio: float
+    enclosing: bool
+
+
+class CandidateLists(NamedTuple):
+    """Lists of candidates one behind the other, and what finds them works in.
+
+    nodes   : (L,) int32, of the tree
+    flags   : (L,) int8, what is known of each, see `classify_box`
+    objects : (L,) int32, the polygon of a leaf or -1; empty where only nodes are asked for
+    mark    : (M,) int64; children that are outside, but whose parent is a candidate, have the number of the shaft
+              [SC, Enhancements: mailbox]. Empty where they aren't marked
+    stack   : (M + 1, 3) int32, what is still to be looked at: node, flag and containment
+    """
+
+    nodes: Int32
+    flags: NDArray[np.int8]
+    objects: Int32
+    mark: NDArray[np.int64]
+    stack: Int32
+
+    @classmethod
+    def empty(cls, nodes: int, room: int, objects: int = 0, mailbox: bool = False) -> CandidateLists:
+        """For a tree of so many nodes, with room for so many candidates and polygons."""
+        return cls(
+            np.empty(room, np.int32),
+            np.empty(room, np.int8),
+            np.empty(objects, np.int32),
+            np.zeros(nodes if mailbox else 0, np.int64),
+            np.empty((nodes + 1, 3), np.int32),
+        )
 
 
 def candidate_list(
@@ -180,15 +232,13 @@ def candidate_list(
     """
     tree = Tree.of(bvh)
     n = len(tree.skip)
-    planes, near = _with_two_axes(shaft.planes, shaft.near)
-    found, flags, stack = np.empty(n, np.int32), np.empty(n, np.int8), empty_stack(n)
-    # Without roots to start from it is the root; that it overlaps the first box is not known.
-    roots, unknown = np.zeros(min(n, 1), np.int32), np.full(min(n, 1), -1, np.int8)
-    size, _ = _gather(
-        tree, roots, unknown, 0, len(roots), shaft.box_a, shaft.box_b, shaft.extent, planes, near, len(planes),
-        int(strategy), float(ratio), open_enclosing, np.zeros(0, np.int64), 0, stack, found, flags, 0, n,
-    )  # fmt: skip
-    return found[:size]
+    roots = min(n, 1)
+    lists = CandidateLists.empty(n, n + roots)
+    # From the root on; whether it overlaps the first box is not known.
+    lists.nodes[:roots], lists.flags[:roots] = 0, -1
+    opening = Opening(int(strategy), float(ratio), open_enclosing)
+    end, _ = _gather(tree, FormedShaft.of(shaft), opening, lists, 0, roots, 0, n)
+    return lists.nodes[roots:end]
 
 
 def _box(box: ArrayLike, name: str) -> Float64:
@@ -222,16 +272,6 @@ def _with_two_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, N
     return np.concatenate([planes[rows, axes], planes[:, 3:]], axis=1), np.ascontiguousarray(near[rows, axes])
 
 
-def empty_shaft() -> tuple[Float64, NDArray[np.int64], Float64]:
-    """Room for planes (8, 4), their near corners (8, 2) and the extent (6,): what `form_shaft` fills."""
-    return np.empty((MAX_PLANES, 4)), np.empty((MAX_PLANES, 2), np.int64), np.empty(6)
-
-
-def empty_stack(nodes: int) -> Int32:
-    """Room for what `gather` has still to look at: node, flag and containment, (nodes + 1, 3) int32."""
-    return np.empty((nodes + 1, 3), np.int32)
-
-
 @inner_kernel
 def _beyond(a, b, face):  # type: ignore[no-untyped-def]
     """Only box a reaches that face of the box around both."""
@@ -239,13 +279,9 @@ def _beyond(a, b, face):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def form_shaft(a, b, slack, min_cut, planes, near, extent):  # type: ignore[no-untyped-def]
-    """Fill planes, their near corners and the extent; return the number of planes. See `Shaft.between`.
-
-    planes : (8, 4): the two coordinates of the normal that are not 0, the distance, and the share that it cuts off,
-             where that is asked for
-    near   : (8, 2): which of a box's six numbers belong to them; the axis is that modulo 3
-    """
+def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
+    """Fill the planes and the extent of the shaft between its boxes. See `Shaft.between`."""
+    a, b, extent, planes, near, size = shaft
     for k in range(3):
         extent[k] = min(a[k], b[k]) - slack
         extent[k + 3] = max(a[k + 3], b[k + 3]) + slack
@@ -279,7 +315,7 @@ def form_shaft(a, b, slack, min_cut, planes, near, extent):  # type: ignore[no-u
             near[at, 0] = i if f >= 3 else i + 3
             near[at, 1] = j if g >= 3 else j + 3
             n += 1
-    return n
+    size[0] = n
 
 
 @inner_kernel
@@ -303,15 +339,16 @@ def encloses(boxes, i, other):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def classify_box(boxes, i, flag, a, b, extent, planes, near, n, whole):  # type: ignore[no-untyped-def]
+def classify_box(boxes, i, flag, shaft, whole):  # type: ignore[no-untyped-def]
     """`Containment` of boxes[i], INSIDE only where `whole`; or `_ENCLOSING`.
 
     flag : what is known of the box and reference box a, the emitter's [SC, Enhancements]: 1 they overlap, 0 they
            don't, -1 nothing. Where it is known, the box does not enclose a
     """
+    a, b, planes, near = shaft.a, shaft.b, shaft.planes, shaft.near
     touches = flag == 1
     if not touches:
-        if not overlaps(boxes, i, extent):
+        if not overlaps(boxes, i, shaft.extent):
             return _OUTSIDE
         if flag < 0 and overlaps(boxes, i, a):
             touches = True
@@ -321,19 +358,20 @@ def classify_box(boxes, i, flag, a, b, extent, planes, near, n, whole):  # type:
         if encloses(boxes, i, b):
             return _ENCLOSING
     elif not touches:
-        for p in range(n):
+        for p in range(shaft.size[0]):
             if planes[p, 0] * boxes[i, near[p, 0]] + planes[p, 1] * boxes[i, near[p, 1]] + planes[p, 2] > 0:
                 return _OUTSIDE
-    return _INSIDE if whole and _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
+    return _INSIDE if whole and _within(boxes, i, shaft) else _OVERLAPPING
 
 
 @inner_kernel
-def _within(boxes, i, extent, planes, near, n):  # type: ignore[no-untyped-def]
+def _within(boxes, i, shaft):  # type: ignore[no-untyped-def]
     """All of boxes[i] is in the shaft."""
+    extent, planes, near = shaft.extent, shaft.planes, shaft.near
     for k in range(3):
         if boxes[i, k] < extent[k] or boxes[i, k + 3] > extent[k + 3]:
             return False
-    for p in range(n):
+    for p in range(shaft.size[0]):
         j, k = (near[p, 0] + 3) % 6, (near[p, 1] + 3) % 6
         if planes[p, 0] * boxes[i, j] + planes[p, 1] * boxes[i, k] + planes[p, 2] > 0:
             return False
@@ -341,11 +379,11 @@ def _within(boxes, i, extent, planes, near, n):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _classify_boxes(boxes, a, b, extent, planes, near, n, found):  # type: ignore[no-untyped-def]
+def _classify_boxes(boxes, shaft, found):  # type: ignore[no-untyped-def]
     for i in range(len(boxes)):
-        containment = classify_box(boxes, i, np.int64(-1), a, b, extent, planes, near, n, True)
+        containment = classify_box(boxes, i, np.int64(-1), shaft, True)
         if containment == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
-            containment = _INSIDE if _within(boxes, i, extent, planes, near, n) else _OVERLAPPING
+            containment = _INSIDE if _within(boxes, i, shaft) else _OVERLAPPING
         found[i] = containment
 
 
@@ -384,34 +422,29 @@ def _distance_squared(point, box):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def gather(  # type: ignore[no-untyped-def]
-    tree, roots, flags, begin, end, a, b, extent, planes, near, n, strategy, ratio, open_enclosing, mark, number,
-    stack, found, found_flags, size, max_candidates,
-):  # fmt: skip
-    """Append to `found`, from `size` on, the candidates below roots[begin:end]; see `candidate_list`.
+def gather(tree, shaft, opening, lists, begin, end, number, max_candidates):  # type: ignore[no-untyped-def]
+    """The candidates below those from `begin` to `end`, behind these; see `candidate_list`.
 
-    flags  : (len(roots),) int8, see `classify_box`; what is known of a candidate goes to `found_flags`
-    mark   : (M,) int64; children that are outside, but whose parent is a candidate, are marked with `number`, that
-             of the shaft [SC, Enhancements: mailbox]. Without marks where it is empty
-    stack  : of `empty_stack`
-    max_candidates   : give up beyond that many candidates
+    number         : of the shaft, for marks
+    max_candidates : give up beyond that many candidates
 
-    Returns the new size, -1 where it gave up, and how many boxes were tested.
-    `found` may be where the roots lie, behind them.
+    Returns the new end, -1 where it gave up, and how many boxes were tested.
     """
+    strategy, ratio, open_enclosing = opening
     whole = strategy in (_OVERLAP_OPEN, _RATIO_OPEN)
-    boxes, skip, items = tree.boxes, tree.skip, tree.items  # once: taking an array counts references
+    boxes, skip, items = tree.boxes, tree.skip, tree.items
+    nodes, flags, mark, stack = lists.nodes, lists.flags, lists.mark, lists.stack
     tests = 0
-    start = size
+    size = end
     for r in range(begin, end):
-        stack[0, 0], stack[0, 1], stack[0, 2] = roots[r], flags[r], -1
+        stack[0, 0], stack[0, 1], stack[0, 2] = nodes[r], flags[r], -1
         top = 1
         while top:
             top -= 1
             node, flag, containment = np.int64(stack[top, 0]), np.int64(stack[top, 1]), np.int64(stack[top, 2])
             if containment < 0:
                 tests += 1
-                containment = classify_box(boxes, node, flag, a, b, extent, planes, near, n, whole)
+                containment = classify_box(boxes, node, flag, shaft, whole)
             if containment == _OUTSIDE:
                 continue
             opened = strategy == _ALWAYS_OPEN or (containment == _ENCLOSING and open_enclosing)
@@ -427,7 +460,7 @@ def gather(  # type: ignore[no-untyped-def]
                     containment = np.int64(-1)
                     if not opened:
                         tests += 1
-                        containment = classify_box(boxes, child, below, a, b, extent, planes, near, n, whole)
+                        containment = classify_box(boxes, child, below, shaft, whole)
                     if containment != _OUTSIDE:
                         stack[top, 0], stack[top, 1], stack[top, 2] = child, below, containment
                         top += 1
@@ -438,9 +471,9 @@ def gather(  # type: ignore[no-untyped-def]
                     top = base
                     keep = True
             if keep:
-                if size - start >= max_candidates:
+                if size - end >= max_candidates:
                     return -1, tests
-                found[size], found_flags[size] = node, flag
+                nodes[size], flags[size] = node, flag
                 size += 1
     return size, tests
 

@@ -16,7 +16,7 @@ Poor at:  few rays per shaft; a volume full of tiny polygons, where every shaft 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -31,7 +31,8 @@ from glpath.radiosity.shafts.ends import Emitter, Lit, Receivers, lit_of, source
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES, ShaftOptions, Statistics
 from glpath.radiosity.shafts.points import Groups, group_points
-from glpath.radiosity.shafts.search import SearchTree, Settings, Work, find_emitter_list
+from glpath.radiosity.shafts.search import SearchTree, Settings, Step, Work, find_emitter_list
+from glpath.radiosity.shafts.shaft import CandidateLists
 from glpath.system.machine import core_count
 
 
@@ -66,7 +67,7 @@ class Visibility:
         return cluster(*boxes) if self.bvh == "clusters" else build_bvh(*boxes, leaf_size=1)
 
     @cached_property
-    def _kernel_tree(self) -> SearchTree:
+    def _search_tree(self) -> SearchTree:
         return SearchTree.of(self.tree)
 
     @property
@@ -105,18 +106,14 @@ class Visibility:
 
         Returns (n,) int32 nodes and (n,) int8: 1 the box overlaps the emitter's, 0 it does not, -1 unknown.
         """
-        tree, o = self._kernel_tree, self.options
-        source = source_of(emitter)
-        leaf = int(tree.leaf_of[emitter.polygon]) if emitter.polygon >= 0 else -1
+        o = self.options
         behind = o.behind_emitter and emitter.normal is not None
         # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
-        size = len(tree.skip)
-        nodes, known, pending = np.empty(size, np.int32), np.empty(size, np.int8), np.empty(size, np.int32)
-        n = find_emitter_list(
-            tree, source.box, source.plane, leaf, o.emitter_list, behind, -1 if o.tolerance else 1,
-            nodes, known, pending,
-        )  # fmt: skip
-        return nodes[:n], known[:n]
+        size = len(self.tree)
+        lists = CandidateLists.empty(size, size)
+        touching = -1 if o.tolerance else 1
+        n = find_emitter_list(self._search_tree, source_of(emitter), o.emitter_list, behind, touching, lists)
+        return lists.nodes[:n], lists.flags[:n]
 
     def step(self, emitter: Emitter, receivers: Receivers | Prepared) -> tuple[NDArray[np.bool_], Statistics]:
         """(P, S) bool: which samples of the emitter each receiver point sees, and what that took.
@@ -130,7 +127,7 @@ class Visibility:
         if not visible.size:
             return visible, Statistics()
         groups, lit = receivers if isinstance(receivers, Prepared) else self.prepare(receivers)
-        tree = self._kernel_tree
+        tree = self._search_tree.tree
         roots, flags = self.emitter_list(emitter)
         settings = Settings(
             int(STRATEGIES[o.strategy]), float(o.ratio), o.open_enclosing, o.coplanar, o.tolerance, o.coherency,
@@ -138,20 +135,13 @@ class Visibility:
             o.longest or len(tree.skip), o.no_shaft_below, o.keep_closed_below,
             self.occluders.slack, self.occluders.size,
         )  # fmt: skip
-        source = source_of(emitter)
+        step = Step(tree, self._polygons, source_of(emitter), lit, groups, settings, visible)
 
         def some(part: slice) -> NDArray[np.int64]:
-            counts = np.zeros(len(fields(Statistics)), np.int64)
             together = int((groups.end[part] - groups.begin[part]).max(initial=0)) if o.together else 0
-            mailbox = o.mailbox and o.strategy in ("ratio open", "always open")
-            work = Work.of(
-                tree, groups.levels, len(source.points), together, mailbox, o.order == "largest first"
-            )  # fmt: skip
-            cast_groups(
-                tree, self._polygons, source, lit, groups, part.start, part.stop, roots, flags, settings, work,
-                visible, counts,
-            )  # fmt: skip
-            return counts
+            work = Work.of(step, together, o.mailbox and o.strategy in ("ratio open", "always open"))
+            cast_groups(step, part.start, part.stop, roots, flags, work)
+            return work.counts
 
         # A call costs some 0.1 ms under Python's lock, so there are few, and just enough for them to even out.
         parts = groups.parts(1 if self._cores == 1 else 2 * self._cores)

@@ -12,7 +12,7 @@ from glpath.radiosity.form_factors.lights import BINS
 from glpath.radiosity.mesh.mesh import Elements, Int64, divisions_of_size, size_for_count
 from glpath.radiosity.shafts.rays import Rays, rays_of
 from glpath.radiosity.solution import INDIRECT
-from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Lamps, Starts, Surfaces, shoot_batch
+from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Arrivals, Lamps, Starts, Surfaces, shoot_batch
 from glpath.sampling.points import uniform_sphere
 from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
@@ -76,17 +76,17 @@ def _from_camera(
     """(2, C, 3): what paths from a camera bring to sides of cells after the surface that the eye sees."""
     divisions = np.ones(len(scene.triangles), np.int64)
     np.maximum.at(divisions, cells.triangle, cells.n)
-    surfaces, camera = Surfaces.of(scene, divisions), scene.camera.at()
+    surfaces, camera = Surfaces.of(scene, rays, divisions), scene.camera.at()
     nothing = np.zeros(0, np.int64)
     lamps = Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
     flux = np.zeros((2, 2, len(cells), 3))
     none = np.zeros(BATCH, np.int64)
-    bins = np.zeros((2, 0, BINS)) if came is None else came
+    arrivals = Arrivals(flux, np.zeros((2, 0, BINS)) if came is None else came)
     for i in range(batches):
         random = np.random.default_rng([seed, i, 0])
         origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
         starts = Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
-        shoot_batch(1 << 40 | i, seed, rays, surfaces, lamps, starts, max_reflections, np.empty((4, 3)), flux, bins)
+        shoot_batch(1 << 40 | i, seed, surfaces, lamps, starts, max_reflections, arrivals, np.empty((4, 3)))
     return np.asarray(flux[INDIRECT])
 
 

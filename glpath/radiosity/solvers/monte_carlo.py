@@ -28,7 +28,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
 from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.radiosity.solvers.importance import CELLS, gathered_by_camera, start_cells, visits_from_camera
-from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Lamps, Starts, Surfaces, shoot_batch
+from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Arrivals, Lamps, Starts, Surfaces, shoot_batch
 from glpath.scene.model import Float64
 from glpath.system.machine import core_count
 
@@ -101,7 +101,7 @@ class Shooting:
         self._rays = rays_of(scene)
         self._light = DirectLight(scene)
         self.open_areas, self.lit = _open_and_lit(self.mesh, self._light)
-        self._surfaces = Surfaces.of(scene, divisions)
+        self._surfaces = Surfaces.of(scene, self._rays, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
         self.square = np.zeros(self.flux.shape[1:])
@@ -275,10 +275,9 @@ class Shooting:
 
     def _batch(self, number: int) -> tuple[Float64, int]:
         flux = np.zeros_like(self.flux)
-        work, starts = np.empty((4, 3)), self._starts(number)
-        nowhere = np.zeros((2, 0, BINS))
+        starts, arrivals = self._starts(number), Arrivals(flux, np.zeros((2, 0, BINS)))
         hits = shoot_batch(
-            number, self.seed, self._rays, self._surfaces, self._lamps, starts, ENDLESS, work, flux, nowhere
+            number, self.seed, self._surfaces, self._lamps, starts, ENDLESS, arrivals, np.empty((4, 3))
         )
         return flux, int(hits)
 

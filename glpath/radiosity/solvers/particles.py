@@ -14,7 +14,7 @@ from glpath.radiosity.form_factors.lights import BINS
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.mesh import Int64
-from glpath.radiosity.shafts.rays import nearest
+from glpath.radiosity.shafts.rays import Rays, nearest
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
@@ -29,12 +29,14 @@ _MAX_THROUGH = 64
 
 
 class Surfaces(NamedTuple):
-    """The surfaces that particles hit: normals, reflectance (2, T, 3), opacity (T,), glass, and lattices.
+    """The surfaces that particles hit: as rays hit them, normals, reflectance (2, T, 3), opacity (T,), glass, and
+    lattices.
 
     reflectance : of glass without that of its surface, which mirrors
     begin       : where lattices begin
     """
 
+    rays: Rays
     normals: Float64
     reflectance: Float64
     opacity: Float64
@@ -44,9 +46,10 @@ class Surfaces(NamedTuple):
     begin: Int64
 
     @classmethod
-    def of(cls, scene: Scene, divisions: Int64) -> Surfaces:
+    def of(cls, scene: Scene, rays: Rays, divisions: Int64) -> Surfaces:
         glass = Glass.of_scene(scene)
         return cls(
+            rays,
             scene.normals,
             _beside_glass(scene.side_reflectance, glass),
             Appearance(scene).mean_opacity(),
@@ -85,6 +88,17 @@ class Starts(NamedTuple):
     direction: Float64
 
 
+class Arrivals(NamedTuple):
+    """What arrives, which is added to.
+
+    flux : (2, 2, E, 3)
+    came : (2, E, BINS), or (2, 0, BINS): what arrives after being reflected, by the bin that it came from
+    """
+
+    flux: Float64
+    came: Float64
+
+
 def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
     """(2, T, 3) reflectance without the part of glass that its surface mirrors."""
     f0, f90, layered, coat = glass.layer.T
@@ -105,13 +119,13 @@ def _random(state):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def shoot_batch(number, seed, rays, surfaces, lamps, starts, max_reflections, work, flux, came):  # type: ignore[no-untyped-def]
-    """One batch of particles; adds to flux (2, 2, E, 3) and returns the number of hits. work: (4, 3).
+def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals, work):  # type: ignore[no-untyped-def]
+    """One batch of particles; returns the number of hits. work: (4, 3).
 
     max_reflections : reflections after which a particle ends where it arrives
-    came : (2, E, BINS), or (2, 0, BINS); adds what arrives after being reflected, by the bin that it came from
     """
     corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
+    flux, came = arrivals
     hits = 0
     if len(lamps.cdf) == 0 and len(starts.triangle) == 0:
         return hits
@@ -146,7 +160,7 @@ def shoot_batch(number, seed, rays, surfaces, lamps, starts, max_reflections, wo
         while True:
             if leaves:
                 state = _leave(state, normals[triangle], back, d)
-            hit = nearest(rays, o, d, triangle, found)
+            hit = nearest(surfaces.rays, o, d, triangle, found)
             if hit < 0:
                 break
             hits += 1

@@ -15,7 +15,7 @@ Poor at:  reflectances near 1, where light dies out slowly.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,20 +78,9 @@ class Refinement:
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
         self.whole = False
-        received = _shoot(
-            side,
-            sent,
-            column,
-            t.sides.emission,
-            t.elements.reflectance,
-            t.share,
-            t.patch,
-            t.areas,
-            self.irradiance,
-            self.shot,
-            self.unshot,
-            np.empty((2, 3)),
-        )
+        surfaces = _Surfaces(t.sides.emission, t.elements.reflectance, t.share, t.patch, t.areas)
+        light = _Light(self.irradiance, self.shot, self.unshot)
+        received = _shoot(side, sent, column, surfaces, light, np.empty((2, 3)))
         self.steps += 1
         self.whole = True
         return float(received / t.areas[side])
@@ -191,15 +180,33 @@ def _energy(unshot, areas, energy):  # type: ignore[no-untyped-def]
         energy[q] = areas[q] * (abs(unshot[q, 0]) + abs(unshot[q, 1]) + abs(unshot[q, 2]))
 
 
+class _Surfaces(NamedTuple):
+    """Emission (Q, 3) and areas (Q,) of patches' sides, reflectance (R, 3) of elements'; see `Transport`."""
+
+    emission: Float64
+    reflectance: Float64
+    share: Float64
+    patch: NDArray[np.int64]
+    areas: Float64
+
+
+class _Light(NamedTuple):
+    """See `Refinement`."""
+
+    irradiance: Float64
+    shot: Float64
+    unshot: Float64
+
+
 @kernel
-def _shoot(  # type: ignore[no-untyped-def]
-    side, sent, column, emission, reflectance, share, patch, areas, irradiance, shot, unshot, parts
-):
-    """Send radiosity (3,) from a patch to irradiance (2, R, 3) and unshot (Q, 3).
+def _shoot(side, sent, column, surfaces, light, parts):  # type: ignore[no-untyped-def]
+    """Send radiosity (3,) from a patch by its form factors, a column (R,); returns their sum, times areas.
 
     Of what is sent, emission is what has not been before: it goes out whole, the first time. All else is reflected.
-    parts: (2, 3), room to work in. Returns the sum of form factors * areas.
+    parts: (2, 3), room to work in.
     """
+    emission, reflectance, share, patch, areas = surfaces
+    irradiance, shot, unshot = light
     for c in range(3):
         parts[0, c] = emission[side, c] - shot[0, side, c]
         parts[1, c] = sent[c] - parts[0, c]

@@ -15,12 +15,13 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import chain
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, SOBOL, mixed, point_of
+from glpath.radiosity.view_factors.convex import Polygon
+from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, SOBOL, Sampling, mixed, point_of
 from glpath.system.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
@@ -53,16 +54,15 @@ def back_shares(
 
     def cast(first: int, max_points: int) -> None:
         starts = iter(range(0, total, _TASK))
+        sampling = Sampling(first, max_points, _SHARE * error)
         failures: list[BaseException] = []
 
         def work() -> None:
             try:
                 for begin in starts:
                     end = min(begin + _TASK, total)
-                    back_rays(
-                        begin, end, where.facets, where.tree, SOBOL, where.eps, first, max_points, _SHARE * error,
-                        shares, errors, np.empty(len(where.facets.corners[0])), stop,
-                    )  # fmt: skip
+                    room = _Work(where.eps, SOBOL, np.empty(len(where.facets.corners[0])), stop)
+                    back_rays(begin, end, where.facets, where.tree, sampling, shares, errors, room)
             except BaseException as failed:
                 failures.append(failed)
 
@@ -98,11 +98,31 @@ def is_closed(outlines: Sequence[Sequence[int]]) -> bool:
     return all(count == 1 and edges.get((b, a)) == 1 for (a, b), count in edges.items())
 
 
+class _Work(NamedTuple):
+    """Of a task: `eps`, `sobol`, `fan` and `stop` are those of `records.Work`."""
+
+    eps: float
+    sobol: Int64
+    fan: Float64
+    stop: Int64
+
+
+class _Ray(NamedTuple):
+    """Origin, direction, and the distance along it from which on it meets anything."""
+
+    x: float
+    y: float
+    z: float
+    dx: float
+    dy: float
+    dz: float
+    min_t: float
+
+
 @kernel
-def back_rays(  # type: ignore[no-untyped-def]
-    begin, end, facets, tree, sobol, eps, first, max_points, tolerance, shares, errors, fan, stop
-):
-    """Shares of facets begin to end, by rays that are doubled from `first` to `max_points` until each is known."""
+def back_rays(begin, end, facets, tree, sampling, shares, errors, work):  # type: ignore[no-untyped-def]
+    """Shares of facets begin to end, and their standard errors, of as many rays as points are sampled."""
+    eps, sobol = work.eps, work.sobol
     sums = (0.0, 0.0, 0.0, 0.0)
     for i in range(begin, end):
         r0 = mixed(mixed(i) ^ 0x2545F49)
@@ -117,8 +137,8 @@ def back_rays(  # type: ignore[no-untyped-def]
         q = nx * ny * p
         tx, ty, tz = 1.0 + sign * nx * nx * p, sign * q, -sign * nx
         bx, by, bz = q, sign + ny * ny * p, -ny
-        n = facets.sides[i]
-        size, points, filled = first // BLOCKS, 0, 0
+        polygon = Polygon(facets.corners[i], facets.sides[i])
+        size, points, filled = sampling.first // BLOCKS, 0, 0
         sums = (0.0, 0.0, 0.0, 0.0)
         while True:
             s0, s1, s2, s3 = sums
@@ -127,18 +147,16 @@ def back_rays(  # type: ignore[no-untyped-def]
                 for _ in range(size):
                     u = ((sobol[points, 2] ^ (r2 << 1)) + 0.5) * 2.0**-32
                     v = ((sobol[points, 3] ^ (r3 << 1)) + 0.5) * 2.0**-32
-                    x, y, z = point_of(
-                        facets.corners[i], n, sobol[points, 0] ^ (r0 << 1), sobol[points, 1] ^ (r1 << 1), fan,
-                        points == 0,
-                    )  # fmt: skip
+                    a, b = sobol[points, 0] ^ (r0 << 1), sobol[points, 1] ^ (r1 << 1)
+                    x, y, z = point_of(polygon, a, b, work.fan, points == 0)
                     points += 1
                     radius, turn = np.sqrt(u), 2 * np.pi * v
                     c, s, up = radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - u)
-                    hits += _meets_back(
-                        x, y, z, c * tx + s * bx + up * nx, c * ty + s * by + up * ny, c * tz + s * bz + up * nz,
-                        eps / up, facets, tree, eps,
-                    )  # fmt: skip
-                if stop[0] != 0:
+                    dx = c * tx + s * bx + up * nx
+                    dy = c * ty + s * by + up * ny
+                    dz = c * tz + s * bz + up * nz
+                    hits += _meets_back(_Ray(x, y, z, dx, dy, dz, eps / up), facets, tree, eps)
+                if work.stop[0] != 0:
                     return
                 if block == 0:
                     s0 = hits
@@ -154,7 +172,7 @@ def back_rays(  # type: ignore[no-untyped-def]
             # Few rays may all agree accidentally: one of them counts.
             off = np.sqrt(square * BLOCKS / (BLOCKS - 1.0) + (0.1 if 0 < found < points else 0.0)) / points
             shares[i], errors[i] = found / points, off
-            if off <= tolerance or points >= max_points:
+            if off <= sampling.tolerance or points >= sampling.max_points:
                 break
             sums = (s0 + s1, s2 + s3, 0.0, 0.0)
             filled = BLOCKS // 2
@@ -162,8 +180,9 @@ def back_rays(  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _meets_back(x, y, z, dx, dy, dz, min_t, facets, tree, eps):  # type: ignore[no-untyped-def]
-    """1 where what a ray meets first, beyond `min_t`, is the back of a facet, and no front coincides."""
+def _meets_back(ray, facets, tree, eps):  # type: ignore[no-untyped-def]
+    """1 where what a ray meets first is the back of a facet, and no front coincides."""
+    x, y, z, dx, dy, dz, min_t = ray
     front = back = np.inf
     ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
     boxes, skip = tree.boxes, tree.skip

@@ -29,7 +29,7 @@ from glpath.radiosity.view_factors.backs import back_rays, back_shares, is_close
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
 from glpath.radiosity.view_factors.records import Work
 from glpath.radiosity.view_factors.result import ViewFactors
-from glpath.radiosity.view_factors.rows import COUNT_NAMES, exchange_rows
+from glpath.radiosity.view_factors.rows import COUNT_NAMES, Rows, exchange_rows
 from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import check_writable, whole_file
 from glpath.system.kernels import announced, waiting
@@ -397,28 +397,23 @@ def _task(
     no time compared with the rows."""
     total = len(where.facets.sides)
     first, last = task * rows, min((task + 1) * rows, total)
-    work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop, done)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
+    work = Work.of(where.eps, len(where.occluders.sides), where.depth, stop, done, counts)
     room = max(2 * total, 4096)
-    columns, values = np.empty(room, np.int32), np.empty(room)
-    errors = np.empty(room, np.float32)
+    found = Rows(np.empty(room, np.int32), np.empty(room), np.empty(room, np.float32), np.empty(rows, np.int64))
     i, j, exchange, off = [], [], [], []
     while first < last:
-        ends = np.zeros(last - first, np.int64)
         reached = int(
-            exchange_rows(
-                first, last, where.facets, where.tree, where.occluders, float(error), work, columns, values, errors,
-                ends, counts,
-            )
-        )  # fmt: skip
+            exchange_rows(first, last, where.facets, where.tree, where.occluders, float(error), found, work)
+        )
         if reached < 0:
             return None
-        ends = ends[: reached - first]
+        ends = found.ends[: reached - first]
         size = int(ends[-1])
         i.append(where.row[np.repeat(np.arange(first, reached), np.diff(ends, prepend=0))].astype(np.int32))
-        j.append(where.row[columns[:size]].astype(np.int32))
-        exchange.append(values[:size].copy())
-        off.append(errors[:size].copy())
+        j.append(where.row[found.columns[:size]].astype(np.int32))
+        exchange.append(found.values[:size].copy())
+        off.append(found.errors[:size].copy())
         first = reached
     part = _Part(
         np.array([task]),

@@ -1,18 +1,28 @@
 """Convex polygons for the kernels: clipped by planes, and the points of a quadrature on them.
 
-A polygon is rows of an array (n, 3), counter-clockwise seen from its front; a plane is four numbers, unit normal
-and distance, so that the height of a point over it is normal . point + distance.
+A plane is four numbers, unit normal and distance, so that the height of a point over it is normal . point +
+distance.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.system.kernels import inner_kernel
 
 #: Most corners of a facet and of an occluder; each of two clips adds one.
 CORNERS = 12
 ROOM = CORNERS + 4
+
+
+class Polygon(NamedTuple):
+    """The corners points[:n], (n, 3) float64, counter-clockwise seen from its front."""
+
+    points: NDArray[np.float64]
+    n: int
 
 
 #: atan(t) / t by powers of t^2, up to tan(pi / 8): interpolated at Chebyshev's points, good to 3e-14.
@@ -47,11 +57,12 @@ def height(planes, i, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def clip(source, n, planes, i, eps, target):  # type: ignore[no-untyped-def]
-    """The part of source[:n] before planes[i], into `target`; returns its corners, 0 where nothing is before it.
+def clip(polygon, planes, i, eps, target):  # type: ignore[no-untyped-def]
+    """The part of a polygon before planes[i], into `target`; returns its corners, 0 where nothing is before it.
 
     Corners within eps of the plane count as on it, so that neighbours of its polygon leave no slivers.
     """
+    source, n = polygon
     highest, lowest = 0.0, 0.0
     for k in range(n):
         h = height(planes, i, source[k, 0], source[k, 1], source[k, 2])
@@ -82,19 +93,20 @@ def clip(source, n, planes, i, eps, target):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def measure(polygon, n, centre):  # type: ignore[no-untyped-def]
+def measure(polygon, centre):  # type: ignore[no-untyped-def]
     """Its area and the largest distance of a corner from the mean of the corners, which goes to `centre`."""
+    points, n = polygon
     for j in range(3):
         centre[j] = 0.0
         for k in range(n):
-            centre[j] += polygon[k, j]
+            centre[j] += points[k, j]
         centre[j] /= n
     radius = 0.0
     x = y = z = 0.0
     for k in range(n):
-        ax, ay, az = polygon[k, 0] - centre[0], polygon[k, 1] - centre[1], polygon[k, 2] - centre[2]
+        ax, ay, az = points[k, 0] - centre[0], points[k, 1] - centre[1], points[k, 2] - centre[2]
         j = k + 1 if k + 1 < n else 0
-        bx, by, bz = polygon[j, 0] - centre[0], polygon[j, 1] - centre[1], polygon[j, 2] - centre[2]
+        bx, by, bz = points[j, 0] - centre[0], points[j, 1] - centre[1], points[j, 2] - centre[2]
         radius = max(radius, ax * ax + ay * ay + az * az)
         x += ay * bz - az * by
         y += az * bx - ax * bz
@@ -103,29 +115,28 @@ def measure(polygon, n, centre):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def triangle_area(polygon, k):  # type: ignore[no-untyped-def]
+def triangle_area(points, k):  # type: ignore[no-untyped-def]
     """Of corners 0, k and k + 1: a triangle of the fan."""
-    ax, ay, az = polygon[k, 0] - polygon[0, 0], polygon[k, 1] - polygon[0, 1], polygon[k, 2] - polygon[0, 2]
-    bx = polygon[k + 1, 0] - polygon[0, 0]
-    by = polygon[k + 1, 1] - polygon[0, 1]
-    bz = polygon[k + 1, 2] - polygon[0, 2]
+    ax, ay, az = points[k, 0] - points[0, 0], points[k, 1] - points[0, 1], points[k, 2] - points[0, 2]
+    bx, by, bz = points[k + 1, 0] - points[0, 0], points[k + 1, 1] - points[0, 1], points[k + 1, 2] - points[0, 2]
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     return 0.5 * (x * x + y * y + z * z) ** 0.5
 
 
 @inner_kernel
-def quadrature(polygon, n, rule, points):  # type: ignore[no-untyped-def]
+def quadrature(polygon, rule, points):  # type: ignore[no-untyped-def]
     """Points (4, m), the last row their weights, that integrate over a polygon; returns how many they are.
 
     rule : (r, 4) float64 of a triangle: barycentric coordinates and weights that add up to 1
     """
+    corners, n = polygon
     m = 0
     for k in range(1, n - 1):
-        area = triangle_area(polygon, k)
+        area = triangle_area(corners, k)
         for r in range(len(rule)):
             for j in range(3):
                 points[j, m] = (
-                    rule[r, 0] * polygon[0, j] + rule[r, 1] * polygon[k, j] + rule[r, 2] * polygon[k + 1, j]
+                    rule[r, 0] * corners[0, j] + rule[r, 1] * corners[k, j] + rule[r, 2] * corners[k + 1, j]
                 )
             points[3, m] = rule[r, 3] * area
             m += 1

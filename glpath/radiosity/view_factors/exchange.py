@@ -15,6 +15,7 @@ polygons", whose closed form of the outer integral takes more time than the poin
 from __future__ import annotations
 
 from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,19 +72,19 @@ _OFF_2, _OFF_4, _OFF_6, _OFF_8 = 0.2, 0.04, 0.01, 1.5e-3
 
 
 @inner_kernel
-def exchange(a, n, b, m, na, nb, floor, relative, work):  # type: ignore[no-untyped-def]
-    """Exchange area of polygons a[:n] and b[:m], each wholly before the other, and an estimate of its error.
+def exchange(a, b, na, nb, floor, relative, work):  # type: ignore[no-untyped-def]
+    """Exchange area of two polygons, each wholly before the other, and an estimate of its error.
 
     na, nb          : (3,) the unit normals
     floor, relative : what the error may be, as an exchange area, and as a share of what is found
     """
-    area_a, radius_a = measure(a, n, work.centre_a)
-    area_b, radius_b = measure(b, m, work.centre_b)
+    area_a, radius_a = measure(a, work.centre_a)
+    area_b, radius_b = measure(b, work.centre_b)
     square = 0.0
     for k in range(3):
         square += (work.centre_a[k] - work.centre_b[k]) ** 2
     apart2 = square / (radius_a + radius_b) ** 2
-    rough = max(_by_points(a, n, b, m, na, nb, work.rule_2, work), 0.0)
+    rough = max(_by_points(a, b, na, nb, work.rule_2, work), 0.0)
     tolerance = max(floor, relative * rough)
     if apart2 >= _CLOSE**2:
         facing = area_a * area_b / (np.pi * square)
@@ -93,25 +94,23 @@ def exchange(a, n, b, m, na, nb, floor, relative, work):  # type: ignore[no-unty
             return rough, off
         off = _OFF_4 * facing * near4 / apart2
         if off <= tolerance:
-            return max(_by_points(a, n, b, m, na, nb, work.rule_4, work), 0.0), off
+            return max(_by_points(a, b, na, nb, work.rule_4, work), 0.0), off
         off = _OFF_6 * facing * near4 * near4
         if off <= tolerance:
-            return max(_by_points(a, n, b, m, na, nb, work.rule_6, work), 0.0), off
+            return max(_by_points(a, b, na, nb, work.rule_6, work), 0.0), off
         off = _OFF_8 * facing * near4 * near4 / apart2
         if off <= tolerance:
-            return max(_by_points(a, n, b, m, na, nb, work.rule_8, work), 0.0), off
-    if radius_a <= radius_b:
-        found, off = near_exchange(a, n, b, m, _NEAR * floor, work.halves)
-    else:
-        found, off = near_exchange(b, m, a, n, _NEAR * floor, work.halves)
+            return max(_by_points(a, b, na, nb, work.rule_8, work), 0.0), off
+    first, second = (a, b) if radius_a <= radius_b else (b, a)
+    found, off = near_exchange(first, second, _NEAR * floor, work.halves)
     return max(found, 0.0), off
 
 
 @inner_kernel
-def _by_points(a, n, b, m, na, nb, rule, work):  # type: ignore[no-untyped-def]
-    """Of polygons a[:n] and b[:m], by the Gauss points of a rule."""
-    i = quadrature(a, n, rule, work.points_a)
-    j = quadrature(b, m, rule, work.points_b)
+def _by_points(a, b, na, nb, rule, work):  # type: ignore[no-untyped-def]
+    """As `exchange`, by the Gauss points of a rule."""
+    i = quadrature(a, rule, work.points_a)
+    j = quadrature(b, rule, work.points_b)
     return _between_points(work.points_a, i, work.points_b, j, na, nb)
 
 
@@ -132,13 +131,26 @@ def _between_points(a, n, b, m, na, nb):  # type: ignore[no-untyped-def]
     return total / np.pi
 
 
-@inner_kernel
-def _inner(a, k, ex, ey, ez, s, b, m):  # type: ignore[no-untyped-def]
-    """sum over edges q of b of (dp . dq) times the mean of ln r along q, from the point at s on edge k of a.
+class _Edge(NamedTuple):
+    """Where an edge begins, and the vector to its end."""
 
-    But for a constant of these means, which adds nothing, as b is closed.
+    x: float
+    y: float
+    z: float
+    ex: float
+    ey: float
+    ez: float
+
+
+@inner_kernel
+def _inner(edge, s, polygon):  # type: ignore[no-untyped-def]
+    """sum over edges q of a polygon of (dp . dq) times the mean of ln r along q, from the point at s on an edge p.
+
+    But for a constant of these means, which adds nothing, as the polygon is closed.
     """
-    x, y, z = a[k, 0] + s * ex, a[k, 1] + s * ey, a[k, 2] + s * ez
+    ex, ey, ez = edge.ex, edge.ey, edge.ez
+    x, y, z = edge.x + s * ex, edge.y + s * ey, edge.z + s * ez
+    b, m = polygon
     total = 0.0
     dx, dy, dz = b[m - 1, 0] - x, b[m - 1, 1] - y, b[m - 1, 2] - z
     square = dx * dx + dy * dy + dz * dz
@@ -167,8 +179,9 @@ def _inner(a, k, ex, ey, ez, s, b, m):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _touches(a, k, b, m):  # type: ignore[no-untyped-def]
-    """Whether corner k of a is one of b[:m]: there the logarithm goes to infinity, though its integral does not."""
+def _touches(a, k, polygon):  # type: ignore[no-untyped-def]
+    """Whether point a[k] is a corner: there the logarithm goes to infinity, though its integral does not."""
+    b, m = polygon
     for i in range(m):
         dx, dy, dz = b[i, 0] - a[k, 0], b[i, 1] - a[k, 1], b[i, 2] - a[k, 2]
         if dx * dx + dy * dy + dz * dz == 0:
@@ -177,7 +190,7 @@ def _touches(a, k, b, m):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _along(a, k, ex, ey, ez, start, width, smoothed, b, m):  # type: ignore[no-untyped-def]
+def _along(edge, start, width, smoothed, polygon):  # type: ignore[no-untyped-def]
     """The integral of `_inner` over a part of an edge by seven points, and how far three of them are from it.
 
     smoothed : the part is of t, and the point at t^2 (3 - 2 t), times the derivative: smooth at an end that touches
@@ -191,31 +204,33 @@ def _along(a, k, ex, ey, ez, start, width, smoothed, b, m):  # type: ignore[no-u
             s, scale = start + half * (1 + (2 * sign - 1) * node), 1.0
             if smoothed:
                 s, scale = s * s * (3 - 2 * s), 6 * s * (1 - s)
-            pair += scale * _inner(a, k, ex, ey, ez, s, b, m)
+            pair += scale * _inner(edge, s, polygon)
         seven += weight * pair
         three += pair * (_G0 if i == 0 else _G2 if i == 1 else 0.0)
     return half * seven, half * abs(seven - three)
 
 
 @inner_kernel
-def near_exchange(a, n, b, m, tolerance, stack):  # type: ignore[no-untyped-def]
-    """Of polygons a[:n] and b[:m], which may touch, and an estimate of its error.
+def near_exchange(first, second, tolerance, stack):  # type: ignore[no-untyped-def]
+    """Of polygons which may touch, and an estimate of its error.
 
     tolerance : of the result, roughly
     stack     : (_DEEPEST + 2, 2) float64
     """
+    a, n = first
     total, error = 0.0, 0.0
     allowed = 2 * np.pi * tolerance / n
     for k in range(n):
         j = k + 1 if k + 1 < n else 0
         ex, ey, ez = a[j, 0] - a[k, 0], a[j, 1] - a[k, 1], a[j, 2] - a[k, 2]
-        smoothed = _touches(a, k, b, m) or _touches(a, j, b, m)
+        edge = _Edge(a[k, 0], a[k, 1], a[k, 2], ex, ey, ez)
+        smoothed = _touches(a, k, second) or _touches(a, j, second)
         stack[0, 0], stack[0, 1] = 0.0, 1.0
         top = 1
         while top:
             top -= 1
             s, width = stack[top, 0], stack[top, 1]
-            found, off = _along(a, k, ex, ey, ez, s, width, smoothed, b, m)
+            found, off = _along(edge, s, width, smoothed, second)
             off *= _SEVEN
             if off <= allowed * max(width, 0.125) or width < 1e-6:
                 total += found

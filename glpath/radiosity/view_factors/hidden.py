@@ -12,6 +12,8 @@ Poor at:  polygons that hundreds of small occluders stand between.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from glpath.radiosity.view_factors.convex import angle, height, triangle_area
@@ -31,13 +33,24 @@ UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
 
-@inner_kernel
-def hides_all(a, n, b, m, occluders, o, eps, at_a, at_b):  # type: ignore[no-untyped-def]
-    """Whether all segments from points a[:n] to b[:m] cross occluder o, so that none of their hulls' do not.
+class Sampling(NamedTuple):
+    """How many points a share is found with. They are doubled until its standard error is small enough.
 
-    at_a, at_b : (ROOM,) room for heights
+    first, max_points : powers of 2 from `BLOCKS` to `MAX_POINTS`
+    tolerance         : one standard error
     """
-    planes, edges = occluders.planes, occluders.edges
+
+    first: int
+    max_points: int
+    tolerance: float
+
+
+@inner_kernel
+def hides_all(first, second, occluders, o, work):  # type: ignore[no-untyped-def]
+    """Whether all segments between the points of two polygons cross occluder o."""
+    a, n = first
+    b, m = second
+    planes, edges, eps, at_a, at_b = occluders.planes, occluders.edges, work.eps, work.at_a, work.at_b
     sign = 0.0
     for i in range(n):
         at_a[i] = height(planes, o, a[i, 0], a[i, 1], a[i, 2])
@@ -97,8 +110,11 @@ def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def seen_from(x, y, z, nx, ny, nz, b, m, clipped, planes, work):  # type: ignore[no-untyped-def]
-    """Form factors from a point with a normal to polygon b[:m]: of what is seen past the occluders, and of all."""
+def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-def]
+    """Form factors from a point in a plane to a polygon: of what is seen past work.clipped, and of all."""
+    x, y, z = point
+    nx, ny, nz = plane[0], plane[1], plane[2]
+    b, m = polygon
     parts, corners, following = work.parts, work.part_corners, work.following
     for k in range(m):
         parts[0, k, 0], parts[0, k, 1], parts[0, k, 2] = b[k, 0] - x, b[k, 1] - y, b[k, 2] - z
@@ -107,7 +123,7 @@ def seen_from(x, y, z, nx, ny, nz, b, m, clipped, planes, work):  # type: ignore
     # Planes are made when they are asked for: most occluders are beside what is looked at, and the first is enough.
     pyramid, made, fronts = work.pyramid, work.made, work.fronts
     for o in range(clipped):
-        h = height(planes, work.clipped_plane[o], x, y, z)
+        h = height(work.clipped_planes, o, x, y, z)
         fronts[o] = 0.0 if abs(h) <= work.eps else 1.0 if h > 0 else -1.0
         made[o] = 0
     seen = 0.0
@@ -202,12 +218,13 @@ def seen_from(x, y, z, nx, ny, nz, b, m, clipped, planes, work):  # type: ignore
 
 
 @inner_kernel
-def point_of(a, n, first, second, fan, begin):  # type: ignore[no-untyped-def]
-    """The point of polygon a[:n] that two whole numbers of 32 bits stand for.
+def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def]
+    """The point of a polygon that two whole numbers of 32 bits stand for.
 
     fan   : (n,) room for the areas of its triangles, each with those before it
     begin : whether they are to be found
     """
+    a, n = polygon
     if begin:
         area = 0.0
         for k in range(1, n - 1):
@@ -228,36 +245,32 @@ def point_of(a, n, first, second, fan, begin):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def seen_share(  # type: ignore[no-untyped-def]
-    a, n, plane, b, m, exchange, tolerance, first, max_points, seed, clipped, planes, work
-):
+def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: ignore[no-untyped-def]
     """The share of an exchange area that is seen past occluders, its standard error, and how many points it took.
 
-    The points are on a[:n], in that plane, and what is seen is b[:m]. They are Sobol's, scrambled, and are doubled
-    until the standard error is below the tolerance. It is what the means of `BLOCKS` successive blocks say, each of
-    which is a net; all together are a better net, so that it is cautious.
+    The points are on polygon a, in that plane, and what is seen is polygon b. They are Sobol's, scrambled. The
+    standard error is what the means of `BLOCKS` successive blocks say, each of which is a net; all together are a
+    better net, so that it is cautious.
 
-    exchange    : of the two polygons, without occluders
-    tolerance   : of the exchange area, one standard error
-    first, max_points : points at first, and at most; powers of 2 from `BLOCKS` to `MAX_POINTS`
-    seed        : of the scrambling
+    exchange : of the two polygons, without occluders
+    sampling : its tolerance is of the exchange area
+    seed     : of the scrambling
     """
     r0 = mixed(seed)
     r1 = mixed(r0)
     sums, sobol = work.blocks, work.sobol
     for o in range(clipped):
         work.parting[o] = 0
-    size = first // BLOCKS
+    size = sampling.first // BLOCKS
     filled = points = 0
     while True:
         for block in range(filled, BLOCKS):
             seen = whole = 0.0
             for _ in range(size):
-                x, y, z = point_of(
-                    a, n, _scrambled(sobol[points, 0], r0), _scrambled(sobol[points, 1], r1), work.fan, points == 0
-                )
+                first, second = _scrambled(sobol[points, 0], r0), _scrambled(sobol[points, 1], r1)
+                point = point_of(a, first, second, work.fan, points == 0)
                 points += 1
-                s, w = seen_from(x, y, z, plane[0], plane[1], plane[2], b, m, clipped, planes, work)
+                s, w = seen_from(point, plane, b, clipped, work)
                 seen += s
                 whole += w
             sums[block, 0], sums[block, 1] = seen, whole
@@ -279,9 +292,9 @@ def seen_share(  # type: ignore[no-untyped-def]
             variance += (MISSED / points) ** 2
         # Of what the points get wrong of all, as much is unknown of what is seen.
         if exchange > 0:
-            variance += (UNKNOWN * min(abs(whole * work.fan[n - 2] / (points * exchange) - 1), 1.0)) ** 2
+            variance += (UNKNOWN * min(abs(whole * work.fan[a.n - 2] / (points * exchange) - 1), 1.0)) ** 2
         uncertain = np.sqrt(variance)
-        if uncertain * exchange <= tolerance or points >= max_points:
+        if uncertain * exchange <= sampling.tolerance or points >= sampling.max_points:
             return share, uncertain, points
         for block in range(BLOCKS // 2):
             for j in range(2):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.accel.nodes import Bvh
-from glpath.radiosity.shafts.shaft import empty_shaft
+from glpath.radiosity.shafts.shaft import FormedShaft
 from glpath.radiosity.view_factors.convex import ROOM
 from glpath.radiosity.view_factors.exchange import RULE_2, RULE_4, RULE_6, RULE_8
 from glpath.radiosity.view_factors.hidden import BLOCKS, PARTS, SOBOL
@@ -68,14 +68,16 @@ class Tree(NamedTuple):
 class Work(NamedTuple):
     """Room for one thread; see where each is used.
 
-    stop : (1,) of all threads: what is not 0 ends them within some points of a pair, as rows may take minutes
-    done : (1,) of this thread: rows done since it was set to 0
-    lost : (1,) how often there were too many pieces
+    stop   : (1,) of all threads: what is not 0 ends them within some points of a pair, as rows may take minutes
+    done   : (1,) of this thread: rows done since it was set to 0
+    counts : (C,) of this thread, see `rows.COUNT_NAMES`
+    lost   : (1,) how often there were too many pieces
     """
 
     eps: float
     stop: Int64
     done: Int64
+    counts: Int64
     lost: Int64
     a: Float64
     b: Float64
@@ -93,15 +95,13 @@ class Work(NamedTuple):
     pairs: Int64
     pending: Int64
     lists: Int32
-    shaft: Float64
-    near: Int64
-    extent: Float64
+    shaft: FormedShaft
     hull: Float64
     at_a: Float64
     at_b: Float64
     clipped: Float64
     clipped_count: Int64
-    clipped_plane: Int64
+    clipped_planes: Float64
     pyramid: Float64
     made: Int64
     parting: Int64
@@ -114,13 +114,13 @@ class Work(NamedTuple):
     sobol: Int64
 
     @classmethod
-    def of(cls, eps: float, occluders: int, depth: int, stop: Int64, done: Int64) -> Work:
-        shaft, near, extent = empty_shaft()
+    def of(cls, eps: float, occluders: int, depth: int, stop: Int64, done: Int64, counts: Int64) -> Work:
         points = len(RULE_8) * ROOM
         return cls(
             eps=eps,
             stop=stop,
             done=done,
+            counts=counts,
             lost=np.zeros(1, np.int64),
             a=np.empty((DEEPEST + 2, ROOM, 3)),
             b=np.empty((DEEPEST + 2, ROOM, 3)),
@@ -138,15 +138,13 @@ class Work(NamedTuple):
             pairs=np.empty((DEEPEST + 2, 5), np.int64),
             pending=np.empty((2 * depth + 4, 3), np.int64),
             lists=np.empty((depth + DEEPEST + 4) * occluders, np.int32),
-            shaft=shaft,
-            near=near,
-            extent=extent,
+            shaft=FormedShaft.between(np.empty(6), np.empty(6)),
             hull=np.empty((4 * ROOM, 4)),
             at_a=np.empty(ROOM),
             at_b=np.empty(ROOM),
             clipped=np.empty((MAX_CLIPPED, ROOM, 3)),
             clipped_count=np.empty(MAX_CLIPPED, np.int64),
-            clipped_plane=np.empty(MAX_CLIPPED, np.int64),
+            clipped_planes=np.empty((MAX_CLIPPED, 4)),
             pyramid=np.empty((MAX_CLIPPED, ROOM, 4)),
             made=np.empty(MAX_CLIPPED, np.int64),
             parting=np.empty(MAX_CLIPPED, np.int64),

@@ -7,12 +7,16 @@ below is seen, and no occluder is looked for again.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.radiosity.shafts.search import highest
 from glpath.radiosity.shafts.shaft import classify_box, form_shaft
-from glpath.radiosity.view_factors.convex import ROOM, clip, height, measure
+from glpath.radiosity.view_factors.convex import ROOM, Polygon, clip, height, measure
 from glpath.radiosity.view_factors.exchange import exchange
-from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, hides_all, mixed, seen_share
+from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, Sampling, hides_all, mixed, seen_share
 from glpath.radiosity.view_factors.records import DEEPEST, MAX_CLIPPED
 from glpath.system.kernels import inner_kernel, kernel
 
@@ -43,15 +47,25 @@ COUNT_NAMES = (
 )  # fmt: skip
 
 
+class Rows(NamedTuple):
+    """Exchange areas, row after row.
+
+    columns, values, errors : (C,) where they go; of errors, one standard error
+    ends                    : (rows,) where each row ends there
+    """
+
+    columns: NDArray[np.int32]
+    values: NDArray[np.float64]
+    errors: NDArray[np.float32]
+    ends: NDArray[np.int64]
+
+
 @inner_kernel
-def _may_occlude(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
-    """0 where occluder o cannot stand between a[:n] and a box, as neither reaches across its plane; 2 where its
+def _may_occlude(o, occluders, polygon, box, eps):  # type: ignore[no-untyped-def]
+    """0 where occluder o cannot stand between a polygon and a box, as neither reaches across its plane; 2 where its
     plane parts them, and nothing in the box lies in it; else 1."""
     p = occluders.planes
-    low_a, high_a = np.inf, -np.inf
-    for k in range(n):
-        h = height(p, o, a[k, 0], a[k, 1], a[k, 2])
-        low_a, high_a = min(low_a, h), max(high_a, h)
+    low_a, high_a = _heights(p, o, polygon)
     low_b = high_b = p[o, 3]
     for k in range(3):
         f = p[o, k]
@@ -60,6 +74,17 @@ def _may_occlude(o, occluders, a, n, box, eps):  # type: ignore[no-untyped-def]
     parted = _parted(low_a, high_a, low_b, high_b, eps)
     # Faces in the plane, such as the occluder's neighbours, are not hidden by it.
     return 1 if parted == 2 and low_b <= eps and high_b >= -eps else parted
+
+
+@inner_kernel
+def _heights(planes, i, polygon):  # type: ignore[no-untyped-def]
+    """The lowest and the highest over planes[i]."""
+    points, n = polygon
+    low, high = np.inf, -np.inf
+    for k in range(n):
+        h = height(planes, i, points[k, 0], points[k, 1], points[k, 2])
+        low, high = min(low, h), max(high, h)
+    return low, high
 
 
 @inner_kernel
@@ -72,8 +97,11 @@ def _parted(low_a, high_a, low_b, high_b, eps):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _supports(a, n, b, m, count, work):  # type: ignore[no-untyped-def]
-    """Append to work.hull planes through an edge of a and a corner of b that have both in front; how many then."""
+def _supports(first, second, count, work):  # type: ignore[no-untyped-def]
+    """Append to work.hull planes through an edge of one polygon and a corner of the other that have both in front;
+    how many then."""
+    a, n = first
+    b, m = second
     hull, eps = work.hull, work.eps
     for k in range(n):
         j = k + 1 if k + 1 < n else 0
@@ -121,15 +149,17 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  # type: ignore[no-untyped-def]
+def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[no-untyped-def]
     """Exchange area of facets i and j, and the square of its standard error; candidates are work.lists[begin:end].
 
     Where many remain, the larger polygon is halved: a smaller shaft holds fewer, and often none.
     """
-    eps, lists, pairs = work.eps, work.lists, work.pairs
+    eps, lists, pairs, counts = work.eps, work.lists, work.pairs, work.counts
+    smaller = min(facets.areas[i], facets.areas[j])
+    floor = 0.5 * error * smaller / len(facets.sides)
     counts[FACING] += 1
-    n = clip(facets.corners[i], facets.sides[i], facets.planes, j, eps, work.a[0])
-    m = clip(facets.corners[j], facets.sides[j], facets.planes, i, eps, work.b[0])
+    n = clip(Polygon(facets.corners[i], facets.sides[i]), facets.planes, j, eps, work.a[0])
+    m = clip(Polygon(facets.corners[j], facets.sides[j]), facets.planes, i, eps, work.b[0])
     if n == 0 or m == 0:
         return 0.0, 0.0
     pairs[0, 0], pairs[0, 1], pairs[0, 2], pairs[0, 3], pairs[0, 4] = n, m, begin, end, 0
@@ -139,19 +169,19 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
     seed = mixed(mixed(i) ^ j)
     while top and work.stop[0] == 0:
         top -= 1
-        a, b = work.a[top], work.b[top]
-        n, m, begin, end, depth = pairs[top, 0], pairs[top, 1], pairs[top, 2], pairs[top, 3], pairs[top, 4]
+        a, b = Polygon(work.a[top], pairs[top, 0]), Polygon(work.b[top], pairs[top, 1])
+        begin, end, depth = pairs[top, 2], pairs[top, 3], pairs[top, 4]
         put = end
         hidden = False
         if end > begin:
-            planes = _supports(a, n, b, m, 0, work)
-            planes = _supports(b, m, a, n, planes, work)
+            planes = _supports(a, b, 0, work)
+            planes = _supports(b, a, planes, work)
             for c in range(begin, end):
                 o = np.int64(lists[c])
-                parted = _apart(o, occluders, a, n, b, m, eps)
+                parted = _apart(o, occluders, a, b, eps)
                 if parted == 0 or _outside_hull(occluders, o, planes, work):
                     continue
-                if parted == 2 and hides_all(a, n, b, m, occluders, o, eps, work.at_a, work.at_b):
+                if parted == 2 and hides_all(a, b, occluders, o, work):
                     hidden = True
                     break
                 lists[put] = o
@@ -164,67 +194,63 @@ def _between(i, j, facets, occluders, begin, end, floor, error, work, counts):  
         clipped, kept = 0, end
         for c in range(end, put):
             o = np.int64(lists[c])
-            k = clip(occluders.corners[o], occluders.sides[o], facets.planes, i, eps, work.spare)
-            k = clip(work.spare, k, facets.planes, j, eps, work.clipped[min(clipped, MAX_CLIPPED - 1)]) if k else 0
+            k = clip(Polygon(occluders.corners[o], occluders.sides[o]), facets.planes, i, eps, work.spare)
+            last = min(clipped, MAX_CLIPPED - 1)
+            k = clip(Polygon(work.spare, k), facets.planes, j, eps, work.clipped[last]) if k else 0
             if k:
                 lists[kept] = o
                 kept += 1
                 if clipped < MAX_CLIPPED:
-                    work.clipped_count[clipped], work.clipped_plane[clipped] = k, o
+                    work.clipped_count[clipped] = k
+                    for c in range(4):
+                        work.clipped_planes[clipped, c] = occluders.planes[o, c]
                     clipped += 1
         put = kept
         part = max(tolerance, 0.0) * 0.7**depth
         allowed = max(_EXACT * floor, 0.1 * part)
-        whole, wrong = exchange(a, n, b, m, facets.planes[i], facets.planes[j], allowed, _EXACT * error, work)
+        whole, wrong = exchange(a, b, facets.planes[i], facets.planes[j], allowed, _EXACT * error, work)
         if put == end:
             if depth == 0:
                 counts[FREE] += 1
             value += whole
             variance += (_OF_BOUND * wrong) ** 2
             continue
+        # Squares of what the parts of a pair may be off add up to that of the pair, however unequal they are.
+        part = _SHARE * error * np.sqrt(whole * smaller)
         if depth == 0:
             counts[PARTIAL] += 1
-            tolerance = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
-        # Squares of what the parts of a pair may be off add up to that of the pair, however unequal they are.
-        part = _SHARE * error * np.sqrt(whole * min(facets.areas[i], facets.areas[j]))
+            tolerance = part
         coarse = whole <= _COARSE * part
         crowded = put - end > MAX_CLIPPED
         may_halve = depth < DEEPEST and (crowded or (put - end > _FEW_OCCLUDERS and not coarse))
-        if may_halve and put - end > _MANY_OCCLUDERS and _halve(a, n, b, m, top, work):
+        if may_halve and put - end > _MANY_OCCLUDERS and _halve(a, b, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
-        _, radius_a = measure(a, n, work.centre_a)
-        _, radius_b = measure(b, m, work.centre_b)
+        _, radius_a = measure(a, work.centre_a)
+        _, radius_b = measure(b, work.centre_b)
         on_a = radius_a <= radius_b
+        smaller_one, other, facet = (a, b, i) if on_a else (b, a, j)
         if depth < DEEPEST and not coarse:
             # Visibility jumps where a point crosses the line that an occluder stands on.
-            if on_a:
-                stands = _standing(a, n, facets.planes, i, clipped, work)
-            else:
-                stands = _standing(b, m, facets.planes, j, clipped, work)
+            stands = _standing(smaller_one, facets.planes, facet, clipped, work)
             if stands >= 0:
                 for k in range(4):
-                    work.hull[0, k] = occluders.planes[work.clipped_plane[stands], k]
+                    work.hull[0, k] = work.clipped_planes[stands, k]
                     work.hull[1, k] = -work.hull[0, k]
-                if _divide(a, n, b, m, on_a, top, work):
+                if _divide(a, b, on_a, top, work):
                     top = _push_halves(pairs, top, end, put, depth)
                     continue
         first = BLOCKS
         while first < _TRIED and first * (_A_POINT if depth == 0 else 1.0) * part < whole:
             first *= 2
-        max_points = _TRIED if may_halve else MAX_POINTS
+        sampling = Sampling(first, _TRIED if may_halve else MAX_POINTS, part)
         seed = mixed(seed)
         work.lost[0] = 0
-        if on_a:
-            share, uncertain, points = seen_share(
-                a, n, facets.planes[i], b, m, whole, part, first, max_points, seed, clipped, occluders.planes, work
-            )
-        else:
-            share, uncertain, points = seen_share(
-                b, m, facets.planes[j], a, n, whole, part, first, max_points, seed, clipped, occluders.planes, work
-            )
+        share, uncertain, points = seen_share(
+            smaller_one, facets.planes[facet], other, whole, sampling, seed, clipped, work
+        )
         counts[POINTS] += points
-        if may_halve and whole * uncertain > part and _halve(a, n, b, m, top, work):
+        if may_halve and whole * uncertain > part and _halve(a, b, top, work):
             top = _push_halves(pairs, top, end, put, depth)
             continue
         counts[CROWDED] += work.lost[0] > 0 or put - end > MAX_CLIPPED
@@ -242,26 +268,21 @@ def _push_halves(pairs, top, begin, end, depth):  # type: ignore[no-untyped-def]
 
 
 @inner_kernel
-def _apart(o, occluders, a, n, b, m, eps):  # type: ignore[no-untyped-def]
+def _apart(o, occluders, a, b, eps):  # type: ignore[no-untyped-def]
     """As `_may_occlude`, for two polygons."""
-    low_a, high_a, low_b, high_b = np.inf, -np.inf, np.inf, -np.inf
-    for k in range(n):
-        h = height(occluders.planes, o, a[k, 0], a[k, 1], a[k, 2])
-        low_a, high_a = min(low_a, h), max(high_a, h)
-    for k in range(m):
-        h = height(occluders.planes, o, b[k, 0], b[k, 1], b[k, 2])
-        low_b, high_b = min(low_b, h), max(high_b, h)
+    low_a, high_a = _heights(occluders.planes, o, a)
+    low_b, high_b = _heights(occluders.planes, o, b)
     return _parted(low_a, high_a, low_b, high_b, eps)
 
 
 @inner_kernel
-def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
+def _halve(a, b, top, work):  # type: ignore[no-untyped-def]
     """Put the two halves of the larger polygon, each with the other polygon, at `top` and above it; False where it
     has too many corners to be cut."""
-    _, radius_a = measure(a, n, work.centre_a)
-    _, radius_b = measure(b, m, work.centre_b)
+    _, radius_a = measure(a, work.centre_a)
+    _, radius_b = measure(b, work.centre_b)
     first = radius_a >= radius_b
-    source, count = (a, n) if first else (b, m)
+    source, count = a if first else b
     centre = work.centre_a if first else work.centre_b
     # Across the line from the centre to the farthest corner.
     farthest, at = -1.0, 0
@@ -278,38 +299,37 @@ def _halve(a, n, b, m, top, work):  # type: ignore[no-untyped-def]
         for j in range(3):
             cut[side, j] = (source[at, j] - centre[j]) / length * (1 - 2 * side)
             cut[side, 3] -= cut[side, j] * centre[j]
-    return _divide(a, n, b, m, first, top, work)
+    return _divide(a, b, first, top, work)
 
 
 @inner_kernel
-def _divide(a, n, b, m, first, top, work):  # type: ignore[no-untyped-def]
+def _divide(a, b, first, top, work):  # type: ignore[no-untyped-def]
     """Put the two parts of a, if `first`, or of b, that are before each of work.hull[:2], at `top` and above it,
     each with the other polygon; False where one is empty, or where it has too many corners to be cut."""
-    source, count = (a, n) if first else (b, m)
-    if count > ROOM - 3:
+    cut, still = (a, b) if first else (b, a)
+    if cut.n > ROOM - 3:
         return False
-    cut = work.hull
-    one = clip(source, count, cut, 0, work.eps, work.spare)
-    other = work.a[top + 1] if first else work.b[top + 1]
-    two = clip(source, count, cut, 1, work.eps, other)
+    second, copy = (work.a[top + 1], work.b[top + 1]) if first else (work.b[top + 1], work.a[top + 1])
+    one = clip(cut, work.hull, 0, work.eps, work.spare)
+    two = clip(cut, work.hull, 1, work.eps, second)
     if one == 0 or two == 0:
         return False
-    still, still_count = (b, m) if first else (a, n)
-    copy = work.b[top + 1] if first else work.a[top + 1]
     for j in range(3):
-        for k in range(still_count):
-            copy[k, j] = still[k, j]
+        for k in range(still.n):
+            copy[k, j] = still.points[k, j]
         for k in range(one):
-            source[k, j] = work.spare[k, j]
-    work.pairs[top, 0], work.pairs[top, 1] = (one, m) if first else (n, one)
-    work.pairs[top + 1, 0], work.pairs[top + 1, 1] = (two, m) if first else (n, two)
+            cut.points[k, j] = work.spare[k, j]
+    pairs, side = work.pairs, 0 if first else 1
+    pairs[top, side], pairs[top, 1 - side] = one, still.n
+    pairs[top + 1, side], pairs[top + 1, 1 - side] = two, still.n
     return True
 
 
 @inner_kernel
-def _standing(polygon, n, planes, i, clipped, work):  # type: ignore[no-untyped-def]
-    """The one of work.clipped[:clipped] that stands on polygon[:n], in planes[i], along the longest line that is
-    not its edge; -1 where none does."""
+def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
+    """The one of work.clipped[:clipped] that stands on a polygon, in planes[i], along the longest line that is not
+    its edge; -1 where none does."""
+    polygon, n = base
     eps = work.eps
     found, longest = -1, 8 * eps
     for s in range(clipped):
@@ -352,37 +372,28 @@ def _standing(polygon, n, planes, i, clipped, work):  # type: ignore[no-untyped-
 
 
 @kernel
-def exchange_rows(  # type: ignore[no-untyped-def]
-    first, last, facets, tree, occluders, error, work, columns, values, errors, ends, counts
-):
-    """Exchange areas of facets from `first` to `last` with all that follow them.
+def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # type: ignore[no-untyped-def]
+    """Exchange areas of facets from `first` to `last` with all that follow them, into `rows`.
 
-    error   : wanted of the sum of a row of view factors
-    columns, values, errors : (C,) where they go, row after row; of the last one standard error
-    ends    : (last - first,) where each row ends there
+    error : wanted of the sum of a row of view factors
 
     Returns the row that there was no room for, or `last`; -1 where it was stopped.
     """
-    pending, lists, eps = work.pending, work.lists, work.eps
+    pending, lists, eps, counts, shaft = work.pending, work.lists, work.eps, work.counts, work.shaft
     boxes, skip = tree.boxes, tree.skip
     total = len(facets.sides)
     size = 0
     for i in range(first, last):
-        if size + total - i > len(columns):
+        if size + total - i > len(rows.columns):
             return i
-        n = facets.sides[i]
-        own = facets.corners[i]
-        own_box = facets.boxes[i]
+        own, plane = Polygon(facets.corners[i], facets.sides[i]), facets.planes[i]
+        for k in range(6):
+            shaft.a[k] = facets.boxes[i, k]
         # All occluders that reach before the facet.
         count = 0
         for o in range(len(occluders.sides)):
-            before = False
-            for k in range(occluders.sides[o]):
-                if height(facets.planes, i, occluders.corners[o, k, 0], occluders.corners[o, k, 1],
-                          occluders.corners[o, k, 2]) > eps:  # fmt: skip
-                    before = True
-                    break
-            if before:
+            _, high = _heights(facets.planes, i, Polygon(occluders.corners[o], occluders.sides[o]))
+            if high > eps:
                 lists[count] = o
                 count += 1
         pending[0, 0], pending[0, 1], pending[0, 2] = 0, 0, count
@@ -394,35 +405,27 @@ def exchange_rows(  # type: ignore[no-untyped-def]
             node, begin, end = pending[top, 0], pending[top, 1], pending[top, 2]
             if tree.first[skip[node]] <= i + 1:
                 continue
-            highest = facets.planes[i, 3]
-            for k in range(3):
-                f = facets.planes[i, k]
-                highest += f * (boxes[node, k + 3] if f > 0 else boxes[node, k])
-            if highest <= eps:
+            if highest(boxes, node, plane) <= eps:
                 continue
             leaf = tree.leaf[node]
             j = np.int64(tree.first[node])
             if leaf:
                 counts[PAIRS] += 1
-                facing = False
-                for k in range(n):
-                    if height(facets.planes, j, own[k, 0], own[k, 1], own[k, 2]) > eps:
-                        facing = True
-                        break
-                if not facing:
+                _, high = _heights(facets.planes, j, own)
+                if high <= eps:
                     continue
             put = end
             if end > begin:
-                box = boxes[node]
-                planes = form_shaft(own_box, box, eps, -1.0, work.shaft, work.near, work.extent)
+                box = shaft.b
+                for k in range(6):
+                    box[k] = boxes[node, k]
+                form_shaft(shaft, eps, -1.0)
                 hidden = False
                 for c in range(begin, end):
                     hider = np.int64(lists[c])
-                    if classify_box(
-                        occluders.boxes, hider, -1, own_box, box, work.extent, work.shaft, work.near, planes, False
-                    ) == 0:  # fmt: skip
+                    if classify_box(occluders.boxes, hider, -1, shaft, False) == 0:
                         continue
-                    parted = _may_occlude(hider, occluders, own, n, box, eps)
+                    parted = _may_occlude(hider, occluders, own, box, eps)
                     if parted == 0:
                         continue
                     if parted == 2 and not leaf:
@@ -430,7 +433,7 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                             work.box[k, 0] = box[3 * (k & 1)]
                             work.box[k, 1] = box[1 + 3 * (k >> 1 & 1)]
                             work.box[k, 2] = box[2 + 3 * (k >> 2)]
-                        if hides_all(own, n, work.box, 8, occluders, hider, eps, work.at_a, work.at_b):
+                        if hides_all(own, Polygon(work.box, len(work.box)), occluders, hider, work):
                             hidden = True
                             break
                     lists[put] = hider
@@ -439,10 +442,9 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                     counts[BRANCHES] += 1
                     continue
             if leaf:
-                floor = 0.5 * error * min(facets.areas[i], facets.areas[j]) / total
-                value, variance = _between(i, j, facets, occluders, end, put, floor, error, work, counts)
+                value, variance = _between(i, j, facets, occluders, end, put, error, work)
                 if value > 0 or variance > 0:
-                    columns[size], values[size], errors[size] = j, value, np.sqrt(variance)
+                    rows.columns[size], rows.values[size], rows.errors[size] = j, value, np.sqrt(variance)
                     size += 1
                 continue
             child = node + 1
@@ -450,7 +452,7 @@ def exchange_rows(  # type: ignore[no-untyped-def]
                 pending[top, 0], pending[top, 1], pending[top, 2] = child, end, put
                 top += 1
                 child = skip[child]
-        ends[i - first] = size
+        rows.ends[i - first] = size
         work.done[0] += 1
     # The last pair may have been left half done.
     return last if work.stop[0] == 0 else -1
