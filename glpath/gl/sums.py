@@ -108,7 +108,7 @@ class PixelSums:
         low, high = (words.reshape(height, width, 4)[::-1] for words in read)
         for texture in textures.values():
             texture.write(bytes(16 * width * height))
-        quanta = high[..., :3].astype(np.float64) * 2.0**32 + low[..., :3]
+        quanta = high[..., :3].view(np.int32).astype(np.float64) * 2.0**32 + low[..., :3]
         return Readback(quanta / self.quanta, low[..., 3], high[..., 3])
 
 

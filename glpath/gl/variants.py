@@ -69,6 +69,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_FAR_NODES": Variant("the BVH has more nodes than 20 bits count", "gl.ray_bvh"),
     "COMPUTE": Variant("a compute shader instead of a fragment shader", _RAYS),
     "GATHER": Variant("paths end by looking up a radiosity solution", _RAYS),
+    "CONTROL_VARIATE": Variant("a radiosity solution stands in for paths, some of which correct it", _RAYS),
     "GUIDED": Variant("directions are chosen by guides", "integrators.path_guide"),
     "GUIDES_SHARED": Variant("elements share guides", "integrators.path_guide"),
     "ALL_LIGHT": Variant("what is looked up has direct light in it, for guides", "integrators.path_guide"),

@@ -43,7 +43,7 @@ from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathSettings
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LightSamples
-from glpath.sampling.points import PathSetSampler, counter_hash
+from glpath.sampling.points import PathSetSampler, counter_hash, radical_inverse
 from glpath.scene.model import Environment
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
@@ -201,6 +201,8 @@ class RayPathEngine(PathSetEngine):
             parts.add(radiosity)
             if self.settings.looks_up:
                 parts.defines["GATHER"] = 1
+            elif self.settings.corrects:
+                parts.defines["CONTROL_VARIATE"] = 1
             if radiosity.has_all_light:
                 width, height = self.sensor.resolution
                 self.guide = PathGuide(gl, scene, radiosity, width * height, parts)
@@ -264,6 +266,7 @@ class RayPathEngine(PathSetEngine):
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
             **self._light_uniforms(index),
+            "correction_number": radical_inverse(index),
         }
 
     def _light_uniforms(self, index: int) -> Uniforms:

@@ -45,6 +45,8 @@ _NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather 
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
 # Russian roulette ends a gather's paths by mirrors and glass from this vertex on.
 _MIRRORED = 6
+# Diffuse bounces of a path before a radiosity solution is its control variate.
+_CORRECTED_FROM = 2
 # AOVs of a film of points: those of light, not of the surfaces that an eye sees.
 _POINT_AOVS = ("direct", "indirect", "samples")
 # Options of a gather, by how it casts rays.
@@ -201,6 +203,11 @@ class PathSetSettings(IntegratorSettings):
         return False
 
     @property
+    def corrects(self) -> bool:
+        """Is a radiosity solution a control variate of paths?"""
+        return False
+
+    @property
     def needs_solution(self) -> bool:
         """Does the engine have a radiosity solution, as a guide or to look it up?"""
         return self.guided or self.looks_up
@@ -240,7 +247,6 @@ class PathSettings(PathSetSettings):
     # Only a gather has this choice: its guides are of the solution that it looks up; a path has no branches.
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
-    branches: ClassVar[int] = 1
 
     max_depth: MaxDepth = 5
     guide: GuidedBy = "cosine"
@@ -259,13 +265,25 @@ class PathSettings(PathSetSettings):
     def endless(self) -> bool:
         return self.roulette is not None and self.max_depth == DEEPEST
 
+    @property
+    def corrects(self) -> bool:
+        return self.guided and self.endless
+
+    @property
+    def branches(self) -> int:
+        """Directions that a path takes from its first vertex."""
+        return 2 if self.corrects else 1
+
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on Russian roulette ends paths."""
+        """The vertex from which on Russian roulette ends paths; where a solution is a control variate, those by
+        mirrors and glass alone."""
+        if self.corrects:
+            return _MIRRORED if mirrored else None
         return self.roulette
 
     def lookup_uniforms(self) -> dict[str, object]:
-        """Nothing is looked up."""
-        return {}
+        """Of paths whose control variate is a radiosity solution."""
+        return {"lookup_depth": _CORRECTED_FROM} if self.corrects else {}
 
     def recorded(self) -> dict[str, Any]:
         """Without a guide where there is none."""

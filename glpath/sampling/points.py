@@ -204,6 +204,11 @@ def _bits_reversed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return (x >> np.uint32(16)) | (x << np.uint32(16))
 
 
+def radical_inverse(index: int) -> float:
+    """Of a number below 2**32, in base 2: van der Corput's sequence, in [0, 1)."""
+    return int(f"{index:032b}"[::-1], 2) / 2.0**32
+
+
 def counter_hash(*counter: int) -> int:
     """32 bits from whole numbers: the seed of what a shader then hashes per path."""
     text = ",".join(map(str, counter)).encode()

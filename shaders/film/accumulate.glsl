@@ -37,18 +37,28 @@ void accumulate(ivec2 pixel, vec4 radiance)
     // same for a NaN.
     uvec3 exponent = floatBitsToUint(scaled) & 0x7f800000u;
     bool bad = any(equal(exponent, uvec3(0x7f800000u))) || any(greaterThan(scaled, vec3(1.0e18)));
+#ifdef CONTROL_VARIATE
+    bad = bad || any(lessThan(scaled, vec3(-1.0e18)));
+#else
     bad = bad || any(lessThan(scaled, vec3(0.0)));
+#endif
     if (bad) scaled = vec3(0.0);
 #ifdef SPLIT_LIGHT
     direct = vec4(bad ? vec3(0.0) : floor(direct_part * quanta + 0.5), 0.0);
 #endif
-    vec3 upper = floor(scaled * (1.0 / 4294967296.0));
-    uvec3 add_low = uvec3(scaled - upper * 4294967296.0);
+    vec3 upper = floor(abs(scaled) * (1.0 / 4294967296.0));
+    uvec3 add_low = uvec3(abs(scaled) - upper * 4294967296.0), add_high = uvec3(upper);
+#ifdef CONTROL_VARIATE
+    // Minus a number, in two's complement.
+    uvec3 minus = uvec3(lessThan(scaled, vec3(0.0))), ones = 0xffffffffu * minus;
+    add_low = (add_low ^ ones) + minus;
+    add_high = (add_high ^ ones) + minus * uvec3(equal(add_low, uvec3(0u)));
+#endif
 
     uvec4 old_low = texel(sum_low, pixel);
     uvec4 old_high = texel(sum_high, pixel);
     low.rgb = old_low.rgb + add_low;
-    high.rgb = old_high.rgb + uvec3(upper) + uvec3(lessThan(low.rgb, old_low.rgb));
+    high.rgb = old_high.rgb + add_high + uvec3(lessThan(low.rgb, old_low.rgb));
     uint events = uint(radiance.a);
     low.a = old_low.a + (events & ((1u << CAST_BITS) - 1u));
     high.a = old_high.a + (events >> CAST_BITS) + (bad ? 1u << DROPPED_SHIFT : 0u);

@@ -42,7 +42,16 @@ int scattered = 0;  // surfaces that the path has left, thin dielectrics that it
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path continues
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
+#endif
+#if defined(GATHER) || defined(CONTROL_VARIATE)
 const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: roulette ends them long before
+#endif
+
+#ifdef CONTROL_VARIATE
+uniform int lookup_depth;         // diffuse bounces before the first vertex where the solution stands in for a path
+uniform float correction_number;  // of the set: which paths continue there
+const float FIRST_CHANCE = 0.5;   // that a path does
+const float LATER_CHANCE = 4.0;   // at later vertices, of a throughput of one
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
@@ -69,6 +78,12 @@ struct RayPath
     bool continues;
 #ifdef GUIDED
     float guiding_weight;  // what the path weighs more for where guides sent it
+#endif
+#ifdef CONTROL_VARIATE
+    int corrections;        // vertices where it continued although the solution was looked up
+    float weight;           // of what leaves its vertex by the diffuse lobe
+    float emission_weight;  // of what the next vertex emits, if it leaves so: the solution may have direct light
+    float emission;         // of the ray that it is on
 #endif
 #ifdef HAS_LOBES
     float passed;      // up to the last thin dielectric that the ray went through
@@ -99,6 +114,10 @@ void begin_branch(inout RayPath path, int branch)
     path.vertices = max_depth;
 #ifdef GUIDED
     path.guiding_weight = 1.0;
+#endif
+#ifdef CONTROL_VARIATE
+    path.corrections = 0;
+    path.weight = path.emission_weight = path.emission = 1.0;
 #endif
 #ifdef HAS_LOBES
     path.passed = 0.0;
@@ -144,6 +163,9 @@ void add_light(inout RayPath path, vec3 light)
 void add_sky(inout RayPath path, float seen)
 {
     float share = path.at.depth == 0 ? seen : power_heuristic(path.pdf, sky_pdf(path.direction));
+#ifdef CONTROL_VARIATE
+    share *= path.emission;
+#endif
     add_light(path, path.beta * sky(path.direction) * share);
 }
 #endif
@@ -171,6 +193,9 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
     if (!at_start(path.at)) {
         vec3 Le = emitted(s.v.surface, s.v.front, s.pdf_area);
         float share = emission_share(path.pdf, s.pdf_area, path.reached, dot(s.v.plane.xyz, path.direction));
+#ifdef CONTROL_VARIATE
+        share *= path.emission;
+#endif
         add_light(path, path.beta * Le * (path.at.depth == 0 ? seen : share));
     }
     // Off the surface by more than rounding, or its other triangles would be hit.
@@ -206,11 +231,53 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 }
 #endif
 
+#ifdef CONTROL_VARIATE
+// Of a path's diffuse vertices from the third on: the solution in place of what comes, or by chance p (1 - 1 / p) times the
+// solution and 1 / p times the path. What is expected is the path's light, whatever the solution is worth, which is a
+// control variate; roulette by throughput ends paths. Source: Vorba & Krivanek 2016, Adjoint-driven Russian roulette and
+// splitting, for roulette by what is to come; Rousselle et al. 2016, Image-space control variates for rendering.
+void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, inout vec3 reflected)
+{
+    path.weight = path.emission_weight = 1.0;
+    path.continues = true;
+#ifdef HAS_LOBES
+    int bounces = path.bounces;
+#else
+    int bounces = path.at.depth;
+#endif
+    if (bounces < lookup_depth) return;
+    float chance, number;
+    if (path.corrections == 0) {
+        // A pixel's sets take turns.
+        chance = FIRST_CHANCE;
+        number = fract(correction_number + unit(pcg(path.at.path + pcg(path_seed + 8191u + uint(path.at.branch)))));
+    } else {
+        chance = min(1.0, LATER_CHANCE * max(path.beta.r, max(path.beta.g, path.beta.b)));
+        number = random_at(path.at, USE_LOOKUP);
+    }
+    path.continues = number < chance;
+    vec4 found = irradiance_at(in_lattice, s.v.front);
+    vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
+    if (path.continues) {
+        path.weight = 1.0 / chance;
+        // The solution's share of direct light counts as the path counts, the rest once.
+        float direct = 1.0 + (path.weight - 1.0) * found.a;
+        path.L += (1.0 - path.weight) * solution;
+        path.emission_weight = direct / path.weight;
+        reflected *= direct;
+        path.corrections += 1;
+    } else {
+        path.L += solution;
+        reflected *= 1.0 - found.a;
+    }
+}
+#endif
+
 #ifdef HAS_LOBES
 // What light samples bring by the lobes. Sets in which lobes the path may continue, and whether it does.
 void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
 {
-#ifdef GATHER
+#if defined(GATHER) || defined(CONTROL_VARIATE)
     const bool beyond = false;
     bool others_continue = path.at.depth < MIRRORS;
 #else
@@ -263,6 +330,9 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 #ifdef GATHER
     look_up(path, s, in_lattice, reflected);
 #endif
+#ifdef CONTROL_VARIATE
+    correct(path, s, in_lattice, reflected);
+#endif
     add_direct_light(path, s, reflected);
 #ifdef GUIDED
     s.guide = s.v.front && path.triangle >= 0 ? guide_at(in_lattice) : -1;
@@ -273,6 +343,9 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 // By microfacets, clearcoat, a mirror or through glass; chosen: beyond the diffuse lobe's chance. Returns the cosine.
 float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
+#ifdef CONTROL_VARIATE
+    path.emission = 1.0;
+#endif
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;
     BsdfSample leaving = bsdf_sample(s.v, s.lobes, chosen, numbers);
     path.direction = leaving.direction;
@@ -327,6 +400,10 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
     path.beta *= diffuse_eval(s.v.bsdf, s.v.n, s.v.wo, path.direction)
                * (shading_cosine(s.v.n, s.v.normal, path.direction) / chance);
     path.pdf = chance * cosine / PI;
+#ifdef CONTROL_VARIATE
+    path.beta *= path.weight;
+    path.emission = path.emission_weight;
+#endif
     return cosine;
 }
 
