@@ -232,9 +232,9 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 #endif
 
 #ifdef CONTROL_VARIATE
-// Of a path's diffuse vertices from the third on: the solution in place of what comes, or by chance p (1 - 1 / p) times the
-// solution and 1 / p times the path. What is expected is the path's light, whatever the solution is worth, which is a
-// control variate; roulette by throughput ends paths. Source: Vorba & Krivanek 2016, Adjoint-driven Russian roulette and
+// Of a path's diffuse vertices from the third on: the solution ends the path, or with probability p the path continues with
+// weight 1 / p, beside (1 - 1 / p) times the solution. What is expected is the path's light, whatever the solution is worth,
+// which is a control variate; p is by throughput, so that it ends paths as roulette does. Source: Vorba & Krivanek 2016, Adjoint-driven Russian roulette and
 // splitting, for roulette by what is to come; Rousselle et al. 2016, Image-space control variates for rendering.
 void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, inout vec3 reflected)
 {

@@ -46,6 +46,20 @@ ROOM: dict[str, Any] = {
 }
 
 
+@pytest.fixture(autouse=True)
+def _solved_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seeds of a picture share their solution."""
+    solve, solutions = factory.solve_for_gather, {}
+
+    def solved(scene: Any, *given: Any) -> RadiositySolution:
+        key = scene.digest(), scene.camera.resolution
+        if key not in solutions:
+            solutions[key] = solve(scene, *given)
+        return solutions[key]
+
+    monkeypatch.setattr(factory, "solve_for_gather", solved)
+
+
 def means(scene: Any, options: dict[str, Any], seeds: int, spp: int, side: int) -> NDArray[np.float64]:
     """(seeds, 4, 4, 3): of blocks of the picture."""
     films = [glpath.render(scene, resolution=(side, side), spp=spp, seed=seed, **options) for seed in range(seeds)]
