@@ -310,9 +310,11 @@ class _Render:
 
     def _fail(self, chunks: Chunks, task: _Task, error: BaseException | None) -> None:
         start, stop = task.chunk.path_sets
-        reason = error or f"the worker {task.worker} was lost"
-        log.warning("path sets %d to %d: %s", start, stop - 1, reason)
-        self._reasons[start] = str(reason).splitlines()[0]
+        lines = [f"the worker {task.worker} was lost"]
+        if error is not None:  # one without words says by its kind what it is: a TimeoutError
+            lines = str(error).splitlines() or [type(error).__name__]
+        log.warning("path sets %d to %d: %s", start, stop - 1, "\n".join(lines))
+        self._reasons[start] = lines[0]
         chunks.fail(task.chunk)
 
     def _tell(self, rule: str) -> None:

@@ -273,6 +273,22 @@ def test_nothing_is_handed_to_the_dead_while_the_scheduler_still_lists_them():
     assert not [task for task in render._running.values() if task.worker == "a"]
 
 
+def test_an_error_without_words_is_a_chunk_that_failed(caplog):
+    """Under load a finished part can take too long to fetch: a TimeoutError, which says nothing."""
+    client = SimpleNamespace(submit=lambda *_, **__: Submitted())
+    cluster = SimpleNamespace(client=client, workers=lambda: ["a"], address="played", connected=True)
+    film = SimpleNamespace(path_sets=0, ranges=())
+    render = clusters._Render(cluster, SimpleNamespace(token="0" * 8), SimpleNamespace(film=film))
+    chunks = Chunks([(0, 8)], 1.0)
+    render._look_around(chunks)
+    render._hand_out(chunks)
+    render._take_one(chunks, next(iter(render._running)), TimeoutError(), 0.0)
+    assert "TimeoutError" in caplog.text
+    assert not chunks.failed
+    render._hand_out(chunks)
+    assert len(render._running) == 1
+
+
 def test_a_mistake_of_the_user_is_not_tried_again(workers, monkeypatch):
     monkeypatch.setattr(session, "plan_of", lambda settings: Faulty(plan_of(settings), 21, "user"))
     with pytest.raises(UsageError, match="at 21"):
