@@ -29,7 +29,7 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.denoise import denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
-from glpath.integrators.settings import IntegratorKeywords, IntegratorSettings
+from glpath.integrators.settings import AUTO, IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.radiosity.memory import require_memory
@@ -283,7 +283,7 @@ def lightmap(
     texels: float | None = None,
     size: int | None = None,
     uv: Uv = "make",
-    integrator: str | IntegratorSettings = "path",
+    integrator: str | IntegratorSettings = AUTO,
     spp: int | None = None,
     first_path_set: int = 0,
     parameters: Mapping[str, object] | None = None,
@@ -302,9 +302,7 @@ def lightmap(
     size    : side of a page, texels; 1024. Without `texels` there is one page, on which charts are as large as fit
     uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
               0 to 1 and without overlaps
-    integrator, options : "path", "path-buffer" or "gather" and their options, as of `glpath.render`. By default
-              roulette alone ends the paths of the first two, from the 4th vertex on (`max_depth` 1000,
-              `roulette` 4), for the light of all bounces
+    integrator, options : "auto", "path", "path-buffer" or "gather" and their options, as of `glpath.render`
     film    : of an interrupted bake of the same scene with the same options, to resume
     denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
 
@@ -360,7 +358,7 @@ class Bake:
         size: int | None = None,
         uv: Uv = "make",
         denoise: bool = False,
-        integrator: str | IntegratorSettings = "path",
+        integrator: str | IntegratorSettings = AUTO,
         spp: int | None = None,
         first_path_set: int = 0,
         say: Callable[[str], None] | None = None,
@@ -373,7 +371,8 @@ class Bake:
         if uv == "make":
             require_xatlas()
         # Before the work: any point will do.
-        check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
+        if integrator != AUTO:
+            check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
         surfaces = Surfaces.of(scene, texels, size, uv, say)
         job, seen = describe(
             surfaces.scene,

@@ -50,7 +50,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_options(measure, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS, all_bounces=True))
+    )(with_options(measure, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS))
 
 
 def measure(

@@ -6,7 +6,6 @@ import functools
 import inspect
 from collections.abc import Callable, Collection, Iterator, Mapping
 from copy import copy
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -30,7 +29,6 @@ def with_options(
     only: Collection[str] | None = None,
     *,
     integrators: Collection[str] = tuple(INTEGRATORS),
-    all_bounces: bool = False,
     texts: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[..., Any]:
     """A command with options instead of its last parameters: `run`, a `RunRequest`, and those of integrators,
@@ -39,7 +37,6 @@ def with_options(
     run         : names of options of a run
     only        : names of options of integrators that it has; None: all
     integrators : that it has; options of others are left out
-    all_bounces : light of all bounces is the default, where a picture has fewer
     texts       : of options of a run whose help says more here
     """
     signature = inspect.signature(function, eval_str=True)
@@ -56,7 +53,7 @@ def with_options(
         _parameter(
             option.name, False if option.first.type is bool else option.default, _annotation(option, integrators)
         )
-        for option in (_options_of(integrators, all_bounces) if len(explicit) < len(signature.parameters) else ())
+        for option in (_options_of(integrators) if len(explicit) < len(signature.parameters) else ())
         if only is None or option.name in only
     ]
 
@@ -77,13 +74,10 @@ def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
-def _options_of(integrators: Collection[str], all_bounces: bool) -> Iterator[Option]:
+def _options_of(integrators: Collection[str]) -> Iterator[Option]:
     """The options of these integrators alone."""
     for option in options().values():
         settings = {owner: setting for owner, setting in option.settings.items() if owner in integrators}
-        for owner, setting in settings.items() if all_bounces else ():
-            default = INTEGRATORS[owner].all_bounces.get(option.name, setting.default)
-            settings[owner] = replace(setting, default=default)
         if settings:
             yield Option(option.name, settings)
 

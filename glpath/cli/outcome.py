@@ -13,7 +13,7 @@ import typer
 from glpath.cli.picture import Picture
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
-from glpath.film.metadata import INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
+from glpath.film.metadata import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.system.files import save_all, write_bytes
 from glpath.system.machine import peak_resident_bytes
 from glpath.system.reporting import duration, percent
@@ -147,7 +147,7 @@ def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: 
 
     outcome.leave(
         lambda: save_all(picture.saves(film, out, stops), {"film.npz": film.save}, kept),
-        lambda written: _summary(film, written, stops, outcome.run.verbose, picture.denoise),
+        lambda written: _summary(film, written, stops, outcome.run.verbose, picture),
         there,
         event,
     )
@@ -187,7 +187,7 @@ def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
     return typer.Exit(RESUME_LATER)
 
 
-def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, denoise: bool) -> Iterator[str]:
+def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, picture: Picture) -> Iterator[str]:
     """What was rendered, on what, how fast and how well; stops: of exposure of a .png."""
     m = film.metadata
     _, _, width, height = m.window
@@ -209,9 +209,13 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, d
             yield "  the error of the radiosity solution, which is not known, is not in the error"
         else:
             yield f"  of that error, {percent(of_solution)} is the radiosity solution's, whatever the path sets"
-    if denoise:
+    if picture.denoise:
         error = film.relative_error(denoised=True)
-        yield "  denoised by Open Image Denoise" + ("" if error is None else f", then error about {percent(error)}")
+        clean = ", which is clean" if m.stop_rule == CLEAN else ""
+        then = "" if error is None else f", then error about {percent(error)}{clean}"
+        yield f"  denoised by Open Image Denoise{then}"
+    elif picture.missing:
+        yield "  not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
     cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost")
     if cast and lost is not None:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,7 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
-from glpath.film.denoise import require_denoiser
+from glpath.film.denoise import can_denoise, require_denoiser
 from glpath.film.image import TONEMAPS
 from glpath.system.files import Save
 
@@ -42,14 +42,17 @@ TonemapOption = Annotated[
     ),
 ]
 DenoiseOption = Annotated[
-    bool,
+    bool | None,
     typer.Option(
-        "--denoise",
-        help="Denoise .png and .exr by Open Image Denoise (pip install 'glpath[denoise]'), with the AOVs "
-        "albedo and normal. An .exr has the picture before it as the layer noisy, an .npz holds that alone.",
+        "--denoise/--no-denoise",
+        help="Denoise a .png by Open Image Denoise, with the AOVs albedo and normal; an .exr has the result as the "
+        "layer denoised, an .npz holds the film as it is. By default where the denoiser is installed (pip install "
+        "'glpath[denoise]') and the film has noise.",
+        show_default=False,
         rich_help_panel=IMAGE,
     ),
 ]
+_FOR_EYES = (".png", ".exr", "")
 
 
 @dataclass(frozen=True)
@@ -58,24 +61,37 @@ class Picture:
 
     exposure : stops, "auto", or None: as the film's scene says
     tonemap  : of `glpath.film.image.TONEMAPS`
-    denoise  : whether it is
+    denoise  : whether it is; None: where that can be, see `of_film`
+    missing  : it would be, but for the denoiser
     """
 
     exposure: float | Literal["auto"] | None
     tonemap: str
-    denoise: bool
+    denoise: bool | None
+    missing: bool = False
 
     @classmethod
-    def of_options(cls, exposure: str | None, tonemap: str, denoise: bool) -> Picture:
-        """Raises UsageError, and GlpathError where the denoiser is missing."""
+    def of_options(cls, exposure: str | None, tonemap: str, denoise: bool | None) -> Picture:
+        """Raises UsageError, and GlpathError where the denoiser is missing that is asked for."""
         check_choice("--tonemap", tonemap, tuple(TONEMAPS))
         if denoise:
             require_denoiser()
         return cls(read_exposure(exposure), tonemap, denoise)
 
+    def of_film(self, denoisable: bool, out: Sequence[Path]) -> Picture:
+        """With what was left open: pictures for eyes are denoised.
+
+        denoisable : whether the film has noise, and will have what a denoiser goes by
+        """
+        if self.denoise is not None:
+            return self
+        wanted = denoisable and any(path.suffix.lower() in _FOR_EYES for path in out)
+        there = wanted and can_denoise()
+        return replace(self, denoise=there, missing=wanted and not there)
+
     def save(self, film: Film, path: Path, stops: float) -> None:
         """Write one output, with so many stops of exposure. Raises ImageError."""
-        film.save(path, exposure=stops, tonemap=self.tonemap, denoise=self.denoise)
+        film.save(path, exposure=stops, tonemap=self.tonemap, denoise=bool(self.denoise))
 
     def saves(self, film: Film, out: Sequence[Path], stops: float) -> Mapping[Path, Save]:
         """What writes each of the outputs, for `save_all`."""

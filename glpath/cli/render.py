@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import typer
 
@@ -27,10 +27,11 @@ from glpath.cli.values import resolution as read_resolution
 from glpath.cli.values import sample_range as read_range
 from glpath.errors import UsageError
 from glpath.film.aovs import DENOISER_AOVS
-from glpath.integrators.settings import INTEGRATORS, PathSetSettings
+from glpath.integrators.settings import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
 from glpath.system.files import check_writable
 
+_INTEGRATORS = get_args(Integrator)
 _EXIT_CODES = (
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
     "SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), 130 interrupted (what there "
@@ -42,8 +43,8 @@ def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     help = command_help(
         ("glpath render cornell-box -o box.png", "a shipped scene"),
-        ("glpath render model.glb -o a.png -o a.exr --noise 0.01", "until the error is 1 %"),
-        ("glpath render room -o room.png --integrator gather --denoise --spp 16", "a clean picture soon"),
+        ("glpath render model.glb -o a.png -o a.exr --clean 0.01", "cleaner than by default"),
+        ("glpath render room -o room.npz --integrator path --noise 0.01", "without bias, until the error is 1 %"),
         everyday="scene out resolution exposure tonemap denoise parameters spp integrator seed aovs max_depth "
         "camera_position camera_target camera_fov device resume noise time_limit quiet",
     )
@@ -89,7 +90,7 @@ def render(
     ] = None,
     exposure: ExposureOption = None,
     tonemap: TonemapOption = "srgb",
-    denoise: DenoiseOption = False,
+    denoise: DenoiseOption = None,
     camera_position: camera.PositionOption = None,
     camera_target: camera.TargetOption = None,
     camera_up: camera.UpOption = None,
@@ -103,14 +104,14 @@ def render(
     integrator: Annotated[
         str,
         typer.Option(
-            metavar="|".join(INTEGRATORS),
-            autocompletion=words(INTEGRATORS),
-            help="Global illumination: path, by paths whose rays a BVH casts; path-buffer, by paths that share "
-            "directions, cast by scans; gather, from a radiosity solution. Ray tracing with point lights and "
-            "mirrors: classic, or t-buffer.",
+            metavar="|".join(_INTEGRATORS),
+            autocompletion=words(_INTEGRATORS),
+            help="auto: of the next three, the one that shows the scene clean soonest. Global illumination: "
+            "path, by paths whose rays a BVH casts; gather, from a radiosity solution; path-buffer, by paths that "
+            "share directions, cast by scans. Ray tracing with point lights and mirrors: classic, or t-buffer.",
             rich_help_panel=FOR_ALL,
         ),
-    ] = "path",
+    ] = AUTO,
     turntable: Annotated[
         int | None,
         typer.Option(
@@ -151,6 +152,7 @@ def render(
     not at all; missing folders are made.
     """
     from glpath.film.film import check_suffix
+    from glpath.rendering.job import RenderJob
 
     if job is not None:
         running.refuse_beside_a_job(context)
@@ -162,7 +164,7 @@ def render(
         out, movies = many.split(out)
     for path in out:
         check_suffix(path)
-    check_choice("--integrator", integrator, tuple(INTEGRATORS))
+    check_choice("--integrator", integrator, _INTEGRATORS)
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
     first = {}
@@ -171,13 +173,6 @@ def render(
             raise UsageError("--spp beside --sample-range: the range says how many.", "Leave one out.")
         first["first_path_set"], spp = read_range(sample_range)
     picture = Picture.of_options(exposure, tonemap, denoise)
-    if denoise:
-        if job is None and not issubclass(INTEGRATORS[integrator], PathSetSettings):
-            raise UsageError(
-                f"--denoise with --integrator {integrator}: it has no noise for a denoiser to remove.",
-                "Render more path sets, or take --integrator path, path-buffer or gather.",
-            )
-        options["aovs"] = [*(options["aovs"] or ()), *DENOISER_AOVS]
     options = option_values(integrator, options)
     if many is not None:
         others = {
@@ -204,17 +199,36 @@ def render(
         size = None if resolution is None else read_resolution(resolution)
         scenes = Scenes(scene, parameters or [], size, shown, fps)
         loaded = scenes.at(many.first) if frames is not None and many is not None else scenes.at()
-        options = {"integrator": integrator, "spp": spp, **first, **options}
-        start = running.of_scene(loaded, None if crop is None else read_crop(crop), options)
+        options = {"integrator": integrator, "spp": run.options().spp(spp), **first, **options}
+        asked = running.job_of_scene(loaded, None if crop is None else read_crop(crop), options)
+        picture = picture.of_film(asked.integrator.noisy, out)
+        if picture.denoise:
+            if not asked.integrator.noisy:
+                raise UsageError(
+                    f"--denoise with --integrator {asked.integrator.integrator}: it has no noise for a denoiser to "
+                    "remove.",
+                    "Render more path sets, or take --integrator path, path-buffer or gather.",
+                )
+            asked = running.denoisable(asked)
         if spp is None and not run.ends_by_rule:
-            spp = INTEGRATORS[integrator].default_spp
+            run = run.until_clean(asked.integrator.noisy, picture)
+            spp = None if run.ends_by_rule else asked.spp
+        start = running.of_scene(asked, loaded)
     else:
-        start, spp = running.of_file(job, denoise)
+        asked = RenderJob.load(job)
+        picture = picture.of_film(asked.integrator.noisy and running.has_denoiser_aovs(asked), out)
+        if picture.denoise and not running.has_denoiser_aovs(asked):
+            raise UsageError(
+                f"--denoise beside --job: {job} asks for no AOVs albedo and normal, which a denoiser needs.",
+                f"Make the job with aovs={DENOISER_AOVS!r}.",
+            )
+        start, spp = running.of_file(asked), asked.spp
     for path in out if many is None else []:
         check_writable(path)
         if str(path) == "-" and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
     if many is not None:
+        options = {"integrator": asked.integrator, "spp": asked.spp}
         FramesToRender(many, out, movies, fps, picture, run).render(loaded, scenes, options)
         return
     with checkpointed(out, run) as (checkpoint, begun):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -24,7 +24,13 @@ from glpath.system.files import check_writable
 from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 
+#: Errors at which a picture is clean to the eye: a denoised one, and one as it is.
+_CLEAN, _FAIR = 0.03, 0.02
 _MACHINE, _LONG, _OUTPUT = "Machine", "Long renders", "What is printed"
+
+if TYPE_CHECKING:
+    from glpath.cli.picture import Picture
+
 _BACKENDS = ("auto", "egl", "osmesa")
 
 
@@ -93,6 +99,15 @@ class RunRequest:
             rich_help_panel=_LONG,
         ),
     ] = None
+    clean: Annotated[
+        float | None,
+        typer.Option(
+            metavar="X",
+            help="End when the denoised picture's relative error, estimated from two halves, is below X; 0.03 is "
+            "clean to the eye. The default of pictures that are denoised, up to a number of path sets.",
+            rich_help_panel=_LONG,
+        ),
+    ] = None
     stats: Annotated[
         Path | None,
         typer.Option(
@@ -149,6 +164,8 @@ class RunRequest:
             raise UsageError(f"--device {self.device}: must be at least 0.")
         if self.noise is not None and not 0 < self.noise < math.inf:
             raise UsageError(f"--noise {self.noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
+        if self.clean is not None and not 0 < self.clean < math.inf:
+            raise UsageError(f"--clean {self.clean:g}: must be above 0; 0.03 is a relative error of 3 %.")
         _ = self.interval, self.silence, self.options()
         if self.threads is not None:
             limit_threads(self.threads)
@@ -192,7 +209,13 @@ class RunRequest:
     @property
     def ends_by_rule(self) -> bool:
         """Whether something ends it before its last path set."""
-        return self.time_limit is not None or self.noise is not None
+        return self.time_limit is not None or self.noise is not None or self.clean is not None
+
+    def until_clean(self, noisy: bool, picture: Picture) -> RunRequest:
+        """Of a picture for which no end was asked for: when it looks clean."""
+        if not noisy or not (picture.denoise or picture.missing):
+            return self
+        return replace(self, clean=_CLEAN) if picture.denoise else replace(self, noise=_FAIR)
 
     def options(self, **more: Any) -> RunOptions:
         """For who renders; more: its other fields."""
@@ -203,6 +226,7 @@ class RunRequest:
             threads=self.threads,
             time_limit=self.seconds,
             noise=self.noise,
+            clean=self.clean,
             timings=self.verbose or self.stats is not None,
             **more,
         )
@@ -211,7 +235,7 @@ class RunRequest:
 #: Of commands that render; of those that render no pictures; of a solver, which needs no device; and of the matrix
 #: of view factors, whose rows are kept as often as that takes no time.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
-OF_FILMS = tuple(name for name in OF_RENDERS if name != "verbose")
+OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("verbose", "clean"))
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
+    from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
     from glpath.rendering.run_options import RunOptions, Workers
     from glpath.scene import Scene
@@ -49,26 +50,37 @@ def refuse_beside_a_job(context: typer.Context) -> None:
         )
 
 
-def of_scene(scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any]) -> Start:
-    """The render of a scene with the options of the command line."""
-    from glpath import rendering
+def job_of_scene(scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any]) -> RenderJob:
+    """The job of a scene with the options of the command line."""
+    from glpath.rendering.job import describe
 
     if crop is not None:
         check_inside(crop, scene.camera.resolution)
-    return lambda run: rendering.render(scene, crop=crop, **options, **vars(run))
+    return describe(scene, crop=crop, **options)[0]
 
 
-def of_file(path: Path, denoise: bool) -> tuple[Start, int]:
-    """The render of a job file, and its path sets. Raises UsageError for one whose film cannot be denoised."""
+def of_scene(job: RenderJob, scene: Scene) -> Start:
+    """The render of a job whose scene is there."""
+    from glpath.rendering.calls import run_job
+
+    return lambda run: run_job(job, scene, run)
+
+
+def of_file(job: RenderJob) -> Start:
+    """The render of a job out of a file."""
     from glpath import rendering
 
-    job = rendering.RenderJob.load(path)
-    if denoise and not set(DENOISER_AOVS) <= set(job.integrator.aovs):
-        raise UsageError(
-            f"--denoise beside --job: {path} asks for no AOVs albedo and normal, by which pictures are denoised.",
-            f"Make the job with aovs={DENOISER_AOVS!r}.",
-        )
-    return lambda run: rendering.run(job, **vars(run)), job.spp
+    return lambda run: rendering.run(job, **vars(run))
+
+
+def denoisable(job: RenderJob) -> RenderJob:
+    """The job with the AOVs that a denoiser goes by."""
+    aovs = tuple(dict.fromkeys((*job.integrator.aovs, *DENOISER_AOVS)))
+    return replace(job, integrator=replace(job.integrator, aovs=aovs))
+
+
+def has_denoiser_aovs(job: RenderJob) -> bool:
+    return set(DENOISER_AOVS) <= set(job.integrator.aovs)
 
 
 @contextmanager

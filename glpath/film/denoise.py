@@ -39,6 +39,15 @@ def require_denoiser() -> Any:
     return pyoidn
 
 
+def can_denoise() -> bool:
+    """Whether the denoiser is there."""
+    try:
+        require_denoiser()
+    except GlpathError:
+        return False
+    return True
+
+
 def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
     """Radiance without its noise, as far as the denoiser finds it.
 

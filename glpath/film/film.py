@@ -296,6 +296,19 @@ class Film:
         variance: Float64 = spread / ((len(used) - 1) * self.path_sets)
         return variance
 
+    def denoised_noise(self) -> float | None:
+        """The noise of `denoised`, as `relative_error` gives it, from two halves alone: a render that ends when it
+        looks clean compares with it. `solution_error` is not in it.
+
+        Costs two calls of the denoiser. Raises what `denoised` raises. None where fewer than two batches hold
+        anything.
+        """
+        if np.count_nonzero(self.batch_counts) < 2:
+            return None
+        share, (a, b) = self._denoised_halves()
+        variance = 2 * share * (1 - share) * (a - b) ** 2
+        return float(np.sqrt(np.mean(variance / ((share * a + (1 - share) * b) ** 2 + 0.01))))
+
     def variance_of_denoised(self) -> Float64:
         """(H, W, 3) float64, the estimated squared error of `denoised`, from two halves of the film denoised apart.
 
@@ -309,14 +322,19 @@ class Film:
         Costs two more calls of the denoiser, and their pictures. Raises what `denoised` raises, and UsageError when
         fewer than two batches hold anything.
         """
+        share, (a, b) = self._denoised_halves()
+        variance: Float64 = 2 * share * (1 - share) * (a - b) ** 2
+        return variance
+
+    def _denoised_halves(self) -> tuple[float, list[Float64]]:
+        """The share of the path sets in the first half, and both denoised."""
         used = self._batches_to_compare()
         ends = np.cumsum(self.batch_counts[used])
         middle = 1 + int(np.argmin(np.abs(2 * ends[:-1] - ends[-1])))
-        halves = used[:middle], used[middle:]
-        a, b = (self._denoise(_mean(self.radiance_sums[half], self.batch_counts[half])) for half in halves)
-        share = float(ends[middle - 1] / ends[-1])
-        variance: Float64 = 2 * share * (1 - share) * (a.astype(np.float64) - b) ** 2
-        return variance
+        means = (
+            _mean(self.radiance_sums[half], self.batch_counts[half]) for half in (used[:middle], used[middle:])
+        )
+        return float(ends[middle - 1] / ends[-1]), [self._denoise(mean).astype(np.float64) for mean in means]
 
     def _batches_to_compare(self) -> NDArray[np.intp]:
         used = np.flatnonzero(self.batch_counts)
@@ -421,8 +439,8 @@ class Film:
                `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
         .npz : everything, exactly; `Film.load` reads it back, to be merged or resumed
 
-        denoise : .png and .exr hold `denoised`, and say so in their headers (glpath.denoised); an .exr has the
-                  picture as it was as the layer noisy.R, G, B. An .npz is the same in any case
+        denoise : a .png holds `denoised`, and says so in its header (glpath.denoised); an .exr has it as the layer
+                  denoised.R, G, B, beside the picture as it is. An .npz is the same in any case
 
         A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
 
@@ -442,12 +460,11 @@ class Film:
             headers = [matte.header() for matte in mattes]
             write_exr(
                 path,
-                self.denoised() if denoise else self.mean,
-                self.provenance(denoised=denoise)
-                | {key: text for header in headers for key, text in header.items()},
+                self.mean,
+                self.provenance() | {key: text for header in headers for key, text in header.items()},
                 window=self.metadata.window,
                 full_resolution=self.metadata.full_resolution,
-                layers=({"noisy": self.mean} if denoise else {})
+                layers=({"denoised": self.denoised()} if denoise else {})
                 | {name: self._layer(name) for name in self.metadata.aovs},
                 channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
             )

@@ -14,8 +14,8 @@ from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
 #: Ends of a render, as `stop_rule` names them; by one of RULES it is complete.
-SPP, TIME_LIMIT, NOISE, INTERRUPTED_RULE = "spp", "time limit", "noise", "interrupted"
-RULES = (SPP, TIME_LIMIT, NOISE)
+SPP, TIME_LIMIT, NOISE, CLEAN, INTERRUPTED_RULE = "spp", "time limit", "noise", "clean", "interrupted"
+RULES = (SPP, TIME_LIMIT, NOISE, CLEAN)
 
 # Types of the metadata's fields in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
@@ -53,8 +53,8 @@ class FilmMetadata:
     scene           : name of the scene, for people
     scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
     integrator      : for example "path-buffer"
-    seed, max_depth : of the random numbers; vertices of a path, as in the paper, None of a gather: it has light of
-                      all bounces
+    seed, max_depth : of the random numbers; vertices of a path, as in the paper, None where there is
+                      light of all bounces
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
     unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
     exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
@@ -74,9 +74,10 @@ class FilmMetadata:
     shape_materials : the material of each shape, likewise
     position_origin : what the sums of "position" are relative to, in the coordinates of the scene, of one far from
                       the origin; None: to that
-    stop_rule       : what ended the render: "spp", "time limit", "noise", "interrupted"; "" of unfinished and of
-                      merged films
-    error_bound     : `Film.error_bound` where that was compared with the noise asked for, last; None without
+    stop_rule       : what ended the render: "spp", "time limit", "noise", "clean", "interrupted"; "" of unfinished
+                      and of merged films
+    error_bound     : `Film.error_bound`, or of "clean" `Film.denoised_noise`, where that was compared with what was
+                      asked for, last; None without
     solution_error  : of a gather, the standard error of the picture's mean radiance that comes from its radiosity
                       solution, in the film's unit: the same in all of the picture, whatever the path sets. None
                       where it is not known: of a solution that was given, and of what no camera sees

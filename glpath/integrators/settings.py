@@ -13,10 +13,10 @@ module loads nothing heavy, as the command line reads it before it knows what is
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Protocol, TypedDict
+from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypedDict
 
 from msgspec import Meta
 
@@ -26,7 +26,7 @@ from glpath.film.aovs import Aov, described
 from glpath.sampling.points import Sampling
 from glpath.scene.model import Scene
 
-Integrator = Literal["path", "path-buffer", "gather", "classic", "t-buffer"]
+Integrator = Literal["auto", "path", "path-buffer", "gather", "classic", "t-buffer"]
 Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
 Cast = Literal["bvh", "path-buffer"]
 Lookup = Literal["interpolated", "constant"]
@@ -37,10 +37,13 @@ Primary = Literal["classic", "t-buffer"]
 Secondary = Literal["classic", "bvh"]
 Rgb = tuple[float, float, float]
 
-#: A path counts its casts in eleven bits, up to two a vertex.
+#: The integrator that is chosen for a scene, see `glpath.rendering.choice`.
+AUTO: Integrator = "auto"
+#: A path counts its casts in eleven bits, up to two a vertex. As `max_depth` it stands for all bounces.
 DEEPEST = 1000
 
-_ALL_BOUNCES: Mapping[str, Any] = {"max_depth": DEEPEST, "roulette": 4}
+# Of paths that nothing else ends.
+_ROULETTE = 4
 _NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
 # Russian roulette ends a gather's paths by mirrors and glass from this vertex on.
@@ -70,7 +73,6 @@ class IntegratorSettings(ABC):
     default_spp : path sets by default
     noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
     any_scene   : whether an engine takes another scene; else another sensor alone
-    all_bounces : options with which chance alone ends paths, so that all of the light is there
     remedies    : what to do instead of an option that another integrator has
     """
 
@@ -78,7 +80,6 @@ class IntegratorSettings(ABC):
     default_spp: ClassVar[int]
     noisy: ClassVar[bool]
     any_scene: ClassVar[bool] = False
-    all_bounces: ClassVar[Mapping[str, Any]] = {}
     remedies: ClassVar[Mapping[str, str]] = {}
 
     seed: Annotated[int, Meta(ge=0, le=2**63, description="another seed is another, independent render")] = 0
@@ -117,12 +118,20 @@ class IntegratorSettings(ABC):
     def check_together(self, given: Mapping[str, Any]) -> None:  # noqa: B027 - few need it
         """Raise UsageError for options that mean nothing with others; `given` has what changes the settings."""
 
+    def completed(self, solvable: Callable[[], bool]) -> Self:
+        """With what was left open: an option that is None where that means "as the scene allows".
+
+        solvable : whether the scene can have a radiosity solution, in time that is worth it
+        """
+        return self
+
 
 # Options that several integrators have.
-MaxDepth = Annotated[
-    int,
-    Meta(ge=1, le=DEEPEST, description="vertices of a path: 1 is direct light only, 3 two bounces"),
-]
+_DEPTH = (
+    "vertices of a path: 1 is direct light only, 3 two bounces; 1000 is all bounces. With ambient light of the "
+    "scene, which stands for further ones, 5 by default"
+)
+MaxDepth = Annotated[int, Meta(ge=1, le=DEEPEST, description=_DEPTH)]
 Ambient = Annotated[
     Rgb | None,
     Meta(
@@ -138,18 +147,13 @@ Roulette = Annotated[
         le=DEEPEST,
         description="from this vertex on, Russian roulette ends paths, without bias. With a max-depth of 1000, the "
         'most, nothing else ends those of "path"',
-        extra={"metavar": "DEPTH", "unset": "never"},
+        extra={"metavar": "DEPTH", "unset": "4 with a max-depth of 1000, else never"},
     ),
 ]
-# Path tracing would be later with its first picture: by default it has no guide.
-GuidedBy = Annotated[
-    Guide,
-    Meta(
-        description='what directions are chosen by: the light that a radiosity "solution" says comes from there '
-        '("path" has a coarse one made first, and stays unbiased), or the "cosine" alone; of a gather, with cast '
-        '"bvh"'
-    ),
-]
+_GUIDES = (
+    'what directions are chosen by: the light that a radiosity "solution" says comes from there ("path" has a '
+    'coarse one made first, and stays unbiased), or the "cosine" alone; of a gather, with cast "bvh"'
+)
 LightResolution = Annotated[
     int,
     Meta(
@@ -236,7 +240,6 @@ class PathSettings(PathSetSettings):
     """
 
     integrator = "path"
-    all_bounces = _ALL_BOUNCES
     remedies = _NO_LOOKUP | {
         "directions": 'Each path has directions of its own; with integrator="path-buffer" a set shares them.',
         "light_resolution": 'Shadows are rays; with integrator="path-buffer" they are shadow-buffers.',
@@ -248,10 +251,24 @@ class PathSettings(PathSetSettings):
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
 
-    max_depth: MaxDepth = 5
-    guide: GuidedBy = "cosine"
+    max_depth: MaxDepth = DEEPEST
+    guide: Annotated[
+        Guide | None,
+        Meta(
+            description=_GUIDES,
+            extra={
+                "unset": '"solution" with a max-depth of 1000 where the scene can be solved soon, else "cosine"'
+            },
+        ),
+    ] = None
     ambient: Ambient = None
     roulette: Roulette = None
+
+    def completed(self, solvable: Callable[[], bool]) -> Self:
+        return replace(self, **_completed(self), guide=self.guide or self._guide(solvable))
+
+    def _guide(self, solvable: Callable[[], bool]) -> Guide:
+        return "solution" if self.max_depth == DEEPEST and solvable() else "cosine"
 
     @property
     def path_length(self) -> int:
@@ -286,8 +303,15 @@ class PathSettings(PathSetSettings):
         return {"lookup_depth": _CORRECTED_FROM} if self.corrects else {}
 
     def recorded(self) -> dict[str, Any]:
-        """Without a guide where there is none."""
-        return {k: v for k, v in super().recorded().items() if k != "guide" or self.guided}
+        """Without a guide where there is none, and without a depth where that ends nothing."""
+        unused = [name for name, used in (("guide", self.guided), ("max_depth", not self.endless)) if not used]
+        return {k: v for k, v in super().recorded().items() if k not in unused}
+
+
+def _completed(settings: PathSettings | PathBufferSettings) -> dict[str, Any]:
+    """Of paths of all bounces, the vertex from which on chance ends them."""
+    endless = settings.max_depth == DEEPEST and settings.roulette is None
+    return {"roulette": _ROULETTE} if endless else {}
 
 
 @dataclass(frozen=True)
@@ -298,12 +322,11 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
     """
 
     integrator = "path-buffer"
-    all_bounces = _ALL_BOUNCES
     remedies = _NO_LOOKUP | {
         "guide": 'All paths of a set share their directions; paths of integrator="path" choose them.',
     }
 
-    max_depth: MaxDepth = 5
+    max_depth: MaxDepth = DEEPEST
     directions: Annotated[
         Directions,
         Meta(
@@ -335,6 +358,9 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
         ),
     ] = None
 
+    def completed(self, solvable: Callable[[], bool]) -> Self:
+        return replace(self, **_completed(self))
+
     @property
     def path_length(self) -> int:
         return self.max_depth
@@ -347,6 +373,8 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
         """Those that decide something: memory does not."""
         given = super().recorded()
         del given["geometry_budget"]
+        if self.roulette is not None and self.max_depth == DEEPEST:
+            del given["max_depth"]
         if self.bounce_lod is None:
             del given["bounce_lod"]
         return given
@@ -360,6 +388,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
     """
 
     integrator = "gather"
+    default_spp = 64
     remedies: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("max_depth", "roulette"), _ALL_OF_A_GATHER),
         "ambient": "A gather has light of all bounces from its solution: none is left to assume.",
@@ -416,7 +445,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
-    guide: GuidedBy = "solution"
+    guide: Annotated[Guide, Meta(description=_GUIDES)] = "solution"
     branches: Annotated[
         int,
         Meta(
@@ -487,7 +516,7 @@ class WhittedSettings(IntegratorSettings):
     primary: ClassVar[Primary]
     remedies = _NO_LOOKUP
 
-    max_depth: MaxDepth = 5
+    max_depth: Annotated[int, Meta(ge=1, le=DEEPEST, description=_DEPTH)] = 5
     shadows: Annotated[
         Shadows,
         Meta(description='"rays", exact; or shadow-buffers: the paper\'s "sphere", or a "cube" of six faces'),

@@ -26,6 +26,7 @@ import uuid
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from glpath.errors import ContextError, GlpathError, UsageError, warn
@@ -40,7 +41,7 @@ from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, missing
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import begin, checked_plan, prepare
-from glpath.rendering.stopping import looks_at_noise
+from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
 
@@ -78,8 +79,8 @@ class Cluster(Connection):
         """The film of a job, by all workers: what `cluster=` of `glpath.rendering.run` comes to.
 
         `on_step` is called when chunks have been merged. `film.metadata.elapsed_s` and `time_limit` are by this
-        clock; `statistics["worker_s"]` adds up the workers' seconds. By `noise` it ends at the same path set as the
-        render by one process.
+        clock; `statistics["worker_s"]` adds up the workers' seconds. By `noise` or `clean` it ends at the same
+        path set as the render by one process.
 
         Raises
         ------
@@ -130,11 +131,11 @@ class _Render:
 
     def run(self) -> None:
         """Fill the clock's film. Raises what `Cluster.render` raises."""
-        film, noise = self.clock.film, self.clock.options.noise
+        film = self.clock.film
         chunks = Chunks(
             missing(self.shared.job.path_sets, film.ranges),
             self.cluster.chunk_seconds,
-            looks_at_noise if noise is not None else lambda count: False,
+            partial(looked_at, self.clock.options),
             film.path_sets,
         )
         with interrupt_as_flag() as interrupted:
@@ -255,7 +256,7 @@ class _Render:
 
     def _ready(self) -> list[int]:
         """What to merge now: the next one where a rule looks at the film after each, else all that is there."""
-        if self.clock.options.noise is None:
+        if self.clock.options.noise is None and self.clock.options.clean is None:
             return list(self._parts)
         return [first] if self._order and (first := min(self._order)) in self._parts else []
 

@@ -102,6 +102,8 @@ def view(
     loaded = load_scene(scene, parameters).at()
     chosen = integrator or _integrator(loaded)
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    if integrator is None and chosen == "path":
+        given = {"guide": "cosine"} | given  # no solution: the first image would be later
     if chosen in ("t-buffer", "classic") and "shadows" not in given:
         given = {"shadows": "cube", "shadow_resolution": 512} | given
     job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **given)

@@ -28,7 +28,7 @@ from glpath.system.reporting import MODES
 def render(
     scene: AnyScene,
     *,
-    integrator: Integrator | IntegratorSettings = "path",
+    integrator: Integrator | IntegratorSettings = "auto",
     spp: int | None = None,
     first_path_set: int = 0,
     resolution: tuple[int, int] | None = None,
@@ -43,13 +43,14 @@ def render(
     ----------
     scene          : a file, the name of a shipped scene, a dictionary, trimesh's mesh or scene, a `Scene`: what
                      `load_scene` takes
-    integrator     : "path", global illumination by every kind of light, by paths whose rays a BVH in the shader
-                     casts; "path-buffer", the same by paths that share directions, all rays of which one scan of
-                     the scene casts; "gather", from a radiosity solution, whose light of all bounces is gathered
-                     at what the eye sees; "t-buffer", Whitted's
-                     ray tracing with the T-buffer, for spheres, planes, point lights, textures and mirrors;
-                     "classic", the same image by the classical algorithm, every ray against every object. Or an
-                     instance of its settings out of `glpath.integrators.settings`
+    integrator     : "auto", that of the next three which shows the scene clean soonest, see
+                     `glpath.rendering.choice`; "path", global illumination by every kind of light, by paths whose
+                     rays a BVH in the shader casts; "path-buffer", the same by paths that share directions, all
+                     rays of which one scan of the scene casts; "gather", from a radiosity solution, whose light of
+                     all bounces is gathered at what the eye sees; "t-buffer", Whitted's ray tracing with the
+                     T-buffer, for spheres, planes, point lights, textures and mirrors; "classic", the same image
+                     by the classical algorithm, every ray against every object. Or an instance of its settings out
+                     of `glpath.integrators.settings`
     spp            : path sets, that is samples per pixel;
                      default {default_spp}; no end to them with `time_limit` or `noise`.
                      Samples of a ray tracer differ only in their position in the pixel: a single one goes through
@@ -161,7 +162,7 @@ def render_frames(
     scene: AnyScene,
     frames: Iterable[Mapping[str, Any] | Camera | Scene],
     *,
-    integrator: Integrator | IntegratorSettings = "t-buffer",
+    integrator: Integrator | IntegratorSettings = "auto",
     spp: int | None = None,
     resolution: tuple[int, int] | None = None,
     parameters: Mapping[str, object] | None = None,

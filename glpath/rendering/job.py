@@ -24,10 +24,11 @@ from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import INTEGRATORS, IntegratorKeywords, IntegratorSettings
+from glpath.integrators.settings import AUTO, INTEGRATORS, IntegratorKeywords, IntegratorSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
 from glpath.io.completed import aside
 from glpath.io.convert import decode_json
+from glpath.rendering.choice import chosen
 from glpath.rendering.options import (
     check_count,
     check_word,
@@ -121,7 +122,7 @@ class RenderJob:
         cls,
         scene: AnyScene,
         *,
-        integrator: str | IntegratorSettings = "path",
+        integrator: str | IntegratorSettings = AUTO,
         spp: int | None = None,
         first_path_set: int = 0,
         resolution: tuple[int, int] | None = None,
@@ -287,7 +288,7 @@ class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
 def describe(
     scene: AnyScene,
     *,
-    integrator: str | IntegratorSettings = "path",
+    integrator: str | IntegratorSettings = AUTO,
     spp: int | None = None,
     first_path_set: int = 0,
     resolution: tuple[int, int] | None = None,
@@ -299,18 +300,20 @@ def describe(
 ) -> tuple[RenderJob, Scene]:
     """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError.
 
-    sensor : points, instead of the scene's camera. What is measured there has the light of all bounces, where
-             no `max_depth` is asked for
+    sensor : points, instead of the scene's camera
+
+    The integrator is the one of `glpath.rendering.choice` where it is "auto".
     """
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    if sensor is not None and isinstance(integrator, str) and "max_depth" not in given:
-        given = {**(INTEGRATORS[integrator].all_bounces if integrator in INTEGRATORS else {}), **given}
-    settings = settings_of(integrator, given)
-    spp = settings.default_spp if spp is None else spp
-    check_count("spp", spp, 1, MAX_SPP)
+    if integrator != AUTO:
+        settings_of(integrator, given)  # before the scene is loaded, which may take long
+    if spp is not None:
+        check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
     with _needing(sensor):
         loaded = load_scene(scene, parameters)
+    settings = chosen(integrator, given, loaded, pictured=sensor is None)
+    spp = settings.default_spp if spp is None else spp
     starts: Sensor
     if sensor is None:
         loaded = with_overrides(loaded, resolution, camera)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from glpath.errors import ContextError
 from glpath.film.batches import BLOCK, blocks
 from glpath.film.film import Film
-from glpath.film.metadata import INTERRUPTED_RULE, NOISE, SPP, TIME_LIMIT, merged_values
+from glpath.film.metadata import INTERRUPTED_RULE, SPP, TIME_LIMIT, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
@@ -22,7 +22,7 @@ from glpath.rendering.factory import Counts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.rendering.progress import Progress
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.stopping import FIRST_LOOK, stopped_by_noise
+from glpath.rendering.stopping import ended_by, first_look
 from glpath.rendering.tiles import Tile
 from glpath.system.heartbeat import heartbeat
 
@@ -131,11 +131,11 @@ class Clock:
         """
         if self.film.path_sets >= self.total:
             return SPP
-        if at_block and self.options.noise is not None:
-            enough, bound = stopped_by_noise(self.film, self.options.noise)
+        if at_block:
+            rule, bound = ended_by(self.film, self.options)
             self._bound = self._bound if bound is None else bound
-            if enough:
-                return NOISE
+            if rule:
+                return rule
         limit = self.options.time_limit
         return TIME_LIMIT if limit is not None and self.elapsed >= limit else ""
 
@@ -183,9 +183,10 @@ class Clock:
         done, guesses = self.film.path_sets, [float(self.total)]
         if done and self.options.time_limit is not None:
             guesses.append(done * self.options.time_limit / max(self.elapsed, 1e-9))
-        if self.options.noise is not None:
+        limit = self.options.noise or self.options.clean
+        if limit is not None:
             known = self._bound is not None and done
-            guesses.append(done * ((self._bound or 0) / self.options.noise) ** 2 if known else FIRST_LOOK)
+            guesses.append(done * ((self._bound or 0) / limit) ** 2 if known else first_look(self.options))
         return min(self.total, max(done + 1, round(min(guesses))))
 
     def count_step(self, count: int) -> None:

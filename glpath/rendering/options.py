@@ -23,7 +23,14 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.integrators.settings import INTEGRATORS, IntegratorKeywords, IntegratorSettings, Rgb, Solution
+from glpath.integrators.settings import (
+    INTEGRATORS,
+    Integrator,
+    IntegratorKeywords,
+    IntegratorSettings,
+    Rgb,
+    Solution,
+)
 from glpath.rendering.run_options import RunKeywords, RunOptions
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -185,7 +192,7 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
     if isinstance(integrator, IntegratorSettings):
         name, base = integrator.integrator, integrator
     else:
-        check_word("integrator", integrator, tuple(INTEGRATORS))
+        check_word("integrator", integrator, get_args(Integrator))
         name, base = integrator, INTEGRATORS[integrator]()
     # A flag of another integrator that is not set says nothing.
     others_flags = [o.name for o in known.values() if o.default is False and name not in o.settings]

@@ -43,6 +43,7 @@ class RunKeywords(TypedDict, total=False):
     threads: int | None
     time_limit: float | None
     noise: float | None
+    clean: float | None
     film: Film | None
     on_step: Callable[[Film], None] | None
     timings: bool
@@ -64,6 +65,9 @@ class RunOptions:
                      0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film
                      has the bits of one of that `spp`. Poor at rare, bright events: nobody misses what was never
                      seen
+    clean          : end when the denoised picture looks clean: its relative error, estimated from two halves that
+                     are denoised apart (`Film.denoised_noise`), is below this. 0.03 is clean to the eye. The film
+                     needs the AOVs "albedo" and "normal", and 16 path sets at least. Not beside `noise`
     film           : a film that this render had begun, to resume from: path sets that it holds are not rendered
                      again. It is changed, and returned
     on_step        : called with the film after each step, of up to half a second or one path set: a
@@ -81,6 +85,7 @@ class RunOptions:
     threads: int | None = None
     time_limit: float | None = None
     noise: float | None = None
+    clean: float | None = None
     film: Film | None = None
     on_step: Callable[[Film], None] | None = None
     timings: bool = False
@@ -89,9 +94,11 @@ class RunOptions:
     cluster: Workers | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (("time_limit", self.time_limit), ("noise", self.noise)):
+        for name, value in (("time_limit", self.time_limit), ("noise", self.noise), ("clean", self.clean)):
             if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):
                 raise UsageError(f"{name}: {value!r} where a number above 0 is needed")
+        if self.noise is not None and self.clean is not None:
+            raise UsageError("clean beside noise: each ends the render by another error.", "Leave one out.")
         if self.threads is not None and not (isinstance(self.threads, int) and self.threads >= 1):
             raise UsageError(f"threads: {self.threads!r} where a whole number from 1 is needed")
 
@@ -112,10 +119,10 @@ class RunOptions:
 
     def for_workers(self) -> RunOptions:
         """What holds for a part of a render elsewhere: all but what its end, its film and its reports are."""
-        here = ("time_limit", "noise", "film", "on_step", "progress", "on_progress", "cluster")
+        here = ("time_limit", "noise", "clean", "film", "on_step", "progress", "on_progress", "cluster")
         return RunOptions(**{name: value for name, value in vars(self).items() if name not in here})
 
     def spp(self, asked: int | None) -> int | None:
         """Path sets of a job that is run so: as asked; without an end where a rule ends it; None: by default."""
-        ends_by_rule = self.time_limit is not None or self.noise is not None
+        ends_by_rule = not (self.time_limit is None and self.noise is None and self.clean is None)
         return MAX_SPP if asked is None and ends_by_rule else asked

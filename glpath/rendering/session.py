@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from glpath.errors import ContextError, UsageError, warn
-from glpath.film.aovs import ID_AOVS
+from glpath.film.aovs import DENOISER_AOVS, ID_AOVS
+from glpath.film.denoise import require_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
@@ -167,6 +168,8 @@ def begin(
 
     Raises AnotherRenderError, and ContextError where there is no memory for a film.
     """
+    if options.clean is not None:
+        _check_denoisable(job)
     metadata = metadata_of(job, plan, scene, context)
     film = options.film
     if film is None:
@@ -175,6 +178,16 @@ def begin(
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
         film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
     return Clock(film, job.spp, "" if context is None else context.info.renderer, options, started=started)
+
+
+def _check_denoisable(job: RenderJob) -> None:
+    """Raise UsageError for a film that cannot be denoised, GlpathError where the denoiser is missing."""
+    if not set(DENOISER_AOVS) <= set(job.integrator.aovs):
+        raise UsageError(
+            "clean: of a film without the AOVs albedo and normal, by which pictures are denoised.",
+            f"Render with aovs={DENOISER_AOVS!r}, or end by `noise`.",
+        )
+    require_denoiser()
 
 
 def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Clock) -> Plan:

@@ -9,10 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from glpath.film.batches import BLOCK
+from glpath.film.metadata import CLEAN, NOISE
 from glpath.film.noise import MIN_BATCHES
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
+    from glpath.rendering.run_options import RunOptions
 
 #: A Sobol sequence of 30 bits ends at 2**30.
 MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
@@ -23,20 +25,40 @@ CONFIDENCE = 0.95
 #: Path sets before noise is looked at.
 FIRST_LOOK = MIN_BATCHES * BLOCK
 
+#: Blocks of path sets before a denoised picture is looked at. Fewer make no two halves; and of few sets a denoiser
+#: makes blotches that both halves may have alike.
+_BLOCKS_OF_CLEAN = 2
 
-def looks_at_noise(path_sets: int) -> bool:
-    """Whether a film of so many path sets, at the end of a block, is one whose noise is looked at.
 
-    Every block at first, then about whenever the film has grown by an eighth. Each look costs time, and is a
-    further chance to end by luck.
+def looked_at(options: RunOptions, path_sets: int) -> bool:
+    """Whether a rule looks at a film of so many path sets: at the end of a block.
+
+    Every block at first, then about whenever the film has grown by an eighth, or by a half where each look denoises
+    it. Each look costs time, and is a further chance to end by luck.
     """
     whole = path_sets // BLOCK
-    return whole >= MIN_BATCHES and whole % (1 << max(0, whole.bit_length() - 4)) == 0
+    by_noise = options.noise is not None and whole >= MIN_BATCHES and _is_round(whole, 4)
+    by_clean = options.clean is not None and whole >= _BLOCKS_OF_CLEAN and _is_round(whole, 2)
+    return by_noise or by_clean
 
 
-def stopped_by_noise(film: Film, noise: float) -> tuple[bool, float | None]:
-    """Whether the noise is low enough, and the bound, where this is a count to look at."""
-    if not looks_at_noise(film.path_sets):
-        return False, None
-    bound = film.error_bound(CONFIDENCE)
-    return bound is not None and bound <= noise, bound
+def _is_round(number: int, bits: int) -> bool:
+    """Whether it is a number of so many bits, and zeros after these."""
+    return number % (1 << max(0, number.bit_length() - bits)) == 0
+
+
+def first_look(options: RunOptions) -> int:
+    """Path sets that a film has at the first look of a rule."""
+    return FIRST_LOOK if options.clean is None else _BLOCKS_OF_CLEAN * BLOCK
+
+
+def ended_by(film: Film, options: RunOptions) -> tuple[str, float | None]:
+    """The rule by which a film is good enough, "" for none; and the error that was compared, where it was."""
+    if not looked_at(options, film.path_sets):
+        return "", None
+    if options.noise is not None:
+        bound = film.error_bound(CONFIDENCE)
+        return (NOISE if bound is not None and bound <= options.noise else ""), bound
+    assert options.clean is not None, "something looks at the film"
+    noise = film.denoised_noise()
+    return (CLEAN if noise is not None and noise <= options.clean else ""), noise
