@@ -14,7 +14,8 @@ Int64 = NDArray[np.int64]
 def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64:
     """(N, 7) of sides of triangles (N,) at barycentric coordinates (N, 2): reflectance, emission, opacity.
 
-    Under microfacets the base has what Fresnel's layer lets through of light from everywhere.
+    Under microfacets the base has what Fresnel's layer lets through of light from everywhere. Mirrors and metal,
+    which have no diffuse reflection, are as if they were rough: they reflect as much, in their colour.
     """
     look = Appearance(scene)
     opacity = look.opacity(triangle, b)
@@ -40,8 +41,10 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
             layer = float((f0 + (f90 - f0) / 21.0).max())
             coat = material.clearcoat * (0.04 + 0.96 / 21.0)
             glass = (1 - metallic) * clear
-            found[own, :3] *= ((1 - coat) * (1 - layer) * (1 - metallic) * (1 - clear))[:, None]
+            found[own, :3] *= ((1 - coat) * (metallic + (1 - layer) * (1 - metallic) * (1 - clear)))[:, None]
             found[own, 6] *= 1 - glass
+        else:
+            found[own, :3] += material.mirror
         back = own[side[own] == 1]
         if not material.two_sided:
             found[back, :3] = 0.0

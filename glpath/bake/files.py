@@ -207,23 +207,16 @@ def _unlit(file: Glb, page: int, mode: str, cutoff: float, two_sided: bool) -> A
 
 def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
     used = {shape.material for shape in scene.shapes}
-    left_out: list[str] = []
-    black: list[str] = []
+    shiny: list[str] = []
+    rough: list[str] = []
     for i, material in enumerate(scene.materials):
         if i not in used or material.unlit or not (material.has_lobes or np.any(material.specular > 0)):
             continue
-        metal = material.roughness is not None and material.metallic >= _METAL and material.surface_texture is None
-        (black if metal else left_out).append(material.name)
+        metal = material.roughness is not None and material.metallic > _METAL and material.surface_texture is None
+        (rough if metal or np.any(material.mirror > 0) else shiny).append(material.name)
     for names, text in (
-        (
-            left_out,
-            "the diffuse part alone is baked; mirrors, highlights, metal and glass look different from everywhere.",
-        ),
-        (
-            black,
-            "metal, which has no diffuse part to bake and is black here but for what it emits. Where that is not "
-            'meant (in glTF all is metal that has no metallicFactor), set it to 0; or take materials="keep".',
-        ),
+        (shiny, "the diffuse part alone is baked; highlights and glass look different from everywhere."),
+        (rough, "metal and mirrors, which look different from everywhere, are baked as if they were rough."),
     ):
         if names:
             listing = f"material{'s' * (len(names) > 1)} {listed(names)}"

@@ -6,8 +6,8 @@ Texels are points where paths start, rendered by the same engine, into the same 
 camera's picture: pi times what the film holds is their irradiance.
 
 Cost:     what a picture of as many pixels as there are texels costs, plus seconds for the atlas.
-Poor at:  what looks different from elsewhere: mirrors, highlights, metal and glass are no light of a texel. Normal
-          maps are not seen by the light; shadows are as sharp as texels are small.
+Poor at:  what looks different from elsewhere: highlights and glass are no light of a texel; mirrors and metal have
+          it as if they were rough. Normal maps are not seen by the light; shadows are as sharp as texels are small.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.texels import Texels, rasterised
 from glpath.errors import SceneError, UsageError
-from glpath.film.denoise import denoised_lightmap, require_denoiser
+from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
 from glpath.integrators.settings import AUTO, IntegratorKeywords, IntegratorSettings
@@ -46,7 +46,9 @@ Bools = NDArray[np.bool_]
 Uv = Literal["make", "keep"]
 Materials = Literal["unlit", "keep"]
 
-DEFAULT_SIZE = 1024
+DEFAULT_SIZE = 512
+#: Samples of a texel where a denoiser follows: of half as many it leaves blotches that the eye finds (`room`).
+DENOISED_SPP = 128
 #: Texels of the longer side of a page that a notebook shows.
 _PREVIEW = 1024
 #: Points behind a wall count as inside up to so many texels from it.
@@ -287,7 +289,7 @@ def lightmap(
     spp: int | None = None,
     first_path_set: int = 0,
     parameters: Mapping[str, object] | None = None,
-    denoise: bool = False,
+    denoise: bool | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Lightmap:
     """Bake the light on all surfaces of a scene.
@@ -299,14 +301,16 @@ def lightmap(
     ----------
     scene   : what `load_scene` takes
     texels  : per scene unit, on as many pages as that takes
-    size    : side of a page, texels; 1024. Without `texels` there is one page, on which charts are as large as fit
+    size    : side of a page, texels; 512. Without `texels` there is one page, on which charts are as large as fit
     uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
               0 to 1 and without overlaps
     integrator, options : "auto", "path", "path-buffer" or "gather" and their options, as of `glpath.render`
     film    : of an interrupted bake of the same scene with the same options, to resume
-    denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is
+    denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is. By default where it
+              is installed
 
-    The others are those of `glpath.render`; `spp` counts samples of each texel.
+    The others are those of `glpath.render`; `spp` counts samples of each texel, by default 128 where the pages are
+    denoised.
 
     Raises what `glpath.render` raises, and GlpathError where xatlas is missing.
 
@@ -357,7 +361,7 @@ class Bake:
         texels: float | None = None,
         size: int | None = None,
         uv: Uv = "make",
-        denoise: bool = False,
+        denoise: bool | None = None,
         integrator: str | IntegratorSettings = AUTO,
         spp: int | None = None,
         first_path_set: int = 0,
@@ -367,6 +371,7 @@ class Bake:
         """See `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
         if denoise:
             require_denoiser()
+        denoise = can_denoise() if denoise is None else denoise
         check_density(texels, size, uv)
         if uv == "make":
             require_xatlas()
@@ -377,7 +382,7 @@ class Bake:
         job, seen = describe(
             surfaces.scene,
             integrator=integrator,
-            spp=spp,
+            spp=DENOISED_SPP if spp is None and denoise else spp,
             first_path_set=first_path_set,
             sensor=surfaces.sensor(),
             **options,

@@ -20,6 +20,7 @@ from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
+from glpath.integrators.settings import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import duration, percent
@@ -34,6 +35,7 @@ _OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution", "bounce_lod",
     "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "branches",
 )  # fmt: skip
+_INTEGRATORS = (AUTO, *POINT_INTEGRATORS)
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
 #: Errors above the first are answered with how to come to the second.
@@ -43,9 +45,9 @@ _NOISY, _CLEAN = 0.05, 0.02
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     help = command_help(
-        ("glpath lightmap room -o room.glb --size 1024", "one page of 1024 x 1024 texels"),
+        ("glpath lightmap room -o room.glb", "one page of 512 x 512 texels"),
         ("glpath lightmap house.glb -o baked.glb --texels 20", "20 texels per scene unit"),
-        ("glpath lightmap room -o a.glb --integrator gather --denoise --noise 0.02", "clean, soon"),
+        ("glpath lightmap room -o a.glb --size 2048 --spp 512", "large, and cleaner"),
         everyday="scene out texels size uv materials exposure denoise spp integrator noise time_limit checkpoint "
         "resume max_depth seed radiosity device parameters quiet",
     )
@@ -70,7 +72,7 @@ def lightmap(
         int | None,
         typer.Option(
             metavar="N",
-            help="Side of a page in texels, by default 1024; without --texels there is one page.",
+            help="Side of a page in texels, by default 512; without --texels there is one page.",
             rich_help_panel=_ATLAS,
         ),
     ] = None,
@@ -114,26 +116,31 @@ def lightmap(
         ),
     ] = None,
     denoise: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--denoise",
-            help="By Open Image Denoise's filter for lightmaps (pip install 'glpath[denoise]').",
+            "--denoise/--no-denoise",
+            help="By Open Image Denoise's filter for lightmaps; by default where it is installed (pip install "
+            "'glpath[denoise]').",
+            show_default=False,
             rich_help_panel=_OUTPUT,
         ),
-    ] = False,
+    ] = None,
     spp: Annotated[
-        int | None, typer.Option(help="Samples per texel; default as of render.", rich_help_panel=FOR_ALL)
+        int | None,
+        typer.Option(
+            help="Samples per texel; default 128 where it is denoised, else as of render.", rich_help_panel=FOR_ALL
+        ),
     ] = None,
     integrator: Annotated[
         str,
         typer.Option(
-            metavar="|".join(POINT_INTEGRATORS),
-            help="path: paths, their rays cast by a BVH. path-buffer: paths that share directions, cast by scans. "
-            "gather: from a radiosity solution.",
+            metavar="|".join(_INTEGRATORS),
+            help="auto: gather where the scene allows that, else path. path: paths, their rays cast by a BVH. "
+            "path-buffer: paths that share directions, cast by scans. gather: from a radiosity solution.",
             rich_help_panel=FOR_ALL,
-            autocompletion=words(POINT_INTEGRATORS),
+            autocompletion=words(_INTEGRATORS),
         ),
-    ] = "path",
+    ] = AUTO,
     parameters: Parameters = None,
     *,
     run: RunRequest,
@@ -142,8 +149,9 @@ def lightmap(
     """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
 
     All bounces and every kind of light, by the engines of `glpath render`. All of the model is baked; the inside of
-    closed solids has no texels, and what is inside other geometry gets the light beside it. Of mirrors, highlights,
-    metal and glass the diffuse part alone is baked. Ctrl-C ends it, and what there is, is written.
+    closed solids has no texels, and what is inside other geometry gets the light beside it. Of highlights and
+    glass the diffuse part alone is baked; mirrors and metal as if they were rough. Ctrl-C ends it, and what there
+    is, is written.
     """
     from glpath.bake.lightmap import check_density, check_glb
 
@@ -151,7 +159,7 @@ def lightmap(
     for option, found, allowed in (
         ("--materials", materials, _MATERIALS),
         ("--uv", uv, _UV),
-        ("--integrator", integrator, POINT_INTEGRATORS),
+        ("--integrator", integrator, _INTEGRATORS),
     ):
         check_choice(option, found, allowed)
     check_density(texels, size, uv)
@@ -201,7 +209,7 @@ def lightmap(
 
         def lines(written: list[Path]) -> Iterator[str]:
             if written:
-                yield from _summary(made[0], None if materials == "keep" else exposure_stops[0], denoise)
+                yield from _summary(made[0], None if materials == "keep" else exposure_stops[0], bake.denoise)
                 yield f"  {light_of(loaded)}"
             yield from (f"wrote {path}" for path in written)
 
@@ -224,7 +232,7 @@ def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[s
     yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{noise}"
     if error is not None and error > _NOISY and not denoised:
         more = film.path_sets * math.ceil((error / _CLEAN) ** 2)
-        yield f"  for less noise: --noise {_CLEAN:g} (some {more:,} path sets), --integrator gather, or --denoise"
+        yield f"  for less noise: pip install 'glpath[denoise]', or --noise {_CLEAN:g} (some {more:,} path sets)"
     if stops is not None:
         yield f"  exposure {stops:+g} stops"
     if len(baked.seams):

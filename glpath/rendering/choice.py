@@ -34,20 +34,17 @@ MAX_TRIANGLES = 40_000
 _DEPTH_WITH_AMBIENT = 5
 
 
-def chosen(
-    integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene, pictured: bool
-) -> IntegratorSettings:
+def chosen(integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene) -> IntegratorSettings:
     """The settings of a render: an integrator by its name, "auto", or an instance that `given` changes.
 
-    given    : options by name, none of which is None
-    pictured : the sensor is a camera; points are measured, and have light of all bounces in any case
+    given : options by name, none of which is None
 
     Raises UsageError, as `settings_of`.
     """
     solvable = functools.cache(lambda: _solvable(scene))
     name = _engine(given, scene, solvable) if integrator == AUTO else integrator
     kind = INTEGRATORS.get(name) if isinstance(name, str) else None
-    if kind in (PathSettings, PathBufferSettings) and pictured and "max_depth" not in given and _has_ambient(scene):
+    if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):
         given = {**given, "max_depth": _DEPTH_WITH_AMBIENT}
     return settings_of(name, given).completed(solvable)
 

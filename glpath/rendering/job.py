@@ -312,7 +312,7 @@ def describe(
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
     with _needing(sensor):
         loaded = load_scene(scene, parameters)
-    settings = chosen(integrator, given, loaded, pictured=sensor is None)
+    settings = chosen(integrator, given, loaded)
     spp = settings.default_spp if spp is None else spp
     starts: Sensor
     if sensor is None:

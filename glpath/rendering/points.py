@@ -132,8 +132,8 @@ def irradiance(
     The other parameters are those of `render`.
     {options}
 
-    By default, "path" and "path-buffer" have a `roulette` of 4 and a `max_depth` of 1000: chance alone ends
-    paths, for all of the light. (1 is light straight from lamps and the sky.)
+    By default, "path" and "path-buffer" have light of all bounces: a `max_depth` of 1000, where chance alone ends
+    paths. (1 is light straight from lamps and the sky.)
 
     Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
 

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.bake import atlas
 from glpath.bake.atlas import Atlas
+from glpath.bake.files import radiance_of
 from glpath.bake.lightmap import Bake, Lightmap, Surfaces
 from glpath.bake.pages import pages_of
 from glpath.bake.sides import Sides
@@ -497,8 +498,8 @@ def test_a_lightmap_has_all_bounces_by_itself() -> None:
     assert (settings.max_depth, settings.roulette) == (1000, 4), "chance alone ends paths"
 
 
-def test_metal_is_told_to_be_black(tmp_path: Path) -> None:
-    """As glTF's materials are that leave the factor out; a model of these was black with a word on highlights."""
+def test_metal_is_baked_as_if_it_were_rough_and_that_is_told(tmp_path: Path) -> None:
+    """As glTF's materials are that leave the factor out; a model of these was black."""
     materials = {
         "gold": {"type": "principled", "reflectance": [1, 0.8, 0.3], "metallic": 1, "roughness": 0.5},
         "half": {"type": "principled", "reflectance": [1, 0.8, 0.3], "metallic": 0.5, "roughness": 0.5},
@@ -511,7 +512,11 @@ def test_metal_is_told_to_be_black(tmp_path: Path) -> None:
         baked.save(tmp_path / "a.glb")
     half, gold = (str(warning.message) for warning in told)
     assert 'material "half": the diffuse part alone is baked' in half
-    assert 'material "gold": metal, which has no diffuse part to bake and is black here' in gold
+    assert 'material "gold": metal and mirrors' in gold
+    radiance, opacity = radiance_of(baked)
+    page = (radiance * np.pi / np.maximum(baked.irradiance, 1e-9))[baked.baked & (opacity[..., 0] > 0)]
+    of_gold = np.abs(page - [1.0, 0.8, 0.3]).max(axis=1) < 0.02
+    assert of_gold.mean() > 0.5, "the floor reflects as much as it did, to all sides"
 
 
 def test_what_cannot_be_kept_is_refused_before_it_is_baked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
