@@ -209,6 +209,13 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
             yield "  the error of the radiosity solution, which is not known, is not in the error"
         else:
             yield f"  of that error, {percent(of_solution)} is the radiosity solution's, whatever the path sets"
+    bias = film.bias()
+    if bias is not None:
+        by_block = percent(bias.blocks) if bias.blocks > 0 else f"below {percent(bias.blocks_error)}"
+        yield (
+            f"  bias of the gather: {percent(bias.mean)} of the light, plus or minus {percent(bias.mean_error)}; "
+            f"by block {by_block}"
+        )
     if picture.denoise:
         error = film.relative_error(denoised=True)
         clean = ", which is clean" if m.stop_rule == CLEAN else ""
@@ -245,10 +252,17 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[st
         "error": film.relative_error(),
         "stop_rule": m.stop_rule,
         "error_bound": m.error_bound,
+        "bias": bias_as_json(film),
         "renderer": m.device,
         "statistics": m.statistics,
         "files": [str(path) for path in written],
     }
+
+
+def bias_as_json(film: Film) -> dict[str, float] | None:
+    """Of a gather, see `glpath.film.bias.Bias`."""
+    bias = film.bias()
+    return None if bias is None else vars(bias)
 
 
 def _million(count: float) -> str:
@@ -274,6 +288,7 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
         "stop_rule": m.stop_rule,
         "relative_error": film.relative_error(),
         "error_bound": m.error_bound,
+        "bias": bias_as_json(film),
         "elapsed_s": round(m.elapsed_s, 4),
         "stage_ms": statistics.pop("stage_ms", {}),
         "counts": statistics,

@@ -38,6 +38,7 @@ from glpath.film.aovs import (
     min_depths,
 )
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
+from glpath.film.bias import Bias, bias_of
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
 from glpath.film.image import tonemap as tonemapped
@@ -363,6 +364,15 @@ class Film:
         else:
             square = np.mean(self.variance_of_mean() / (self.mean**2 + 0.01))
         return float(np.hypot(np.sqrt(square), self.solution_error() or 0.0))
+
+    def bias(self) -> Bias | None:
+        """The bias of a gather's picture, beside unbiased paths: see `glpath.film.bias`.
+
+        None where it is not known: of engines without bias, of a crop, of points, and of a part that a cluster's
+        worker has rendered.
+        """
+        unbiased = self.metadata.statistics.get("unbiased")
+        return None if unbiased is None else bias_of(self.radiance_sums, self.batch_counts, unbiased)
 
     def solution_error(self) -> float | None:
         """The part of `relative_error` from a gather's radiosity solution: more path sets do not lower it.

@@ -67,7 +67,8 @@ class FilmMetadata:
     statistics      : counts, summed when merging: `paths_cast`; of scans of the path-buffer `paths_lost` (to the
                       roulette of a cell); `paths_cut` (at a length that chance should have ended before);
                       `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
-                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution
+                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution; `unbiased`, of a
+                      gather's picture, the light that unbiased paths find, see `glpath.film.bias`
     aovs            : names out of AOVS that the film holds as well
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise
@@ -204,7 +205,7 @@ def joined(ours: str, theirs: str) -> str:
 
 
 def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers are added, texts that differ are both named, mappings go down a level."""
+    """Numbers are added, also those of lists; texts that differ are both named, mappings go down a level."""
     merged = dict(ours)
     for key, value in theirs.items():
         if key not in ours:
@@ -215,6 +216,8 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
             merged[key] = ours[key] + value
         elif value == ours[key]:
             merged[key] = value
+        elif isinstance(value, list) and isinstance(ours[key], list) and len(value) == len(ours[key]):
+            merged[key] = [mine + other for mine, other in zip(ours[key], value, strict=True)]
         else:
             merged[key] = joined(str(ours[key]), str(value))
     return merged

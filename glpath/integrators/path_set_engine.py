@@ -94,6 +94,10 @@ class PathSetEngine(Engine):
             scene.stream.reserve()
         return self
 
+    def share_bvh(self, other: PathSetEngine) -> None:
+        """Before `prepare`: cast rays by the tree of an engine of the same scene."""
+        self._bvh = other._bvh
+
     @property
     def _shares_lanes(self) -> bool:
         """Whether paths are traced in the order of `glpath.gl.lanes`."""

@@ -110,6 +110,12 @@ class Plan(Protocol):
         sensor : relative to the scene's origin, as those that the engine looks from later, see `sensor_in`
         """
 
+    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> Engine | None:
+        """Of a plan whose pictures have a bias, an engine without one for what its own engine has on the device.
+
+        It is not prepared, and looks at all of the sensor. None: there is none, or its pictures have no bias.
+        """
+
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         """Continue with another scene, traceable and with a camera of its own. Raises SceneError."""
 
@@ -161,6 +167,9 @@ class _Paths:
     ) -> PathSetEngine:
         return _engine_with_solution(self, context, scene, sensor, window, timings)
 
+    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> None:
+        return None
+
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
 
@@ -203,6 +212,9 @@ class _PathBuffer:
             sensor=sensor,
             timings=timings,
         )
+
+    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> None:
+        return None
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
@@ -335,6 +347,19 @@ class _Gathering:
         assert self.solution is not None, "the plan is not prepared"
         return _engine_with_solution(self, context, scene, sensor, window, timings)
 
+    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> PathSetEngine | None:
+        if self.settings.by_path_buffer or self.solution is None:
+            return None
+        assert isinstance(engine, PathSetEngine), f"an engine of another plan: {engine!r}"
+        settings = PathSettings(seed=self.settings.seed, guide="solution").completed(lambda: True)
+        width, height = sensor.resolution
+        radiosity = device_radiosity(context.gl, scene, self.solution, settings)
+        found = path_engine(
+            context.gl, engine.scene, settings, (0, 0, width, height), sensor=sensor, radiosity=radiosity
+        )
+        found.share_bvh(engine)
+        return found
+
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         _move_camera(engine, scene)
 
@@ -403,6 +428,9 @@ class _Whitted:
             moving=scene if scene.moving_shapes else None,
             timings=timings,
         )
+
+    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> None:
+        return None
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         from glpath.integrators.whitted import WhittedTracer

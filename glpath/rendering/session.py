@@ -15,6 +15,7 @@ from glpath.film.metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
+from glpath.rendering.bias import measured_bias
 from glpath.rendering.factory import Plan, plan_of, sensor_in
 from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob
@@ -108,7 +109,18 @@ class Session:
                     self._continue_with(self._engine, job, scene)
             self._job = job
             trace(self._engine, context, self._tiles, clock, job.path_sets)
+            if not prepared and isinstance(job.sensor, CameraSensor):
+                self._measure_bias(self._engine, clock.film, job.sensor, scene)
         return clock.film
+
+    def _measure_bias(self, engine: Engine, film: Film, sensor: CameraSensor, scene: Scene) -> None:
+        """Of a first picture; further ones of the scene hardly differ in it."""
+        if "unbiased" in film.metadata.statistics:
+            return
+        seen = sensor_in(self._traced, sensor, scene)
+        assert isinstance(seen, CameraSensor), "of the same kind"
+        found = measured_bias(film, self._plan, engine, self._context, self._traced, seen)
+        film.metadata = replace(film.metadata, statistics={**film.metadata.statistics, **found})
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
         """Whether the engine can continue with this job, of the same integrator; the scene has its camera."""
