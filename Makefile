@@ -25,10 +25,12 @@ help: ## list the targets
 	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), FIGURE=path-buffer-7 (make figure), JOBS=auto (make test: processes),"
 	@echo "           PYTHON=python3.12 (which one to use)"
 
-render: $(STAMPS) ## set up, then render the Cornell box with the path-buffer to out/cornell-box.png and .exr
+render: $(STAMPS) ## set up, then render the Cornell box to out: raw by the path-buffer (.png, .exr), and as by default
 	@mkdir -p out
-	@echo "Rendering the Cornell box with the path-buffer (Walter and Lengyel 1995)."
-	$(BIN)/glpath render cornell-box --integrator path-buffer -o out/cornell-box.png -o out/cornell-box.exr --spp $(SPP)
+	@echo "Rendering the Cornell box with the path-buffer (Walter and Lengyel 1995), without a denoiser."
+	$(BIN)/glpath render cornell-box --integrator path-buffer --no-denoise -o out/cornell-box.png -o out/cornell-box.exr --spp $(SPP)
+	@echo "And as \`glpath render\` does it without options: the engine that is clean soonest, denoised."
+	$(BIN)/glpath render cornell-box -o out/cornell-box-default.png
 
 test: lint ## set up, check the style and the types, run the test suite and the notebooks
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --nbmake --nbmake-timeout=240 tests notebooks

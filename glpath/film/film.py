@@ -449,7 +449,7 @@ class Film:
                `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
         .npz : everything, exactly; `Film.load` reads it back, to be merged or resumed
 
-        denoise : a .png holds `denoised`, and says so in its header (glpath.denoised); an .exr has it as the layer
+        denoise : a .png holds `denoised`, and its header has glpath.denoised; an .exr has it as the layer
                   denoised.R, G, B, beside the picture as it is. An .npz is the same in any case
 
         A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
