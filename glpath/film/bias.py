@@ -19,6 +19,8 @@ from glpath.film.noise import standard_error
 
 Float64 = NDArray[np.float64]
 
+#: Under which name `FilmMetadata.statistics` has what unbiased paths find.
+UNBIASED = "unbiased"
 #: Blocks along each side of the picture.
 BLOCKS = 8
 #: Squared radiance that relative errors of dark blocks are held against, as in `compare.relative_mse`.
@@ -66,9 +68,20 @@ def summed(sets: Sequence[Float64], across: float) -> dict[str, Any]:
     return {
         "sets": len(sets),
         "across_sum": across * len(sets),
-        "sum": each.sum(axis=0).tolist(),
-        "square": (each**2).sum(axis=0).tolist(),
+        "sum": [float(f"{one:.9g}") for one in each.sum(axis=0)],
+        "square": [float(f"{one:.9g}") for one in (each**2).sum(axis=0)],
     }
+
+
+def check_unbiased(found: object) -> None:
+    """Raise ValueError for what `summed` has not made."""
+    if not isinstance(found, Mapping) or {*found} != {"sets", "across_sum", "sum", "square"}:
+        raise ValueError("its unbiased paths are not described by sets, across_sum, sum and square")
+    counts, lists = (found["sets"], found["across_sum"]), (found["sum"], found["square"])
+    if not all(isinstance(one, list) and len(one) == BLOCKS**2 + 1 for one in lists):
+        raise ValueError(f"its unbiased paths are not in {BLOCKS**2 + 1} blocks")
+    if not all(isinstance(one, int | float) and one > 0 for one in counts):
+        raise ValueError("its unbiased paths are no path sets")
 
 
 def bias_of(radiance_sums: Float64, batch_counts: NDArray[np.int64], unbiased: Mapping[str, Any]) -> Bias | None:

@@ -38,7 +38,7 @@ from glpath.film.aovs import (
     min_depths,
 )
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
-from glpath.film.bias import Bias, bias_of
+from glpath.film.bias import UNBIASED, Bias, bias_of
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
 from glpath.film.image import tonemap as tonemapped
@@ -371,7 +371,7 @@ class Film:
         None where it is not known: of engines without bias, of a crop, of points, and of a part that a cluster's
         worker has rendered.
         """
-        unbiased = self.metadata.statistics.get("unbiased")
+        unbiased = self.metadata.statistics.get(UNBIASED)
         return None if unbiased is None else bias_of(self.radiance_sums, self.batch_counts, unbiased)
 
     def solution_error(self) -> float | None:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from glpath.errors import UsageError
 from glpath.film.aovs import AOVS, ID_AOVS, sums_of
+from glpath.film.bias import UNBIASED, check_unbiased
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
@@ -166,6 +167,8 @@ def metadata_of(text: str) -> FilmMetadata:
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
+    if UNBIASED in metadata.statistics:
+        check_unbiased(metadata.statistics[UNBIASED])
     _check_names(metadata)
     origin = metadata.position_origin
     if origin is not None and not (len(origin) == 3 and all(isinstance(x, int | float) for x in origin)):
@@ -193,9 +196,11 @@ def _refuse(constant: str) -> None:
 
 
 def _plain_values(value: object) -> bool:
-    """Whether all of it is texts, numbers that can be added, and mappings of these."""
+    """Whether all of it is texts, numbers that can be added, and mappings and lists of these."""
     if isinstance(value, Mapping):
         return all(map(_plain_values, value.values()))
+    if isinstance(value, list):
+        return all(isinstance(one, int | float) and abs(one) < 1e300 for one in value)
     return isinstance(value, str) or (isinstance(value, int | float) and abs(value) < 1e300)
 
 
@@ -214,10 +219,10 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
             merged[key] = merged_values(ours[key], value)
         elif isinstance(value, int | float) and isinstance(ours[key], int | float):
             merged[key] = ours[key] + value
-        elif value == ours[key]:
-            merged[key] = value
         elif isinstance(value, list) and isinstance(ours[key], list) and len(value) == len(ours[key]):
             merged[key] = [mine + other for mine, other in zip(ours[key], value, strict=True)]
+        elif value == ours[key]:
+            merged[key] = value
         else:
             merged[key] = joined(str(ours[key]), str(value))
     return merged

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from glpath.film.bias import block_means, summed
+from glpath.film.batches import BLOCK
+from glpath.film.bias import UNBIASED, block_means, summed
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.integrators.engine import Engine
@@ -19,6 +20,7 @@ from glpath.system.heartbeat import heartbeat
 
 #: Path sets, and the longer side of their picture in pixels: of fewer the error is larger than the bias.
 SETS, SIDE = 32, 64
+_PARTS = 1 << 20
 #: Path sets of a film from which on its bias is measured: of fewer, noise hides it.
 MIN_FILM_SETS = 16
 
@@ -43,9 +45,11 @@ def measured_bias(
         if unbiased is None:
             return {}
         sets = []
+        # Others for each part of a render, as their sums are added when parts merge.
+        first = film.ranges[0][0] // BLOCK % _PARTS * SETS
         with unbiased.prepare():
-            for index in range(SETS):
+            for index in range(first, first + SETS):
                 unbiased.trace_path_set(index)
                 heartbeat.beat()
                 sets.append(block_means(unbiased.take()))
-    return {"unbiased": summed(sets, (columns / rows) / (width / height))}
+    return {UNBIASED: summed(sets, (columns / rows) / (width / height))}

@@ -9,6 +9,7 @@ from typing import Any
 
 from glpath.errors import ContextError, UsageError, warn
 from glpath.film.aovs import DENOISER_AOVS, ID_AOVS
+from glpath.film.bias import UNBIASED
 from glpath.film.denoise import require_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, joined, merged_values
@@ -115,7 +116,7 @@ class Session:
 
     def _measure_bias(self, engine: Engine, film: Film, sensor: CameraSensor, scene: Scene) -> None:
         """Of a first picture; further ones of the scene hardly differ in it."""
-        if "unbiased" in film.metadata.statistics:
+        if UNBIASED in film.metadata.statistics:
             return
         seen = sensor_in(self._traced, sensor, scene)
         assert isinstance(seen, CameraSensor), "of the same kind"
