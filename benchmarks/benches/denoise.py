@@ -39,7 +39,7 @@ from benchmarks.peers.mitsuba import time_aovs
 from benchmarks.references.kept import Reference
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.film.aovs import DENOISER_AOVS
-from glpath.film.denoise import denoised, require_denoiser
+from glpath.film.denoise import Guides, denoised, require_denoiser
 from glpath.gl.context import get_context
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.io import load_scene
@@ -82,7 +82,7 @@ def bench_denoise(
 
     def clean(radiance: Float64, albedo: Float64, normal: Float64) -> Float64:
         start = time.perf_counter()
-        picture = denoised(np.maximum(radiance, 0.0), np.clip(albedo, 0.0, 1.0), normal)
+        picture = denoised(np.maximum(radiance, 0.0), Guides.of(np.clip(albedo, 0.0, 1.0), normal))
         denoiser_s.append(time.perf_counter() - start)
         return picture.astype(np.float64)
 

@@ -25,7 +25,7 @@ from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 
 #: Errors at which a picture is clean to the eye: a denoised one, and one as it is.
-_CLEAN, _FAIR = 0.03, 0.02
+_CLEAN, _FAIR = 0.05, 0.02
 _MACHINE, _LONG, _OUTPUT = "Machine", "Long renders", "What is printed"
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class RunRequest:
         float | None,
         typer.Option(
             metavar="X",
-            help="End when the denoised picture's relative error, estimated from two halves, is below X; 0.03 is "
+            help="End when the denoised picture's relative error, estimated from two halves, is below X; 0.05 is "
             "clean to the eye. The default of pictures that are denoised, up to a number of path sets.",
             rich_help_panel=_LONG,
         ),
@@ -165,7 +165,7 @@ class RunRequest:
         if self.noise is not None and not 0 < self.noise < math.inf:
             raise UsageError(f"--noise {self.noise:g}: must be above 0; 0.02 is a relative error of 2 %.")
         if self.clean is not None and not 0 < self.clean < math.inf:
-            raise UsageError(f"--clean {self.clean:g}: must be above 0; 0.03 is a relative error of 3 %.")
+            raise UsageError(f"--clean {self.clean:g}: must be above 0; 0.05 is a relative error of 5 %.")
         _ = self.interval, self.silence, self.options()
         if self.threads is not None:
             limit_threads(self.threads)

@@ -3,7 +3,7 @@
 A network that was trained on path-traced pictures removes noise and keeps edges, textures and shadows;
 albedo and normals show it which edges are the surfaces' own.
 
-Cost:     0.2 s of one core for 256 x 256; memory, some 600 bytes a pixel.
+Cost:     0.2 s of one core for 256 x 256, and as much for albedo and normals, once; memory, some 600 bytes a pixel.
 Poor at:  noise that neighbours share, as paths with shared directions have: it stays, taken for texture. What is
           lost in noise is invented. Energy is not kept to the last percent, least at the edges of lamps.
 Source:   https://www.openimagedenoise.org/documentation.html, the RT and RTLightmap filters.
@@ -11,6 +11,7 @@ Source:   https://www.openimagedenoise.org/documentation.html, the RT and RTLigh
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -48,7 +49,28 @@ def can_denoise() -> bool:
     return True
 
 
-def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
+@dataclass(frozen=True)
+class Guides:
+    """Albedo and normals, of which each was denoised alone: alpha, lenses and motion leave noise in them, too.
+
+    For several pictures of one film.
+    """
+
+    albedo: Float32
+    normal: Float32
+
+    @classmethod
+    def of(cls, albedo: ArrayLike, normal: ArrayLike) -> Guides:
+        """See `denoised` for the parameters and errors."""
+        oidn = require_denoiser()
+        made = (
+            _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, {image: values}, "symmetric", {})
+            for image, values in ((oidn.OIDN_IMAGE_ALBEDO, albedo), (oidn.OIDN_IMAGE_NORMAL, normal))
+        )
+        return cls(*made)
+
+
+def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
     """Radiance without its noise, as far as the denoiser finds it.
 
     Runs on the CPU, with a thread for each core that the process may use; OIDN_NUM_THREADS says another number. The
@@ -57,18 +79,18 @@ def denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float
     Parameters
     ----------
     radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709, not negative
-    albedo   : (H, W, 3), 0 to 1, as of `Film.aov`; antialiased as the radiance is
-    normal   : (H, W, 3), -1 to 1, of the world or the eye, as of `Film.aov`
+    guides   : of albedo (H, W, 3), 0 to 1, and normal (H, W, 3), -1 to 1, of the world or the eye, as of
+               `Film.aov`; antialiased as the radiance is
 
     Returns (H, W, 3) float32. Raises GlpathError where pyoidn is missing, or Open Image Denoise fails.
     """
     oidn = require_denoiser()
     images = {
         oidn.OIDN_IMAGE_COLOR: radiance,
-        oidn.OIDN_IMAGE_ALBEDO: albedo,
-        oidn.OIDN_IMAGE_NORMAL: normal,
+        oidn.OIDN_IMAGE_ALBEDO: guides.albedo,
+        oidn.OIDN_IMAGE_NORMAL: guides.normal,
     }
-    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", {"hdr": True})
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", {"hdr": True, "cleanAux": True})
 
 
 def denoised_lightmap(irradiance: ArrayLike) -> Float32:
@@ -90,7 +112,7 @@ def _filtered(
     arrays = {name: np.pad(np.asarray(image, np.float32), beyond, mode) for name, image in images.items()}
     shapes = {array.shape for array in arrays.values()}
     assert len(shapes) == 1, f"images of shapes {shapes}"
-    output = arrays[oidn.OIDN_IMAGE_OUTPUT] = np.empty_like(arrays[oidn.OIDN_IMAGE_COLOR])
+    output = arrays[oidn.OIDN_IMAGE_OUTPUT] = np.empty(shapes.pop(), np.float32)
     with oidn.Device(oidn.OIDN_DEVICE_TYPE_CPU) as device:
         device.set_bool("setAffinity", False)  # its threads are not tied to cores that others may be on
         device.commit()

@@ -15,6 +15,7 @@ Poor at:  the error of a render shorter than two blocks (16 path sets): there is
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -53,6 +54,8 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 
+# The share of the pixels by which a picture looks clean or not.
+_LOOKED_AT = 0.999
 WRITABLE = (".png", ".exr", ".npz")
 
 
@@ -83,6 +86,8 @@ class Film:
     before_shown: Callable[[], None] | None = field(default=None, init=False)
     # The result of `denoised`, and its path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
+    # What it goes by, likewise.
+    _guides: tuple[tuple[tuple[int, int], ...], open_image_denoise.Guides] | None = field(default=None, init=False)
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> Film:
@@ -221,7 +226,10 @@ class Film:
         return self._denoised[1].copy()
 
     def _denoise(self, mean: Float64) -> Float32:
-        return open_image_denoise.denoised(mean, self.aov("albedo"), self.aov("normal"))
+        if self._guides is None or self._guides[0] != self.ranges:
+            found = open_image_denoise.Guides.of(self.aov("albedo"), self.aov("normal"))
+            self._guides = self.ranges, found
+        return open_image_denoise.denoised(mean, self._guides[1])
 
     def merge(self, other: Film) -> Film:
         """A film with the path sets of both, which must be different ones of the same render.
@@ -268,7 +276,7 @@ class Film:
         """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
         used = self.batch_counts > 0
         sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
-        return {**vars(self), "radiance_sums": sums, "_denoised": None, "before_shown": None}
+        return {**vars(self), "radiance_sums": sums, "_denoised": None, "_guides": None, "before_shown": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -299,7 +307,7 @@ class Film:
 
     def denoised_noise(self) -> float | None:
         """The noise of `denoised`, as `relative_error` gives it, from two halves alone: a render that ends when it
-        looks clean compares with it. `solution_error` is not in it.
+        looks clean compares with it. `solution_error` is not in it, nor the worst thousandth of the pixels.
 
         Costs two calls of the denoiser. Raises what `denoised` raises. None where fewer than two batches hold
         anything.
@@ -308,7 +316,9 @@ class Film:
             return None
         share, (a, b) = self._denoised_halves()
         variance = 2 * share * (1 - share) * (a - b) ** 2
-        return float(np.sqrt(np.mean(variance / ((share * a + (1 - share) * b) ** 2 + 0.01))))
+        of_pixels = np.mean(variance / ((share * a + (1 - share) * b) ** 2 + 0.01), axis=2).ravel()
+        # A few bright pixels would speak for all.
+        return float(np.sqrt(np.sort(of_pixels)[: math.ceil(_LOOKED_AT * of_pixels.size)].mean()))
 
     def variance_of_denoised(self) -> Float64:
         """(H, W, 3) float64, the estimated squared error of `denoised`, from two halves of the film denoised apart.

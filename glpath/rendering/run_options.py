@@ -66,7 +66,7 @@ class RunOptions:
                      has the bits of one of that `spp`. Poor at rare, bright events: nobody misses what was never
                      seen
     clean          : end when the denoised picture looks clean: its relative error, estimated from two halves that
-                     are denoised apart (`Film.denoised_noise`), is below this. 0.03 is clean to the eye. The film
+                     are denoised apart (`Film.denoised_noise`), is below this. 0.05 is clean to the eye. The film
                      needs the AOVs "albedo" and "normal", and 16 path sets at least. Not beside `noise`
     film           : a film that this render had begun, to resume from: path sets that it holds are not rendered
                      again. It is changed, and returned
