@@ -145,6 +145,16 @@ class Picture:
         """Whether it has been through a denoiser, so that differences between pixels say nothing of its noise."""
         return DENOISED in self.provenance
 
+    @property
+    def bias(self) -> str:
+        """What is known of the bias of the engine that made it, in words; empty where that has none."""
+        if self.provenance.get("glpath.biased") != "true":
+            return ""
+        if "glpath.bias" not in self.provenance:
+            return "has a bias, which was not measured"
+        found = json.loads(self.provenance["glpath.bias"])
+        return f"has a bias of {100 * found['mean']:.2g} %, plus or minus {100 * found['mean_error']:.2g} %"
+
     def over(self, ground: float) -> Picture:
         """As it is seen over sRGB's `ground`, 0 black to 1 white: as browsers do, sRGB values are mixed."""
         if self.alpha is None:

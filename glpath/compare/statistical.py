@@ -156,8 +156,9 @@ def stat(
     limits = {"alpha": alpha, "tolerance": tolerance, "sees": sees}
     pairing = "batch by batch" if paired else "as independent renders"
     if not severity <= 1:
+        known = _known_bias(picture, reference)
         return Verdict(
-            "stat", False, severity, f"more than noise ({pairing}): " + "; ".join(sentences), found, limits
+            "stat", False, severity, f"more than noise ({pairing}): " + "; ".join(sentences) + known, found, limits
         )
     seen = _shown_bias(visible["image"])
     if visible["image"] > sees:
@@ -173,6 +174,16 @@ def stat(
         f"the difference is within noise (compared {pairing}; of the whole picture {seen}, of a block {block})"
     )
     return Verdict("stat", True, severity, summary, found, limits)
+
+
+def _known_bias(picture: Picture, reference: Picture) -> str:
+    """What the engines' own bias may have to do with a difference, where they are not one engine."""
+    name = "glpath.integrator"
+    if picture.provenance.get(name) == reference.provenance.get(name):
+        return ""
+    pairs = (("picture", picture), ("reference", reference))
+    said = [f"the {which}, of a {made.provenance[name]}, {made.bias}" for which, made in pairs if made.bias]
+    return "; " * bool(said) + "; ".join(said)
 
 
 def _scales(

@@ -544,6 +544,7 @@ class Film:
             "glpath.path_sets": str(self.path_sets),
             "glpath.ranges": json.dumps(self.ranges),
             **self.metadata.as_strings(),
+            **({"glpath.bias": json.dumps(vars(bias))} if (bias := self.bias()) is not None else {}),
             **(
                 {"glpath.denoised": f"Open Image Denoise, pyoidn {versions('pyoidn').get('pyoidn', '')}"}
                 if denoised

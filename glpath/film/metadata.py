@@ -24,7 +24,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "seed": int,
     "max_depth": int | None,
     "elapsed_s": int | float,
-    "noisy": bool,
+    "noisy biased": bool,
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
@@ -80,6 +80,7 @@ class FilmMetadata:
                       and of merged films
     error_bound     : `Film.error_bound`, or of "clean" `Film.denoised_noise`, where that was compared with what was
                       asked for, last; None without
+    biased          : whether the engine's pictures have a bias, as a gather's: see `Film.bias`
     solution_error  : of a gather, the standard error of the picture's mean radiance that comes from its radiosity
                       solution, in the film's unit: the same in all of the picture, whatever the path sets. None
                       where it is not known: of a solution that was given, and of what no camera sees
@@ -104,6 +105,7 @@ class FilmMetadata:
     stop_rule: str = ""
     error_bound: float | None = None
     solution_error: float | None = None
+    biased: bool = False
     shape_names: tuple[str, ...] = ()
     material_names: tuple[str, ...] = ()
     shape_materials: tuple[int, ...] = ()

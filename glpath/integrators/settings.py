@@ -72,6 +72,7 @@ class IntegratorSettings(ABC):
     integrator  : the name that users know it by
     default_spp : path sets by default
     noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
+    biased      : whether more samples come to another picture than the light that there is
     any_scene   : whether an engine takes another scene; else another sensor alone
     remedies    : what to do instead of an option that another integrator has
     """
@@ -79,6 +80,7 @@ class IntegratorSettings(ABC):
     integrator: ClassVar[str]
     default_spp: ClassVar[int]
     noisy: ClassVar[bool]
+    biased: ClassVar[bool] = False
     any_scene: ClassVar[bool] = False
     remedies: ClassVar[Mapping[str, str]] = {}
 
@@ -389,6 +391,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
 
     integrator = "gather"
     default_spp = 64
+    biased = True
     remedies: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("max_depth", "roulette"), _ALL_OF_A_GATHER),
         "ambient": "A gather has light of all bounces from its solution: none is left to assume.",

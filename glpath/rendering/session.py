@@ -266,6 +266,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         full_resolution=job.sensor.resolution,
         window=job.window,
         noisy=job.integrator.noisy,
+        biased=job.integrator.biased,
         exposure=scene.exposure,
         unit=scene.unit,
         aovs=job.integrator.aovs,

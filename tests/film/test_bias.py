@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.compare.picture import Picture
+from glpath.compare.statistical import stat
 from glpath.errors import ImageError
 from glpath.film.bias import BLOCKS, UNBIASED, bias_of, block_means, summed
 from glpath.film.film import Film
@@ -95,3 +97,16 @@ def test_a_file_with_another_description_is_refused(tmp_path, wrong) -> None:
     film.save(tmp_path / "a.npz")
     with pytest.raises(ImageError, match="unbiased paths are"):
         Film.load(tmp_path / "a.npz")
+
+
+def test_a_comparison_by_noise_names_the_bias_of_a_gather() -> None:
+    """Two engines may differ by it alone; a failed comparison says how much that is."""
+    scene = glpath.load_scene("cornell-box-36")
+    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=200, particles=1 << 15)
+    twice = replace(solution, elements=2.0 * solution.elements, vertices=2.0 * solution.vertices)
+    gathered = Picture.of_film(glpath.render(scene, radiosity=twice, **{**GATHER, "spp": 64}))
+    traced = Picture.of_film(glpath.render(scene, **{**GATHER, "spp": 64, "integrator": "path"}))
+    verdict = stat(gathered, traced)
+    assert not verdict.passed
+    assert "the picture, of a gather, has a bias of" in verdict.summary
+    assert "has a bias" not in stat(traced, traced).summary
