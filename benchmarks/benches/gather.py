@@ -2,9 +2,10 @@
 
 The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`). Programs take turns within one
 run: the gather from a coarse solution; "path" with its defaults, unbiased, whose guide and control variate the
-solution is (`path_`); Mitsuba's path tracer at depth 64, with roulette from its default vertex on, and Cycles at as many bounces where it is installed. Error is relMSE against a converged
-picture of all bounces, less that picture's own; the samples to the target are read off the polyline through
-log(error) over log(samples), the time is theirs and, of ours, the solver's. Compilation is not counted. `measured`:
+solution is (`path_`); Mitsuba's path tracer at depth 64, with roulette from its default vertex on; and Cycles at as
+many bounces where it is installed. Error is relMSE against a converged picture of all bounces, less that picture's
+own; the samples to the target are read off the polyline through log(error) over log(samples), the time is theirs
+and, of ours, the solver's. Compilation is not counted. `measured`:
 
     reference_relmse                : the error of the converged picture itself; absent where nobody knows it
     solver_s                        : the radiosity solution, once; elements : how many it has
