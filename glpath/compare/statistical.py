@@ -182,8 +182,8 @@ def _known_bias(picture: Picture, reference: Picture) -> str:
     if picture.provenance.get(name) == reference.provenance.get(name):
         return ""
     pairs = (("picture", picture), ("reference", reference))
-    said = [f"the {which}, of a {made.provenance[name]}, {made.bias}" for which, made in pairs if made.bias]
-    return "; " * bool(said) + "; ".join(said)
+    given = [f"the {which}, of a {made.provenance[name]}, {made.bias}" for which, made in pairs if made.bias]
+    return "; " * bool(given) + "; ".join(said)
 
 
 def _scales(
