@@ -183,7 +183,7 @@ def _known_bias(picture: Picture, reference: Picture) -> str:
         return ""
     pairs = (("picture", picture), ("reference", reference))
     given = [f"the {which}, of a {made.provenance[name]}, {made.bias}" for which, made in pairs if made.bias]
-    return "; " * bool(given) + "; ".join(said)
+    return "; " * bool(given) + "; ".join(given)
 
 
 def _scales(
