@@ -1,14 +1,15 @@
 """What "auto" is: the integrator that shows a scene clean soonest, and its options that were left open.
 
-The gather, where the scene can have a radiosity solution in time that is worth it and nothing is asked for that a
-gather has not; else paths. Streams of triangles, which fit into no memory, take the path-buffer, and planes without
-end the T-buffer, as no other knows them. The scene and the options decide alone, so that a job is the same on every
-machine: never how fast that is, or what is installed on it.
+The gather, where the scene can have a radiosity solution in time that is worth it, nothing is asked for that a
+gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take
+the path-buffer, and planes without end the T-buffer, as no other knows them. The scene and the options decide
+alone, so that a job is the same on every machine: never how fast that is, or what is installed on it.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -30,18 +31,23 @@ from glpath.scene import Scene, path_traceable
 
 #: Solving a scene of more takes longer than a picture: each side gets rays of its own to find its direct light.
 MAX_TRIANGLES = 40_000
+#: Pixels of a thumbnail: paths have it clean before a solver is loaded.
+THUMBNAIL = 96 * 96
 #: Of paths in a scene whose ambient light stands for further bounces.
 _DEPTH_WITH_AMBIENT = 5
 
 
-def chosen(integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene) -> IntegratorSettings:
+def chosen(
+    integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene, pixels: float = math.inf
+) -> IntegratorSettings:
     """The settings of a render: an integrator by its name, "auto", or an instance that `given` changes.
 
-    given : options by name, none of which is None
+    given  : options by name, none of which is None
+    pixels : of a camera's whole picture
 
     Raises UsageError, as `settings_of`.
     """
-    solvable = functools.cache(lambda: _solvable(scene))
+    solvable = functools.cache(lambda: pixels > THUMBNAIL and _solvable(scene))
     name = _engine(given, scene, solvable) if integrator == AUTO else integrator
     kind = INTEGRATORS.get(name) if isinstance(name, str) else None
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):

@@ -11,6 +11,7 @@ since is an error, not another image. The camera is the job's own, all of it.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -312,18 +313,19 @@ def describe(
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
     with _needing(sensor):
         loaded = load_scene(scene, parameters)
-    settings = chosen(integrator, given, loaded)
-    spp = settings.default_spp if spp is None else spp
     starts: Sensor
     if sensor is None:
         loaded = with_overrides(loaded, resolution, camera)
         starts = CameraSensor.of(loaded.camera)
+        settings = chosen(integrator, given, loaded, math.prod(starts.resolution))
     else:
         if resolution is not None or camera is not None:
             name = "camera" if resolution is None else "resolution"
             raise UsageError(f"{name}: has no meaning with a sensor of points, which has its own.")
+        settings = chosen(integrator, given, loaded)
         check_sensor(settings, sensor)
         loaded, starts = sensor.seen(loaded), sensor
+    spp = settings.default_spp if spp is None else spp
     window = window_of(starts.resolution, crop)
     source = SceneSource.of(scene, loaded, parameters)
     path_sets = (int(first_path_set), int(first_path_set) + int(spp))
