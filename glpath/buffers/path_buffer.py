@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
-from glpath.gl.constants import INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
+from glpath.gl.constants import DEPTH_BASE, INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.owner import Owner
@@ -38,8 +38,9 @@ from glpath.gl.program_parts import ProgramParts
 from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << NUMBER_BITS
-#: Triangle numbers of up to this many bits share a float with the depth; beyond, the scene is scanned twice.
-MAX_PACKED_BITS = 13
+#: Triangle numbers of up to this many bits share a float with the depth, which has all that are left. Beyond, depth
+#: would have too few levels, and the scene is scanned twice.
+MAX_PACKED_BITS = 17
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -427,8 +428,7 @@ class PathBuffer(Owner):
             missed = found >= np.float32(3e38)
             word = np.where(missed, np.float32(1.0), found).view(np.uint32) - MIN_NORMAL
             triangle = (word & np.uint32((1 << self.id_bits) - 1)).astype(np.int32)
-            depth = (word >> np.uint32(self.id_bits)).astype(np.float32)
-            depth /= np.float32(str(self.defines["DEPTH_LEVELS"]))
+            depth = _depth_of_level(word >> np.uint32(self.id_bits), int(str(self.defines["DEPTH_LEVELS"])))
         else:
             missed = found == 0
             triangle = np.where(missed, 0, found.view(np.uint32) - MIN_NORMAL).astype(np.int32)
@@ -480,3 +480,10 @@ class PathBuffer(Owner):
         stage, texture = self._report
         stage.run(scan.uniforms)
         return np.frombuffer(texture.read(), np.int32)
+
+
+def _depth_of_level(level: NDArray[np.uint32], levels: int) -> NDArray[np.float32]:
+    """The inverse of scan_word.glsl: scene diameters."""
+    first, last = np.array([DEPTH_BASE, 1.0 + DEPTH_BASE], np.float32).view(np.uint32).astype(np.int64)
+    bits = first + (level.astype(np.float64) + 0.5) * ((last - first) / levels)
+    return bits.astype(np.uint32).view(np.float32) - np.float32(DEPTH_BASE)

@@ -3,13 +3,16 @@
 // z0 texture, at the path's own position in the cell: whether the triangle covers it, and its depth there (exact
 // for a plane in an orthographic view). The second is the blend equation MIN on what this shader writes.
 // Both hemispheres: a path against the direction looks down the depth axis.
-//   PACKED     depth above and the triangle's number below, as one float: their order is the order of their bits
+//   PACKED     depth and the triangle's number as one float, see scan_word.glsl
 //   otherwise  two scans: NEAREST writes the depth alone; the next finds whose depth it was (blend MAX)
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>
 #include "scene/opacity.glsl"
 #include "path/ray_record.glsl"
+#ifdef PACKED
+#include "path/scan_word.glsl"
+#endif
 
 #ifdef HAS_ALPHA
 flat in uint see_through;
@@ -81,8 +84,7 @@ void main()
     }
 #endif
 #if defined(PACKED)
-    uvec4 word = (uvec4(min(t, 1.0) * float(DEPTH_LEVELS)) << ID_BITS) | uvec4(triangle_id);
-    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(word + MIN_NORMAL), hit);
+    found = mix(vec4(NOTHING_FOUND), uintBitsToFloat(scan_words(t, triangle_id)), hit);
 #elif defined(NEAREST)
     found = mix(vec4(INFINITE_DEPTH), t, hit);
 #else
