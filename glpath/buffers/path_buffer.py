@@ -9,6 +9,7 @@ What is done otherwise than in the paper:
   coverage and depth at the ray's own position in the cell, and triangles are grown to every cell they touch, so the
   answer is that of a ray caster whatever the size of the buffer: no acne, no seams, no leaks at edges.
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
+- *Small triangles.* Where triangles touch few cells each, a compute shader takes them, see `gl.small_triangles`.
 - *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
   loses the collision, without bias: the four survivors stand for all of the cell [PB appendix B].
 
@@ -19,7 +20,7 @@ Limits:   2**20 origins a scan.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import moderngl
@@ -35,12 +36,15 @@ from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.program_parts import ProgramParts
+from glpath.gl.small_triangles import SmallTriangles, TriangleList, empty_words
 from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << NUMBER_BITS
 #: Triangle numbers of up to this many bits share a float with the depth, which has all that are left. Beyond, depth
 #: would have too few levels, and the scene is scanned twice.
 MAX_PACKED_BITS = 17
+#: With at most so many cells a triangle, most triangles touch few, and a compute shader takes those.
+SPLIT_CELLS = 16
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -96,6 +100,19 @@ class Cells(NamedTuple):
     t: NDArray[np.float32]
 
 
+class _Stage(NamedTuple):
+    """A scan of the scene.
+
+    small    : takes the small triangles and lists the others; None where there are few
+    drawn    : those that are listed, or all
+    streamed : then the streamed ones
+    """
+
+    small: SmallTriangles | None
+    drawn: Pass
+    streamed: StreamedScan | None
+
+
 class PathBuffer(Owner):
     """Casts parallel rays by scan conversion.
 
@@ -109,6 +126,7 @@ class PathBuffer(Owner):
     records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
     skips_near : paths meet no simpler shape (`DeviceScene`, deviations) nearer than `skipped_share` of `scan_scene`
                  times what it deviates
+    occlusion : scans find whether anything is hit, not what
 
     `cast` is the simple interface, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
@@ -124,6 +142,7 @@ class PathBuffer(Owner):
         views: int = 1,
         records: moderngl.Texture | None = None,
         skips_near: bool = False,
+        occlusion: bool = False,
     ) -> None:
         if paths[0] * paths[1] > MAX_PATHS:
             raise UsageError(
@@ -142,11 +161,14 @@ class PathBuffer(Owner):
         self._stream = scene.stream
         triangles = scene.triangle_count + (self._stream.count if self._stream is not None else 0)
         self.id_bits = max(1, (triangles - 1).bit_length())
-        self.packed = self.id_bits <= MAX_PACKED_BITS
+        self.occlusion = occlusion
+        self.packed = self.id_bits <= MAX_PACKED_BITS and not occlusion
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}
         if skips_near:
             self.defines["SKIPS_NEAR"] = 1
-        if self.packed:
+        if occlusion:
+            self.defines["OCCLUSION"] = 1
+        elif self.packed:
             # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
             self.defines |= {
                 "PACKED": 1,
@@ -223,52 +245,74 @@ class PathBuffer(Owner):
             textures=textures,
             buffers={0: self._heads},
         )
-        self._scene_passes = []
-        self._streamed: list[StreamedScan] = []
-        stages = self._scan_stages(textures)
-        for number, (name, defines, found, blend, clear) in enumerate(stages):
-            self._scene_passes.append(
-                Pass(
-                    name,
-                    gl,
-                    program("path_buffer/path_scan.frag", "path_buffer/path_scan.vert", **defines),
-                    target(found),
-                    vertices=3 * scene.triangle_count,
-                    blend=blend,
-                    clip_distances=2,
-                    clear=(clear,) * 4,
-                    textures=textures,
-                )
-            )
-            if self._stream is not None:
-                self._streamed.append(
-                    StreamedScan(
-                        name,
-                        self._stream,
-                        ("path_buffer/path_scan.vert", "path_buffer/path_scan.frag"),
-                        ProgramParts(
-                            textures={**textures, **self.textures},
-                            generated=scene.generated,
-                            defines=scene.defines | self.defines | defines,
-                        ),
-                        self._scene_passes[-1].target,
-                        blend=blend,
-                        clip_distances=2,
-                        records=records if number == len(stages) - 1 else None,
-                        paths=paths,
-                    )
-                )
+        split = count <= SPLIT_CELLS * triangles
+        self._words = empty_words(gl, cells) if split else None
+        self._listed = TriangleList(gl, views * scene.triangle_count) if split else None
+        self._stages = self._scan_stages(records)
 
-    def _scan_stages(
-        self, textures: dict[str, moderngl.Texture]
-    ) -> list[tuple[str, dict[str, object], moderngl.Texture, str, float]]:
-        if self.packed:
-            return [("scan scene", {}, self._found, "min", 3e38)]
-        textures["cell_nearest"] = self._texture(self.cells, "f4")
+    def _scan_stages(self, records: moderngl.Texture | None) -> list[_Stage]:
+        if self.packed or self.occlusion:
+            return [self._stage("scan scene", {}, self._found, "min", 3e38, records)]
+        nearest = self._textures["cell_nearest"] = self._texture(self.cells, "f4")
         return [
-            ("scan depth", {"NEAREST": 1}, textures["cell_nearest"], "min", 1e30),
-            ("scan triangle", {}, self._found, "max", 0.0),
+            self._stage("scan depth", {"NEAREST": 1}, nearest, "min", 1e30),
+            self._stage("scan triangle", {"AT_NEAREST": 1}, self._found, "max", 0.0, records),
         ]
+
+    def _stage(
+        self,
+        name: str,
+        defines: dict[str, object],
+        found: moderngl.Texture,
+        blend: str,
+        empty: float,
+        records: moderngl.Texture | None = None,
+    ) -> _Stage:
+        """A scan into a texture that is empty before."""
+        gl, scene, clear = self.gl, self.scene, (empty,) * 4
+        shaders = "path_buffer/path_scan.vert", "path_buffer/path_scan.frag"
+        parts = ProgramParts(
+            textures=self._textures, generated=scene.generated, defines=scene.defines | self.defines | defines
+        )
+        target = gl.framebuffer([found])
+        small = None
+        if self._words is not None and self._listed is not None:
+            small = SmallTriangles(name, gl, parts, target, self._words, self._listed, blend=blend, clear=clear)
+        listed = self._listed if small is not None else None
+        drawn = Pass(
+            name,
+            gl,
+            load_program(
+                gl,
+                vertex=shaders[0],
+                fragment=shaders[1],
+                generated=parts.generated,
+                defines=parts.defines | (listed.defines if listed else {}),
+            ),
+            target,
+            vertices=3 * scene.triangle_count,
+            blend=blend,
+            clip_distances=2,
+            clear=None if listed else clear,
+            textures=parts.textures,
+            elements=listed.elements if listed else None,
+            indirect=listed.command if listed else None,
+        )
+        streamed = None
+        if self._stream is not None:
+            streamed = StreamedScan(
+                name,
+                self._stream,
+                shaders,
+                replace(parts, textures={**self._textures, **self.textures}),
+                target,
+                blend=blend,
+                clip_distances=2,
+                records=records,
+                paths=self.paths,
+                words=self._words,
+            )
+        return _Stage(small, drawn, streamed)
 
     def _texture(self, size: tuple[int, int], dtype: str, components: int = 4) -> moderngl.Texture:
         texture = self.gl.texture(size, components, dtype=dtype)
@@ -334,11 +378,13 @@ class PathBuffer(Owner):
         """
         uniforms = scan.uniforms | {"skipped_share": skipped_share}
         views = len(scan.frames)
-        seen = self._chunks_in_view(scan) if self._streamed else None
-        for number, stage in enumerate(self._scene_passes):
-            stage.run(uniforms, instances=views)
-            if seen is not None:
-                self._streamed[number].run(uniforms, seen, instances=views)
+        seen = self._chunks_in_view(scan) if self._stream is not None else None
+        for stage in self._stages:
+            if stage.small is not None:
+                stage.small.run(uniforms, self.scene.triangle_count)
+            stage.drawn.run(uniforms | {"listed_of": self.scene.triangle_count}, instances=views)
+            if stage.streamed is not None and seen is not None:
+                stage.streamed.run(uniforms, seen, instances=views)
 
     def _chunks_in_view(self, scan: Scan) -> NDArray[np.bool_]:
         """Which chunks lie before or behind any cell of the views, as wide as a cell around them."""
@@ -450,6 +496,11 @@ class PathBuffer(Owner):
         start = np.asarray(origins, np.float64).reshape(-1, 3)
         n = len(start)
         columns, rows = self.paths
+        if self.occlusion:
+            raise UsageError(
+                f"path-buffer: {name} names triangles, but this buffer finds only whether anything is hit",
+                "Make it without occlusion.",
+            )
         if self.views != 1:
             raise UsageError(f"path-buffer: {name} has one direction, but this buffer {self.views} views")
         if n > columns * rows:

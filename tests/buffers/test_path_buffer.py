@@ -45,6 +45,13 @@ def encoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     return str(request.param)
 
 
+@pytest.fixture(params=["drawn", "small in compute"])
+def split(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Small triangles are taken by a compute shader, or the rasteriser takes all. Both ways must say the same."""
+    monkeypatch.setattr(path_buffer, "SPLIT_CELLS", 0 if request.param == "drawn" else 10**9)
+    return str(request.param)
+
+
 def on_surfaces(scene: Scene, n: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], Float64]:
     triangle = rng.integers(0, len(scene.triangles), n)
     corners = scene.triangles[triangle]
@@ -98,7 +105,7 @@ def test_rays_through_a_soup_of_triangles_hit_the_nearest(seed: int, count: int)
     assert_same_hits(scene, buffer_for(scene, (40, 24)), origins, rng.standard_normal(3), way, share=4e-3)
 
 
-def test_nothing_leaks_out_of_a_closed_box(encoding: str) -> None:
+def test_nothing_leaks_out_of_a_closed_box(encoding: str, split: str) -> None:
     """Also along the axes, where walls are seen edge-on and every edge of two triangles is crossed."""
     scene = load_scene("furnace", {"subdivisions": 3})
     low, high = scene.bounds
@@ -110,7 +117,7 @@ def test_nothing_leaks_out_of_a_closed_box(encoding: str) -> None:
         assert np.all(hits.triangle >= 0)
 
 
-def test_a_grid_of_rays_through_the_edges_of_a_mesh_meets_no_gap() -> None:
+def test_a_grid_of_rays_through_the_edges_of_a_mesh_meets_no_gap(split: str) -> None:
     """Origins that project exactly onto the vertices and edges of a tessellated plane."""
     n = 16
     x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
@@ -154,7 +161,7 @@ def test_of_two_surfaces_close_together_the_nearer_is_hit(squares: int) -> None:
                 assert np.all(hits.triangle >= 2 * squares**2), f"gap {gap}, seen from {height}"
 
 
-def test_a_soup_of_many_triangles_is_hit_as_a_ray_caster_hits_it(encoding: str) -> None:
+def test_a_soup_of_many_triangles_is_hit_as_a_ray_caster_hits_it(encoding: str, split: str) -> None:
     rng = np.random.default_rng(9)
     triangles = rng.uniform(-1, 1, (9000, 1, 3)) + rng.standard_normal((9000, 3, 3)) * rng.exponential(
         0.05, (9000, 1, 3)
@@ -235,12 +242,19 @@ def test_more_origins_than_the_buffer_holds_are_refused() -> None:
         buffer.cast([[0, np.nan, 0]], (0, 0, 1))
 
 
+def test_a_buffer_for_occlusion_names_no_triangles() -> None:
+    gl = get_context().gl
+    buffer = PathBuffer(gl, DeviceScene(gl, load_scene("cornell-box-36")), (4, 4), occlusion=True)
+    with pytest.raises(UsageError, match="only whether anything is hit"):
+        buffer.cast(np.zeros((1, 3)), (0, 0, 1))
+
+
 def test_a_buffer_for_more_paths_than_keys_is_refused() -> None:
     with pytest.raises(UsageError, match="at most 1048576"):
         buffer_for(load_scene("cornell-box-36"), (4, 4), (1025, 1024))
 
 
-def test_a_scan_can_be_looked_at(encoding: str) -> None:
+def test_a_scan_can_be_looked_at(encoding: str, split: str) -> None:
     """z0 of every ray, and beyond it what `cast` finds."""
     buffer = buffer_for(load_scene("cornell-box-36"), (40, 30))
     assert buffer.packed == (encoding == "packed")

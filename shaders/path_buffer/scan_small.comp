@@ -1,0 +1,71 @@
+// scan_small.comp: the triangles of a scan that touch few cells, one an invocation; the others are listed, to be drawn.
+// A rasteriser spends most of its time on setting up a triangle (in llvmpipe in one thread), which for a small one is more
+// than to test the paths of its cells.
+// Runs over: triangles. Output: the least word that each path found; three vertices for each triangle that is drawn,
+//         in no order, and how many, in the draw's command.
+#include <SCENE>
+#include "path/path_view.glsl"
+#include "path_buffer/scan_triangle.glsl"
+#include "path_buffer/scan_cell.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(std430, binding = 0) buffer Command { uint count; };
+layout(std430, binding = 1) writeonly buffer Listed { uint listed[]; };
+layout(std430, binding = 2) buffer Words { uint words[]; };  // four a cell, see scan_merge.frag
+uniform int path_views;
+uniform int cell_columns;
+uniform int listed_of;  // triangles
+
+const int MAX_CELLS = 128;
+// Edges have a tolerance of 1.4e-4 cells (scan_cell.glsl), and corners are rounded.
+const float MARGIN = 2e-3;
+
+void list(int triangle, int number)
+{
+    uint at = atomicAdd(count, 3u), corner = 3u * uint(triangle + number * listed_of);
+    for (uint k = 0u; k < 3u; ++k) listed[at + k] = corner + k;
+}
+
+void scan_cells(ScanTriangle s, ivec2 low, ivec2 size)
+{
+    ivec2 cell = low;
+    int left = size.x * size.y;
+    do {
+        bvec4 hit;
+        uvec4 word = floatBitsToUint(scan_cell(cell, s, hit));
+#ifdef AT_NEAREST
+        word = ~word;
+#endif
+        int at = 4 * (cell.y * cell_columns + cell.x);
+        for (int k = 0; k < 4; ++k)
+            if (hit[k]) atomicMin(words[at + k], word[k]);
+        ++cell.x;
+        if (cell.x >= low.x + size.x) cell = ivec2(low.x, cell.y + 1);
+    } while (--left > 0);
+}
+
+void main()
+{
+    uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    int triangle = int(group * gl_WorkGroupSize.x + gl_LocalInvocationID.x);
+    if (triangle >= listed_of) return;
+    for (int number = 0; number < path_views; ++number) {
+        PathView view = path_view(number);
+        ScanTriangle s;
+        float longest, twice_area;
+        if (!scan_triangle(triangle, number, view, s, longest, twice_area)) continue;
+        vec2 low = min(s.a, min(s.b, s.c)) - MARGIN, high = max(s.a, max(s.b, s.c)) + MARGIN;
+        if (any(greaterThan(low, view_cells)) || any(lessThan(high, vec2(0.0)))) continue;
+        ivec2 first = ivec2(max(low, 0.0)), size = ivec2(min(high, view_cells - 1.0)) - first + 1;
+        if (size.x * size.y > MAX_CELLS) {
+            list(triangle, number);
+            continue;
+        }
+        vec2 offset = vec2(view.first_column, 0.0);
+        s.a += offset;
+        s.b += offset;
+        s.c += offset;
+        scan_cells(s, first + ivec2(offset), size);
+    }
+}
