@@ -178,7 +178,7 @@ class PathBuffer(Owner):
         self._epoch = 0
 
         self._ray_records = self._texture(paths, "u4")
-        self._heads = gl.buffer(reserve=4 * count)
+        self._heads = self._texture(cells, "u4", 1)
         self._slots = self._texture(cells, "u4")
         self._z0 = self._texture(cells, "f4")
         self._position = self._texture(cells, "u4")
@@ -195,6 +195,7 @@ class PathBuffer(Owner):
             "path_grid_1": self._grids[-1],
             "path_bounds": self._bounds,
             "ray_records": self._ray_records,
+            "cell_heads": self._heads,
             "cell_z0": self._z0,
             "cell_position": self._position,
             "cell_slots": self._slots,
@@ -234,7 +235,7 @@ class PathBuffer(Owner):
                 program("path_buffer/path_launch.frag"),
                 target(self._ray_records),
                 textures=textures,
-                buffers={0: self._heads},
+                written=frozenset({"cell_heads"}),
             ),
         ]
         self._cell_pass = Pass(
@@ -243,7 +244,6 @@ class PathBuffer(Owner):
             program("path_buffer/path_cells.frag"),
             target(self._z0, self._position, self._slots),
             textures=textures,
-            buffers={0: self._heads},
         )
         split = count <= SPLIT_CELLS * triangles
         self._words = empty_words(gl, cells) if split else None
@@ -326,7 +326,7 @@ class PathBuffer(Owner):
         if self._epoch == 0:
             # Heads of another epoch are of no meaning; when the epochs run out, start over.
             self._epoch = _EPOCHS
-            self._heads.clear()
+            self._heads.write(bytes(4 * self.cells[0] * self.cells[1]))
         self._epoch -= 1
         uniforms: dict[str, object] = {
             **self.scene.uniforms,
@@ -362,7 +362,6 @@ class PathBuffer(Owner):
         self._position_passes[0].run(uniforms | {"source_size": self.paths, "block": block})
         self._position_passes[1].run(uniforms | {"source_size": grid})
         self._position_passes[2].run(uniforms)
-        self.gl.memory_barrier()
         self._cell_pass.run(uniforms)
         return scan
 

@@ -38,8 +38,13 @@ void scan_cells(ScanTriangle s, ivec2 low, ivec2 size)
         word = ~word;
 #endif
         int at = 4 * (cell.y * cell_columns + cell.x);
-        for (int k = 0; k < 4; ++k)
-            if (hit[k]) atomicMin(words[at + k], word[k]);
+        // As often as a path of these cells hit; in llvmpipe all lanes go through an atomic one by one.
+        uint hits = uint(hit.x) | uint(hit.y) << 1u | uint(hit.z) << 2u | uint(hit.w) << 3u;
+        do {
+            int k = findLSB(hits);
+            if (hits != 0u) atomicMin(words[at + k], k == 0 ? word.x : k == 1 ? word.y : k == 2 ? word.z : word.w);
+            hits &= hits - 1u;
+        } while (hits != 0u);
         ++cell.x;
         if (cell.x >= low.x + size.x) cell = ivec2(low.x, cell.y + 1);
     } while (--left > 0);
