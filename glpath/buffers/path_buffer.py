@@ -536,4 +536,5 @@ def _depth_of_level(level: NDArray[np.uint32], levels: int) -> NDArray[np.float3
     """The inverse of scan_word.glsl: scene diameters."""
     first, last = np.array([DEPTH_BASE, 1.0 + DEPTH_BASE], np.float32).view(np.uint32).astype(np.int64)
     bits = first + (level.astype(np.float64) + 0.5) * ((last - first) / levels)
-    return bits.astype(np.uint32).view(np.float32) - np.float32(DEPTH_BASE)
+    depth: NDArray[np.float32] = bits.astype(np.uint32).view(np.float32) - np.float32(DEPTH_BASE)
+    return depth
