@@ -17,7 +17,7 @@ uniform int path_views;
 uniform int cell_columns;
 uniform int listed_of;  // triangles
 
-const int MAX_CELLS = 128;
+const int MAX_CELLS = 256;
 // Edges have a tolerance of 1.4e-4 cells (scan_cell.glsl), and corners are rounded.
 const float MARGIN = 2e-3;
 
@@ -27,10 +27,32 @@ void list(int triangle, int number)
     for (uint k = 0u; k < 3u; ++k) listed[at + k] = corner + k;
 }
 
-void scan_cells(ScanTriangle s, ivec2 low, ivec2 size)
+// Where along x an edge lies between two heights, added to the range so far.
+void add_edge(vec2 p, vec2 q, float per_height, vec2 heights, inout vec2 range)
 {
-    ivec2 cell = low;
-    int left = size.x * size.y;
+    if (max(p.y, q.y) < heights.x || min(p.y, q.y) > heights.y) return;
+    vec2 x = p.x + (q.x - p.x) * clamp((heights - p.y) * per_height, 0.0, 1.0);
+    range = vec2(min(range.x, min(x.x, x.y)), max(range.y, max(x.x, x.y)));
+}
+
+// The cells of a row that the triangle touches; one at least.
+ivec2 row_span(ScanTriangle s, vec3 per_height, int row, ivec2 low, ivec2 high)
+{
+    vec2 heights = vec2(float(row) - MARGIN, float(row) + 1.0 + MARGIN);
+    vec2 range = vec2(INFINITE_DEPTH, -INFINITE_DEPTH);
+    add_edge(s.a, s.b, per_height.x, heights, range);
+    add_edge(s.b, s.c, per_height.y, heights, range);
+    add_edge(s.c, s.a, per_height.z, heights, range);
+    return clamp(ivec2(floor(range + vec2(-MARGIN, MARGIN))), low.x, high.x);
+}
+
+void scan_cells(ScanTriangle s, ivec2 low, ivec2 high)
+{
+    // A level edge has its ends in the other two.
+    vec3 heights = vec3(s.b.y - s.a.y, s.c.y - s.b.y, s.a.y - s.c.y);
+    vec3 per_height = mix(1.0 / heights, vec3(0.0), lessThan(abs(heights), vec3(1e-6)));
+    ivec2 cell = low, span = row_span(s, per_height, low.y, low, high);
+    cell.x = span.x;
     do {
         bvec4 hit;
         uvec4 word = floatBitsToUint(scan_cell(cell, s, hit));
@@ -46,8 +68,12 @@ void scan_cells(ScanTriangle s, ivec2 low, ivec2 size)
             hits &= hits - 1u;
         } while (hits != 0u);
         ++cell.x;
-        if (cell.x >= low.x + size.x) cell = ivec2(low.x, cell.y + 1);
-    } while (--left > 0);
+        if (cell.x > span.y) {
+            ++cell.y;
+            span = row_span(s, per_height, cell.y, low, high);
+            cell.x = span.x;
+        }
+    } while (cell.y <= high.y);
 }
 
 void main()
@@ -62,15 +88,15 @@ void main()
         if (!scan_triangle(triangle, number, view, s, longest, twice_area)) continue;
         vec2 low = min(s.a, min(s.b, s.c)) - MARGIN, high = max(s.a, max(s.b, s.c)) + MARGIN;
         if (any(greaterThan(low, view_cells)) || any(lessThan(high, vec2(0.0)))) continue;
-        ivec2 first = ivec2(max(low, 0.0)), size = ivec2(min(high, view_cells - 1.0)) - first + 1;
+        ivec2 first = ivec2(max(low, 0.0)), last = ivec2(min(high, view_cells - 1.0)), size = last - first + 1;
         if (size.x * size.y > MAX_CELLS) {
             list(triangle, number);
             continue;
         }
-        vec2 offset = vec2(view.first_column, 0.0);
+        vec2 offset = vec2(view.first_column, 0.0);  // views lie side by side
         s.a += offset;
         s.b += offset;
         s.c += offset;
-        scan_cells(s, first + ivec2(offset), size);
+        scan_cells(s, first + ivec2(offset), last + ivec2(offset));
     }
 }
