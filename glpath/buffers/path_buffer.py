@@ -9,6 +9,7 @@ What is done otherwise than in the paper:
   coverage and depth at the ray's own position in the cell, and triangles are grown to every cell they touch, so the
   answer is that of a ray caster whatever the size of the buffer: no acne, no seams, no leaks at edges.
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
+- *Small triangles.* Where triangles touch few cells each, a compute shader takes them, see `gl.small_triangles`.
 - *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
   loses the collision, without bias: the four survivors stand for all of the cell [PB appendix B].
 
@@ -19,7 +20,7 @@ Limits:   2**20 origins a scan.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import moderngl
@@ -28,18 +29,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
-from glpath.gl.constants import INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
+from glpath.gl.constants import DEPTH_BASE, INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import StreamedScan, before_planes
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.program_parts import ProgramParts
+from glpath.gl.small_triangles import SmallTriangles, TriangleList, empty_words
 from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << NUMBER_BITS
-#: Triangle numbers of up to this many bits share a float with the depth; beyond, the scene is scanned twice.
-MAX_PACKED_BITS = 13
+#: Triangle numbers of up to this many bits share a float with the depth, which has all that are left. Beyond, depth
+#: would have too few levels, and the scene is scanned twice.
+MAX_PACKED_BITS = 17
+#: With at most so many cells a triangle, most triangles touch few, and a compute shader takes those.
+SPLIT_CELLS = 16
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
@@ -95,6 +100,19 @@ class Cells(NamedTuple):
     t: NDArray[np.float32]
 
 
+class _Stage(NamedTuple):
+    """A scan of the scene.
+
+    small    : takes the small triangles and lists the others; None where there are few
+    drawn    : those that are listed, or all
+    streamed : then the streamed ones
+    """
+
+    small: SmallTriangles | None
+    drawn: Pass
+    streamed: StreamedScan | None
+
+
 class PathBuffer(Owner):
     """Casts parallel rays by scan conversion.
 
@@ -108,6 +126,7 @@ class PathBuffer(Owner):
     records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
     skips_near : paths meet no simpler shape (`DeviceScene`, deviations) nearer than `skipped_share` of `scan_scene`
                  times what it deviates
+    occlusion : scans find whether anything is hit, not what
 
     `cast` is the simple interface, from arrays to arrays. A caller whose path states are on the device calls
     `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
@@ -123,6 +142,7 @@ class PathBuffer(Owner):
         views: int = 1,
         records: moderngl.Texture | None = None,
         skips_near: bool = False,
+        occlusion: bool = False,
     ) -> None:
         if paths[0] * paths[1] > MAX_PATHS:
             raise UsageError(
@@ -141,11 +161,14 @@ class PathBuffer(Owner):
         self._stream = scene.stream
         triangles = scene.triangle_count + (self._stream.count if self._stream is not None else 0)
         self.id_bits = max(1, (triangles - 1).bit_length())
-        self.packed = self.id_bits <= MAX_PACKED_BITS
+        self.occlusion = occlusion
+        self.packed = self.id_bits <= MAX_PACKED_BITS and not occlusion
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}
         if skips_near:
             self.defines["SKIPS_NEAR"] = 1
-        if self.packed:
+        if occlusion:
+            self.defines["OCCLUSION"] = 1
+        elif self.packed:
             # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
             self.defines |= {
                 "PACKED": 1,
@@ -155,7 +178,7 @@ class PathBuffer(Owner):
         self._epoch = 0
 
         self._ray_records = self._texture(paths, "u4")
-        self._heads = gl.buffer(reserve=4 * count)
+        self._heads = self._texture(cells, "u4", 1)
         self._slots = self._texture(cells, "u4")
         self._z0 = self._texture(cells, "f4")
         self._position = self._texture(cells, "u4")
@@ -172,6 +195,7 @@ class PathBuffer(Owner):
             "path_grid_1": self._grids[-1],
             "path_bounds": self._bounds,
             "ray_records": self._ray_records,
+            "cell_heads": self._heads,
             "cell_z0": self._z0,
             "cell_position": self._position,
             "cell_slots": self._slots,
@@ -211,7 +235,7 @@ class PathBuffer(Owner):
                 program("path_buffer/path_launch.frag"),
                 target(self._ray_records),
                 textures=textures,
-                buffers={0: self._heads},
+                written=frozenset({"cell_heads"}),
             ),
         ]
         self._cell_pass = Pass(
@@ -220,54 +244,75 @@ class PathBuffer(Owner):
             program("path_buffer/path_cells.frag"),
             target(self._z0, self._position, self._slots),
             textures=textures,
-            buffers={0: self._heads},
         )
-        self._scene_passes = []
-        self._streamed: list[StreamedScan] = []
-        stages = self._scan_stages(textures)
-        for number, (name, defines, found, blend, clear) in enumerate(stages):
-            self._scene_passes.append(
-                Pass(
-                    name,
-                    gl,
-                    program("path_buffer/path_scan.frag", "path_buffer/path_scan.vert", **defines),
-                    target(found),
-                    vertices=3 * scene.triangle_count,
-                    blend=blend,
-                    clip_distances=2,
-                    clear=(clear,) * 4,
-                    textures=textures,
-                )
-            )
-            if self._stream is not None:
-                self._streamed.append(
-                    StreamedScan(
-                        name,
-                        self._stream,
-                        ("path_buffer/path_scan.vert", "path_buffer/path_scan.frag"),
-                        ProgramParts(
-                            textures={**textures, **self.textures},
-                            generated=scene.generated,
-                            defines=scene.defines | self.defines | defines,
-                        ),
-                        self._scene_passes[-1].target,
-                        blend=blend,
-                        clip_distances=2,
-                        records=records if number == len(stages) - 1 else None,
-                        paths=paths,
-                    )
-                )
+        split = count <= SPLIT_CELLS * triangles
+        self._words = empty_words(gl, cells) if split else None
+        self._listed = TriangleList(gl, views * scene.triangle_count) if split else None
+        self._stages = self._scan_stages(records)
 
-    def _scan_stages(
-        self, textures: dict[str, moderngl.Texture]
-    ) -> list[tuple[str, dict[str, object], moderngl.Texture, str, float]]:
-        if self.packed:
-            return [("scan scene", {}, self._found, "min", 3e38)]
-        textures["cell_nearest"] = self._texture(self.cells, "f4")
+    def _scan_stages(self, records: moderngl.Texture | None) -> list[_Stage]:
+        if self.packed or self.occlusion:
+            return [self._stage("scan scene", {}, self._found, "min", 3e38, records)]
+        nearest = self._textures["cell_nearest"] = self._texture(self.cells, "f4")
         return [
-            ("scan depth", {"NEAREST": 1}, textures["cell_nearest"], "min", 1e30),
-            ("scan triangle", {}, self._found, "max", 0.0),
+            self._stage("scan depth", {"NEAREST": 1}, nearest, "min", 1e30),
+            self._stage("scan triangle", {"AT_NEAREST": 1}, self._found, "max", 0.0, records),
         ]
+
+    def _stage(
+        self,
+        name: str,
+        defines: dict[str, object],
+        found: moderngl.Texture,
+        blend: str,
+        empty: float,
+        records: moderngl.Texture | None = None,
+    ) -> _Stage:
+        """A scan into a texture that is empty before."""
+        gl, scene, clear = self.gl, self.scene, (empty,) * 4
+        shaders = "path_buffer/path_scan.vert", "path_buffer/path_scan.frag"
+        parts = ProgramParts(
+            textures=self._textures, generated=scene.generated, defines=scene.defines | self.defines | defines
+        )
+        target = gl.framebuffer([found])
+        small = None
+        if self._words is not None and self._listed is not None:
+            small = SmallTriangles(name, gl, parts, target, self._words, self._listed, blend=blend, clear=clear)
+        listed = self._listed if small is not None else None
+        drawn = Pass(
+            name,
+            gl,
+            load_program(
+                gl,
+                vertex=shaders[0],
+                fragment=shaders[1],
+                generated=parts.generated,
+                defines=parts.defines | (listed.defines if listed else {}),
+            ),
+            target,
+            vertices=3 * scene.triangle_count,
+            blend=blend,
+            clip_distances=2,
+            clear=None if listed else clear,
+            textures=parts.textures,
+            elements=listed.elements if listed else None,
+            indirect=listed.command if listed else None,
+        )
+        streamed = None
+        if self._stream is not None:
+            streamed = StreamedScan(
+                name,
+                self._stream,
+                shaders,
+                replace(parts, textures={**self._textures, **self.textures}),
+                target,
+                blend=blend,
+                clip_distances=2,
+                records=records,
+                paths=self.paths,
+                words=self._words,
+            )
+        return _Stage(small, drawn, streamed)
 
     def _texture(self, size: tuple[int, int], dtype: str, components: int = 4) -> moderngl.Texture:
         texture = self.gl.texture(size, components, dtype=dtype)
@@ -281,7 +326,7 @@ class PathBuffer(Owner):
         if self._epoch == 0:
             # Heads of another epoch are of no meaning; when the epochs run out, start over.
             self._epoch = _EPOCHS
-            self._heads.clear()
+            self._heads.write(bytes(4 * self.cells[0] * self.cells[1]))
         self._epoch -= 1
         uniforms: dict[str, object] = {
             **self.scene.uniforms,
@@ -317,7 +362,6 @@ class PathBuffer(Owner):
         self._position_passes[0].run(uniforms | {"source_size": self.paths, "block": block})
         self._position_passes[1].run(uniforms | {"source_size": grid})
         self._position_passes[2].run(uniforms)
-        self.gl.memory_barrier()
         self._cell_pass.run(uniforms)
         return scan
 
@@ -333,11 +377,13 @@ class PathBuffer(Owner):
         """
         uniforms = scan.uniforms | {"skipped_share": skipped_share}
         views = len(scan.frames)
-        seen = self._chunks_in_view(scan) if self._streamed else None
-        for number, stage in enumerate(self._scene_passes):
-            stage.run(uniforms, instances=views)
-            if seen is not None:
-                self._streamed[number].run(uniforms, seen, instances=views)
+        seen = self._chunks_in_view(scan) if self._stream is not None else None
+        for stage in self._stages:
+            if stage.small is not None:
+                stage.small.run(uniforms, self.scene.triangle_count)
+            stage.drawn.run(uniforms | {"listed_of": self.scene.triangle_count}, instances=views)
+            if stage.streamed is not None and seen is not None:
+                stage.streamed.run(uniforms, seen, instances=views)
 
     def _chunks_in_view(self, scan: Scan) -> NDArray[np.bool_]:
         """Which chunks lie before or behind any cell of the views, as wide as a cell around them."""
@@ -427,8 +473,7 @@ class PathBuffer(Owner):
             missed = found >= np.float32(3e38)
             word = np.where(missed, np.float32(1.0), found).view(np.uint32) - MIN_NORMAL
             triangle = (word & np.uint32((1 << self.id_bits) - 1)).astype(np.int32)
-            depth = (word >> np.uint32(self.id_bits)).astype(np.float32)
-            depth /= np.float32(str(self.defines["DEPTH_LEVELS"]))
+            depth = _depth_of_level(word >> np.uint32(self.id_bits), int(str(self.defines["DEPTH_LEVELS"])))
         else:
             missed = found == 0
             triangle = np.where(missed, 0, found.view(np.uint32) - MIN_NORMAL).astype(np.int32)
@@ -450,6 +495,11 @@ class PathBuffer(Owner):
         start = np.asarray(origins, np.float64).reshape(-1, 3)
         n = len(start)
         columns, rows = self.paths
+        if self.occlusion:
+            raise UsageError(
+                f"path-buffer: {name} names triangles, but this buffer finds only whether anything is hit",
+                "Make it without occlusion.",
+            )
         if self.views != 1:
             raise UsageError(f"path-buffer: {name} has one direction, but this buffer {self.views} views")
         if n > columns * rows:
@@ -480,3 +530,11 @@ class PathBuffer(Owner):
         stage, texture = self._report
         stage.run(scan.uniforms)
         return np.frombuffer(texture.read(), np.int32)
+
+
+def _depth_of_level(level: NDArray[np.uint32], levels: int) -> NDArray[np.float32]:
+    """The inverse of scan_word.glsl: scene diameters."""
+    first, last = np.array([DEPTH_BASE, 1.0 + DEPTH_BASE], np.float32).view(np.uint32).astype(np.int64)
+    bits = first + (level.astype(np.float64) + 0.5) * ((last - first) / levels)
+    depth: NDArray[np.float32] = bits.astype(np.uint32).view(np.float32) - np.float32(DEPTH_BASE)
+    return depth

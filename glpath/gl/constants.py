@@ -15,6 +15,9 @@ INFINITE_DEPTH = 1e30
 #: keeps.
 MIN_NORMAL = np.uint32(0x00800000)
 
+#: Levels of a packed depth are finest up to this distance, in scene diameters (`shaders/path/scan_word.glsl`).
+DEPTH_BASE = 1.0 / 16
+
 #: Bits of a path's number in a scan; above it stands the scan's epoch.
 NUMBER_BITS = 20
 #: Results of a scan instead of a triangle: nothing beyond its start; it lost the collision in its cell;

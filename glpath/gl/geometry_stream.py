@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.gl.owner import Owner
-from glpath.gl.passes import Dispatch, Pass, PixelDispatch
+from glpath.gl.passes import Pass, PixelDispatch
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
+from glpath.gl.small_triangles import SmallTriangles, TriangleList
 from glpath.gl.texel_store import WIDTH
 from glpath.scene.model import Scene, unit_normals
 
@@ -35,8 +36,6 @@ Float64 = NDArray[np.float64]
 Uniforms = dict[str, object]
 
 _TEXEL = 16
-_INDICES = 12  # bytes a triangle
-_GROUP = 64  # triangles of a work group of stream_cull.comp
 #: Bytes a triangle while a chunk is made ready, corners and their edges, normals and texels, and while it is drawn
 #: by llvmpipe.
 _IN_THE_MAKING = 1000
@@ -107,9 +106,8 @@ class GeometryStream(Owner):
         corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self._largest, self._largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
-        # Which triangles of a chunk are drawn, where not all are: their indices, and the command that draws them.
-        self.kept = gl.buffer(reserve=_INDICES * self._largest)
-        self.command = gl.buffer(reserve=20)
+        # Which triangles of a chunk are drawn, where not all are, in two views.
+        self.listed = TriangleList(gl, 2 * self._largest)
 
     def records(self, size: tuple[int, int]) -> moderngl.Texture:
         """An empty table of records for a buffer of (columns, rows) texels; see `stream_records.glsl`."""
@@ -128,7 +126,7 @@ class GeometryStream(Owner):
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
-        return self._in_records + len(self._slots) * self._slot_bytes + self.kept.size
+        return self._in_records + len(self._slots) * self._slot_bytes + self.listed.elements.size
 
     def radius_about(self, centre: Float64) -> float:
         """The distance of the farthest corner. Reads all chunks."""
@@ -212,7 +210,8 @@ class StreamedScan:
     parts    : what they include
     records  : where the triangles that `seen` names are kept, from `stream.records`; None where they are not shaded
     seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
-    paths    : of such a scan, (columns, rows) of its paths; triangles that none of them can meet are not drawn
+    paths    : of such a scan, (columns, rows) of its paths
+    words    : of such a scan, what its paths have found of small triangles; None where all are drawn
     """
 
     def __init__(
@@ -226,26 +225,27 @@ class StreamedScan:
         records: moderngl.Texture | None = None,
         seen: moderngl.Texture | None = None,
         paths: tuple[int, int] | None = None,
+        words: moderngl.Buffer | None = None,
         **state: object,
     ) -> None:
         self._stream = stream
-        self._cull = None
+        self._small = None
         (vertex, fragment), generated = shaders, parts.generated
         # Transparent geometry is not streamed, so its data are not needed.
         plain = {name: value for name, value in parts.defines.items() if name != "HAS_ALPHA"} | {
             "STREAMED_CHUNK": 1
         }
-        program = load_program(stream.gl, vertex=vertex, fragment=fragment, generated=generated, defines=plain)
         self._textures = dict(parts.textures)
-        if paths is not None:
-            self._cull = Dispatch(
-                f"{name}: triangles that paths may meet",
-                stream.gl,
-                load_program(stream.gl, compute="scene/stream_cull.comp", generated=generated, defines=plain),
-                self._textures,
-                {0: stream.command, 1: stream.kept},
-            )
-            state |= {"elements": stream.kept, "indirect": stream.command}
+        listed: dict[str, object] = {}
+        if words is not None:
+            small = ProgramParts(textures=self._textures, generated=generated, defines=plain)
+            blend = str(state["blend"])
+            self._small = SmallTriangles(name, stream.gl, small, target, words, stream.listed, blend=blend)
+            state |= {"elements": stream.listed.elements, "indirect": stream.listed.command}
+            listed = stream.listed.defines
+        program = load_program(
+            stream.gl, vertex=vertex, fragment=fragment, generated=generated, defines=plain | listed
+        )
         self._pass = Pass(name, stream.gl, program, target, textures=self._textures, **state)  # type: ignore[arg-type]
         self._record = None
         if records is not None:
@@ -284,9 +284,9 @@ class StreamedScan:
             self._textures["scene_floats"] = texture
             size = self._stream.chunks[index].size
             self._pass.vertices = 3 * size
-            if self._cull is not None:
-                self._stream.command.write(np.array([0, instances, 0, 0, 0], np.uint32))
-                self._cull.run(given, (-(-size // _GROUP), 1))
+            if self._small is not None:
+                self._small.run(given, size)
+                given["listed_of"] = size
             if faces is None:
                 self._pass.run(given, instances)
             else:

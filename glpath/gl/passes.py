@@ -65,7 +65,7 @@ def _bind(
     for name, unit in program.samplers.items():
         textures[name].use(unit)
     for name, unit in program.images.items():
-        textures[name].bind_to_image(unit, read=name not in written, write=name in written)
+        textures[name].bind_to_image(unit, read=True, write=name in written)
     for binding, buffer in buffers.items():
         buffer.bind_to_storage_buffer(binding)
 
@@ -107,6 +107,7 @@ class Pass:
     points   : draw squares of gl_PointSize pixels about the vertices, not triangles; see `largest_point`
     buffers  : storage buffers by their binding, for the fragment shader alone, as OpenGL 4.3 promises none to a
                vertex shader; the next pass may use them at once
+    written  : images among the textures that its fragment shader writes, as well
     """
 
     name: str
@@ -126,6 +127,7 @@ class Pass:
     area: tuple[int, int, int, int] | None = None
     points: bool = False
     triangles: TriangleIndices | None = None
+    written: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         if self.triangles is not None:
@@ -162,7 +164,7 @@ class Pass:
                 clear_integers(target, area)
             else:
                 target.clear(*self.clear, viewport=area)
-        _bind(self.program, self.textures, self.buffers)
+        _bind(self.program, self.textures, self.buffers, self.written)
         self.program.set(uniforms)
         with gl.debug_scope(self.name):
             if self.indirect is None:
@@ -172,7 +174,7 @@ class Pass:
         context_of(gl).drawn()
         for i in range(self.clip_distances):
             gl.disable_direct(0x3000 + i)
-        if self.buffers:
+        if self.buffers or self.written:
             gl.memory_barrier()
 
 

@@ -79,6 +79,9 @@ VARIANTS: dict[str, Variant] = {
     # The path-buffer.
     "PACKED": Variant("depth and triangle share a float", _SCANS),
     "NEAREST": Variant("the first of two scans: the depth alone", _SCANS),
+    "AT_NEAREST": Variant("the second of two scans: the triangle at that depth", _SCANS),
+    "OCCLUSION": Variant("a scan finds whether anything is hit, not what", _SCANS),
+    "LISTED": Variant("what is drawn is triangles of many cells; the others are in compute", "gl.small_triangles"),
     "SKIPS_NEAR": Variant("paths meet no simpler shape near their start", _SCANS),
     "FROM_PATHS": Variant("bounds of the paths; else of the grid", _SCANS),
     "WHOLE_SPHERE": Variant("directions are of the whole sphere, as in the paper", _STAGES),

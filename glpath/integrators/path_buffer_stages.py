@@ -133,9 +133,11 @@ class PathBufferStages(PathSetEngine):
         )
         # One direction for all paths, so that each scan has one view of it.
         distant = _cells(settings.cell_share, size)
-        self._distant_buffer = PathBuffer(gl, scene, size, distant) if lights.infinite else None
+        self._distant_buffer = PathBuffer(gl, scene, size, distant, occlusion=True) if lights.infinite else None
         self._deep_distant = (
-            PathBuffer(gl, deep, size, distant) if simpler and lights.infinite else self._distant_buffer
+            PathBuffer(gl, deep, size, distant, occlusion=True)
+            if simpler and lights.infinite
+            else self._distant_buffer
         )
         self._distant_scan: Uniforms = {}
         self._make_states(size)

@@ -2,11 +2,14 @@
 // Needs: ray_record.glsl
 #include <CONSTANTS>
 #include "gl/texels.glsl"
+#ifdef PACKED
+#include "path/scan_word.glsl"
+#endif
 UINT_TEXELS(rgba32ui, ray_records);
 UINT_TEXELS(rgba32ui, cell_slots);
 TEXELS(rgba32f, cell_found);
 
-// The triangle found, or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: how many paths of the cell this one stands for.
+// The triangle found (0 for any, with OCCLUSION), or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: how many paths of the cell this one stands for.
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
@@ -21,9 +24,10 @@ int path_result(ivec2 path, out float weight)
 
     vec4 found = texel(cell_found, cell);
     float word = own.x ? found.x : own.y ? found.y : own.z ? found.z : found.w;
-#ifdef PACKED
-    if (word >= NOTHING_FOUND) return PATH_MISSED;
-    return int((floatBitsToUint(word) - MIN_NORMAL) & ((1u << ID_BITS) - 1u));
+#if defined(OCCLUSION)
+    return word >= NOTHING_FOUND ? PATH_MISSED : 0;
+#elif defined(PACKED)
+    return word >= NOTHING_FOUND ? PATH_MISSED : triangle_of_word(word);
 #else
     return word == 0.0 ? PATH_MISSED : int(floatBitsToUint(word) - MIN_NORMAL);
 #endif

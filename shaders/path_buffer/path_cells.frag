@@ -7,10 +7,8 @@
 #include "path/ray_record.glsl"
 
 UINT_TEXELS(rgba32ui, ray_records);
-
-layout(std430, binding = 0) readonly buffer Heads { uint head[]; };
+UINT_TEXELS(r32ui, cell_heads);
 uniform uint scan_epoch;
-uniform int cell_columns;
 
 layout(location = 0) out vec4 z0;
 layout(location = 1) out uvec4 position;
@@ -30,9 +28,10 @@ void main()
     position = uvec4(0u);
     slots = uvec4(NO_RAY);
     uint count = 0u;
-    uint first = head[int(gl_FragCoord.y) * cell_columns + int(gl_FragCoord.x)];
+    uint first = texel(cell_heads, ivec2(gl_FragCoord.xy)).r;
     uint next = (first >> NUMBER_BITS) == scan_epoch ? first & NUMBER_MASK : NO_RAY;
-    while (next != NO_RAY) {
+    // llvmpipe runs a `while` once more with all lanes off.
+    if (next != NO_RAY) do {
         uvec4 ray_record = texel(ray_records, path_of(next));
         uint key = permute(next);
         float z = uintBitsToFloat(ray_record.w);
@@ -44,7 +43,7 @@ void main()
         z0 = mix(mix(z0, vec4(z), here), z0.xxyz, moved);
         count++;
         next = ray_record.y;
-    }
+    } while (next != NO_RAY);
     slots &= NUMBER_MASK;
     if (count > 4u) slots.xy |= uvec2(count - 4u, (count - 4u) >> 12u) << NUMBER_BITS;
 }

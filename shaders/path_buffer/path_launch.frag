@@ -10,9 +10,8 @@ TEXELS(rgba32f, path_position);
 
 // The path that joined each cell last, below the scan's epoch: a head of another epoch is that of an empty list, so
 // nothing has to be cleared.
-layout(std430, binding = 0) buffer Heads { uint head[]; };
+layout(r32ui) uniform uimage2D cell_heads;
 uniform uint scan_epoch;
-uniform int cell_columns;
 
 layout(location = 0) out uvec4 ray_record;
 
@@ -32,7 +31,6 @@ void main()
     cell.x += int(view.first_column);
     ray_record.x = uint(cell.y << 16 | cell.x);
 
-    int number = cell.y * cell_columns + cell.x;
-    uint before = atomicExchange(head[number], (scan_epoch << NUMBER_BITS) | path_number(path));
+    uint before = imageAtomicExchange(cell_heads, cell, (scan_epoch << NUMBER_BITS) | path_number(path));
     if ((before >> NUMBER_BITS) == scan_epoch) ray_record.y = before & NUMBER_MASK;
 }

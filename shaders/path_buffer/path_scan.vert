@@ -4,23 +4,23 @@
 // would run away, is covered by a right triangle around the rectangle along its longest edge instead.
 #include <SCENE>
 #include "path/path_view.glsl"
+#include "path_buffer/scan_triangle.glsl"
 
 flat out vec4 corner_ab;
 flat out vec2 corner_c;
-flat out vec3 depth_plane;  // slope per cell in x and y, depth at corner a
+flat out vec3 depth_plane;
 flat out uint triangle_id;
 #ifdef HAS_ALPHA
-flat out uint see_through;  // 0: light passes nowhere; otherwise 1, or 2 where corners b and c are exchanged
+flat out uint see_through;
 #endif
 
 #ifdef SKIPS_NEAR
-flat out float skipped;     // a path meets nothing nearer, in scene diameters
-uniform float skipped_share;  // of a simpler shape's deviation
+flat out float skipped;
 #endif
 
 uniform int cell_columns;
-#ifdef STREAMED_CHUNK
-uniform int chunk_first;  // number of its first triangle; they share no vertices
+#ifdef LISTED
+uniform int listed_of;  // triangles; of the second view, the numbers in the list begin there
 #endif
 
 // Half a cell, and a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
@@ -68,58 +68,40 @@ vec2 around_sliver(vec2 a, vec2 b, vec2 c, int k)
 
 void main()
 {
-    int triangle = gl_VertexID / 3;
+    int triangle = gl_VertexID / 3, number = gl_InstanceID;
     int k = gl_VertexID - 3 * triangle;
-    PathView view = path_view(gl_InstanceID);
-#ifdef STREAMED_CHUNK
-    uvec3 face = uvec3(0u, 1u, 2u) + 3u * uint(triangle);
-#else
-    uvec4 face = face_texel(triangle, FACE_CORNERS);
-#endif
-    vec3 a = cell_space(view, path_space(gl_InstanceID, vertex_position(face.x)));
-    vec3 b = cell_space(view, path_space(gl_InstanceID, vertex_position(face.y)));
-    vec3 c = cell_space(view, path_space(gl_InstanceID, vertex_position(face.z)));
-    vec2 ab = b.xy - a.xy, ac = c.xy - a.xy;
-    float twice_area = ab.x * ac.y - ab.y * ac.x;
-#ifdef HAS_ALPHA
-    bool exchanged = twice_area < 0.0;
-#endif
-    if (twice_area < 0.0) {
-        vec3 swap = b; b = c; c = swap;
-        ab = b.xy - a.xy; ac = c.xy - a.xy;
-        twice_area = -twice_area;
+#ifdef LISTED
+    if (triangle >= listed_of) {
+        number = 1;
+        triangle -= listed_of;
     }
-
-#ifdef STREAMED_CHUNK
-    triangle_id = uint(triangle + chunk_first);
-#else
-    triangle_id = uint(triangle);
 #endif
+    PathView view = path_view(number);
+    ScanTriangle s;
+    float longest, twice_area;
+    bool seen = scan_triangle(triangle, number, view, s, longest, twice_area);
+    triangle_id = s.number;
 #ifdef HAS_ALPHA
-    see_through = shape_texel(int(face.w), SHAPE_MATERIAL).z == 0u ? 0u : exchanged ? 2u : 1u;
+    see_through = s.see_through;
 #endif
 #ifdef SKIPS_NEAR
-    skipped = skipped_share * uintBitsToFloat(shape_texel(int(face.w), SHAPE_MATERIAL).w) / scene_diameter;
+    skipped = s.skipped;
 #endif
     vec2 first = vec2(view.first_column, 0.0);
-    corner_ab = vec4(a.xy + first, b.xy + first);
-    corner_c = c.xy + first;
-    vec2 dz = vec2(b.z - a.z, c.z - a.z);
-    depth_plane = vec3(vec2(dz.x * ac.y - dz.y * ab.y, dz.y * ab.x - dz.x * ac.x) / twice_area, a.z);
+    corner_ab = vec4(s.a + first, s.b + first);
+    corner_c = s.c + first;
+    depth_plane = s.depth_plane;
 
-    vec2 bc = c.xy - b.xy;
-    float longest = sqrt(max(dot(ab, ab), max(dot(ac, ac), dot(bc, bc))));
     vec2 p;
     if (twice_area < longest)  // an altitude of less than a cell
-        p = around_sliver(a.xy, b.xy, c.xy, k);
+        p = around_sliver(s.a, s.b, s.c, k);
     else if (k == 0)
-        p = grown_corner(c.xy, a.xy, b.xy);
+        p = grown_corner(s.c, s.a, s.b);
     else if (k == 1)
-        p = grown_corner(a.xy, b.xy, c.xy);
+        p = grown_corner(s.a, s.b, s.c);
     else
-        p = grown_corner(b.xy, c.xy, a.xy);
-    // Seen exactly edge-on no ray can hit it.
-    if (!(twice_area > 1e-9 * longest)) p = vec2(-10.0);
+        p = grown_corner(s.b, s.c, s.a);
+    if (!seen) p = vec2(-10.0);
     // Views lie side by side; neither may draw into the other.
     gl_ClipDistance[0] = p.x;
     gl_ClipDistance[1] = view_cells.x - p.x;

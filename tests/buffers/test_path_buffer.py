@@ -45,6 +45,13 @@ def encoding(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     return str(request.param)
 
 
+@pytest.fixture(params=["drawn", "small in compute"])
+def split(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Small triangles are taken by a compute shader, or the rasteriser takes all. Both ways must say the same."""
+    monkeypatch.setattr(path_buffer, "SPLIT_CELLS", 0 if request.param == "drawn" else 10**9)
+    return str(request.param)
+
+
 def on_surfaces(scene: Scene, n: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], Float64]:
     triangle = rng.integers(0, len(scene.triangles), n)
     corners = scene.triangles[triangle]
@@ -98,7 +105,7 @@ def test_rays_through_a_soup_of_triangles_hit_the_nearest(seed: int, count: int)
     assert_same_hits(scene, buffer_for(scene, (40, 24)), origins, rng.standard_normal(3), way, share=4e-3)
 
 
-def test_nothing_leaks_out_of_a_closed_box(encoding: str) -> None:
+def test_nothing_leaks_out_of_a_closed_box(encoding: str, split: str) -> None:
     """Also along the axes, where walls are seen edge-on and every edge of two triangles is crossed."""
     scene = load_scene("furnace", {"subdivisions": 3})
     low, high = scene.bounds
@@ -110,7 +117,7 @@ def test_nothing_leaks_out_of_a_closed_box(encoding: str) -> None:
         assert np.all(hits.triangle >= 0)
 
 
-def test_a_grid_of_rays_through_the_edges_of_a_mesh_meets_no_gap() -> None:
+def test_a_grid_of_rays_through_the_edges_of_a_mesh_meets_no_gap(split: str) -> None:
     """Origins that project exactly onto the vertices and edges of a tessellated plane."""
     n = 16
     x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
@@ -124,6 +131,44 @@ def test_a_grid_of_rays_through_the_edges_of_a_mesh_meets_no_gap() -> None:
     origins = np.stack([u, v, np.full_like(u, 0.5)], -1).reshape(-1, 3)
     hits = buffer_for(scene_of(triangles), (33, 33)).cast(origins, (0, 0, -1))
     np.testing.assert_allclose(hits.t, 0.5, atol=1e-6)
+
+
+def sheet(z: float, n: int) -> Float64:
+    """(2 n^2, 3, 3) triangles of a square of side 2 about the z axis."""
+    s = np.linspace(-1.0, 1.0, n + 1)
+    p = np.stack([*np.meshgrid(s, s), np.full((n + 1, n + 1), z)], -1)
+    a, b, c, d = p[:-1, :-1], p[:-1, 1:], p[1:, 1:], p[1:, :-1]
+    halves = [np.stack(corners, -2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))]
+    return np.concatenate(halves)
+
+
+@pytest.mark.parametrize("squares", [1, 65, 181], ids=["4", "16,900", "131,044"])
+def test_of_two_surfaces_close_together_the_nearer_is_hit(squares: int) -> None:
+    """The nearer is the last in the scene, which loses where both have one level of depth."""
+    # The side that is looked at, and how far one is from the other, in diameters.
+    for gap, height in ((2e-5, 0.05), (4e-5, 0.18), (8e-5, 0.42), (1.6e-4, 0.8)):
+        for side in (1.0, -1.0):
+            diameter = np.sqrt(8.0)
+            scene = scene_of(np.concatenate([sheet(0.0, squares), sheet(side * gap * diameter, squares)]))
+            rng = np.random.default_rng(6)
+            heights = side * diameter * height * rng.uniform(0.5, 1.0, 1024)
+            origins = np.column_stack([rng.uniform(-0.3, 0.3, (1024, 2)), heights])
+            # Some of them see the sheets at a slant.
+            for d in ((0.0, 0.0, -side), (0.1, 0.2, -side)):
+                buffer = buffer_for(scene, (96, 96))
+                assert buffer.packed
+                hits = buffer.cast(origins, d)
+                assert np.all(hits.triangle >= 2 * squares**2), f"gap {gap}, seen from {height}"
+
+
+def test_a_soup_of_many_triangles_is_hit_as_a_ray_caster_hits_it(encoding: str, split: str) -> None:
+    rng = np.random.default_rng(9)
+    triangles = rng.uniform(-1, 1, (9000, 1, 3)) + rng.standard_normal((9000, 3, 3)) * rng.exponential(
+        0.05, (9000, 1, 3)
+    )
+    scene, origins = scene_of(triangles), rng.uniform(-1, 1, (1000, 3)).astype(np.float32).astype(np.float64)
+    way = rng.choice([-1.0, 1.0], 1000)
+    assert_same_hits(scene, buffer_for(scene, (60, 40)), origins, rng.standard_normal(3), way, share=4e-3)
 
 
 def test_one_scan_serves_both_hemispheres() -> None:
@@ -197,12 +242,19 @@ def test_more_origins_than_the_buffer_holds_are_refused() -> None:
         buffer.cast([[0, np.nan, 0]], (0, 0, 1))
 
 
+def test_a_buffer_for_occlusion_names_no_triangles() -> None:
+    gl = get_context().gl
+    buffer = PathBuffer(gl, DeviceScene(gl, load_scene("cornell-box-36")), (4, 4), occlusion=True)
+    with pytest.raises(UsageError, match="only whether anything is hit"):
+        buffer.cast(np.zeros((1, 3)), (0, 0, 1))
+
+
 def test_a_buffer_for_more_paths_than_keys_is_refused() -> None:
     with pytest.raises(UsageError, match="at most 1048576"):
         buffer_for(load_scene("cornell-box-36"), (4, 4), (1025, 1024))
 
 
-def test_a_scan_can_be_looked_at(encoding: str) -> None:
+def test_a_scan_can_be_looked_at(encoding: str, split: str) -> None:
     """z0 of every ray, and beyond it what `cast` finds."""
     buffer = buffer_for(load_scene("cornell-box-36"), (40, 30))
     assert buffer.packed == (encoding == "packed")

@@ -1,0 +1,114 @@
+"""The triangles of a scan that touch few cells of the path-buffer: a compute shader takes them, a draw the others.
+
+Setting up a triangle costs a rasteriser more than the tests of a few cells do, and in Mesa's llvmpipe it is done in
+one thread, for each of three vertices.
+
+Cost:     16 bytes a cell of the path-buffer and 24 a triangle; a pass over the cells.
+Poor at:  few triangles; such that touch many cells each.
+Source:   Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import moderngl
+import numpy as np
+
+from glpath.gl.passes import Dispatch, Pass
+from glpath.gl.program import load_program
+from glpath.gl.program_parts import ProgramParts
+
+_GROUP = 64  # of scan_small.comp
+_WIDEST = 1 << 15  # groups across, below every device's limit
+
+
+def empty_words(gl: moderngl.Context, cells: tuple[int, int]) -> moderngl.Buffer:
+    """What the four paths of each cell have found: nothing. Scans leave it like that."""
+    return gl.buffer(data=b"\xff" * (16 * cells[0] * cells[1]))
+
+
+class TriangleList:
+    """The triangles that a scan draws.
+
+    elements : three vertices of each
+    command  : that draws them
+    defines  : of path_scan.vert, which draws them
+
+    Parameters
+    ----------
+    count : so many at most
+    """
+
+    defines: ClassVar[dict[str, object]] = {"LISTED": 1}
+
+    def __init__(self, gl: moderngl.Context, count: int) -> None:
+        self._gl = gl
+        self.elements = gl.buffer(reserve=12 * max(1, count))
+        self.command = gl.buffer(reserve=20)
+        self._nothing = gl.buffer(data=np.array([0, 1, 0, 0, 0], np.uint32).tobytes())
+
+    def clear(self) -> None:
+        """Draw nothing; on the device, in the order of its work."""
+        self._gl.copy_buffer(self.command, self._nothing)
+
+
+class SmallTriangles:
+    """Scans the small triangles into a target, and lists the others.
+
+    Parameters
+    ----------
+    parts  : of the scan's program
+    target : what the scan draws to
+    words  : `empty_words` of as many cells as the target has
+    listed : of at least so many triangles, times the views, as are scanned
+    blend, clear : of the target, before anything is drawn
+    """
+
+    def __init__(
+        self,
+        name: str,
+        gl: moderngl.Context,
+        parts: ProgramParts,
+        target: moderngl.Framebuffer,
+        words: moderngl.Buffer,
+        listed: TriangleList,
+        *,
+        blend: str,
+        clear: tuple[float, float, float, float] | None = None,
+    ) -> None:
+        self._list = listed
+        self._scan = Dispatch(
+            f"{name}: small triangles",
+            gl,
+            load_program(
+                gl, compute="path_buffer/scan_small.comp", generated=parts.generated, defines=parts.defines
+            ),
+            parts.textures,
+            {0: listed.command, 1: listed.elements, 2: words},
+        )
+        self._merge = Pass(
+            f"{name}: merge",
+            gl,
+            load_program(
+                gl,
+                vertex="gl/fullscreen.vert",
+                fragment="path_buffer/scan_merge.frag",
+                generated=parts.generated,
+                defines=parts.defines,
+            ),
+            target,
+            blend=blend,
+            clear=clear,
+            buffers={2: words},
+        )
+
+    def run(self, uniforms: Mapping[str, object], count: int) -> None:
+        """Scan so many triangles."""
+        self._list.clear()
+        groups = -(-count // _GROUP)
+        given = {**uniforms, "listed_of": count}
+        if groups:
+            self._scan.run(given, (min(groups, _WIDEST), -(-groups // _WIDEST)))
+        self._merge.run(given)
