@@ -212,6 +212,12 @@ class Film:
             names = [self.metadata.material_names[i] for i in self.metadata.shape_materials]
         return cryptomatte(kind, self.shape_counts, names, self.path_sets, ranks)
 
+    @property
+    def is_shown_denoised(self) -> bool:
+        """Whether a notebook shows `denoised`: of a film with noise, with the AOVs and the denoiser for it."""
+        there = self.metadata.noisy and set(DENOISER_AOVS) <= set(self.metadata.aovs)
+        return there and self.path_sets > 0 and open_image_denoise.can_denoise()
+
     def denoised(self) -> Float32:
         """(H, W, 3) float32, `mean` without its noise, by Open Image Denoise: W sr^-1 m^-2, linear Rec. 709.
 
@@ -526,7 +532,8 @@ class Film:
         """The image by its MIME types, as `_repr_mimebundle_` gives it."""
         bundle: dict[str, object] = {"text/plain": repr(self)}
         if self.path_sets:
-            png = encode_png(tonemapped(_shrunk(self.mean, _PREVIEW), self.exposure_stops()))
+            seen = self.denoised().astype(np.float64) if self.is_shown_denoised else self.mean
+            png = encode_png(tonemapped(_shrunk(seen, _PREVIEW), self.exposure_stops()))
             bundle |= {"image/png": png, "text/html": png_html(png, self.described())}
         return bundle
 
@@ -534,7 +541,8 @@ class Film:
         """The image in words, for those who do not see it: the scene, the integrator, path sets and size."""
         m = self.metadata
         width, height = m.window[2:]
-        return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels"
+        shown = ", denoised" if self.is_shown_denoised else ""
+        return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels{shown}"
 
     def provenance(self, *, denoised: bool = False) -> dict[str, str]:
         """The provenance of the film, or of the picture that is `denoised`, and its path sets, as texts for a
