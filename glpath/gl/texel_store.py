@@ -21,7 +21,7 @@ WIDTH = 4096
 _SHIFT = WIDTH.bit_length() - 1
 # Of a store's rows so many are written at once, 16 MiB; and of a table's texels so many are asked for.
 _ROWS = 256
-_TEXELS = 1 << 20
+_TEXELS = 1 << 16
 
 #: The contents of the texels of an entry, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
 Layout = Mapping[str, Mapping[str, str]]
