@@ -35,14 +35,14 @@ class WideBvh:
     children : (W, 4) int64, of each wide node the binary nodes that are its children, -1 for none; depth first, so
                that parents come before their children. The first one is the root; of a tree that is a single leaf
                it has this leaf as its child. Without items there are none
-    number   : (M,) the wide node that a binary one has become, -1 for what is none
+    roots    : (W,) of each wide node the binary one that it was
     stack    : how often a ray can leave siblings for later between the root and a leaf: at nodes with two inner
                children or more, where it visits the children of one of them first
     """
 
     tree: Bvh
     children: Integers
-    number: Integers
+    roots: Integers
     stack: int
 
     def __len__(self) -> int:
@@ -63,6 +63,13 @@ class WideBvh:
         """(W, 4): there is a child."""
         return np.asarray(self.children >= 0)
 
+    @cached_property
+    def number(self) -> NDArray[np.int32]:
+        """(M,): the wide node that a binary one has become, -1 for what is none."""
+        number = np.full(len(self.tree), -1, np.int32)
+        number[self.roots] = np.arange(len(self), dtype=np.int32)
+        return number
+
     def order(self, octant: int) -> Int64:
         """(W, 4): the children as a ray meets them that runs against axis k where bit k of `octant` is set."""
         order = depth_first(self.tree, octant)
@@ -71,13 +78,11 @@ class WideBvh:
 
 def collapse(tree: Bvh) -> WideBvh:
     """The wide tree of a binary one that has an item a leaf."""
-    number = np.full(len(tree), -1, np.int64)
     if not len(tree):
-        return WideBvh(tree, np.zeros((0, WIDTH), np.int64), number, 0)
+        return WideBvh(tree, np.zeros((0, WIDTH), np.int64), np.zeros(0, np.int64), 0)
     inner = tree.count == 0
     if not inner[0]:
-        number[0] = 0
-        return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]), number, 0)
+        return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]), np.zeros(1, np.int64), 0)
     parts = _min_cost_parts(tree)
     # Of a node's four lanes those from one on belong to a subtree, up to as many as it may be divided into.
     roots, later = [np.zeros(1, np.int64)], np.zeros(1, np.int64)
@@ -93,8 +98,7 @@ def collapse(tree: Bvh) -> WideBvh:
         roots.append(lanes[inner_lanes])
     node = np.concatenate(roots)
     order = np.argsort(node)
-    number[node[order]] = np.arange(len(node))
-    return WideBvh(tree, np.concatenate(found)[order], number, stack)
+    return WideBvh(tree, np.concatenate(found)[order], node[order], stack)
 
 
 def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:

@@ -18,23 +18,21 @@ def collapse_compiled(tree: Bvh) -> WideBvh:
     items = len(tree.order)
     assert len(tree) == 2 * items - 1 > 1, "an item a leaf, and two"
     # Pages of memory that nothing is written to are never had.
-    parts, number = np.zeros((items, WIDTH + 1), np.int8), np.full(len(tree), -1, np.int32)
+    parts, roots = np.zeros((items, WIDTH + 1), np.int8), np.empty(items, np.int32)
     children = np.empty((items, WIDTH), np.int32)
     shape = (tree.lower, tree.upper, tree.skip, tree.first, tree.count)
     _min_cost_parts(*shape, parts, np.empty((items + 1, WIDTH)))
     size, stack = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    _collapse(
-        tree.skip, tree.first, tree.count, parts, np.empty((items, 2), np.int32), children, number, size, stack
-    )
-    return WideBvh(tree, children[: size[0]], number, int(stack[0]))
+    pending = np.empty((items, 2), np.int32)
+    _collapse(tree.skip, tree.first, tree.count, parts, pending, children, roots, size, stack)
+    return WideBvh(tree, children[: size[0]], roots[: size[0]], int(stack[0]))
 
 
 def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
     """(W, 8): by octant of directions, `WideBvh.order` with two bits a child, the first in the lowest."""
-    tree, children = wide.tree, wide.children
-    orders = np.empty((len(wide), 8), np.uint8)
-    work = np.empty((4, 2 * WIDTH), np.int64)
-    _octant_orders(tree.lower, tree.upper, tree.skip, children, wide.number, orders, work)
+    tree = wide.tree
+    orders, splits = np.empty((len(wide), 8), np.uint8), np.empty((WIDTH - 1, 4), np.int64)
+    _octant_orders(tree.lower, tree.upper, tree.skip, wide.children, wide.roots, orders, splits)
     return orders
 
 
@@ -82,8 +80,8 @@ def _min_cost_parts(lower, upper, skip, first, count, parts, costs):  # type: ig
 
 
 @kernel
-def _collapse(skip, first, count, parts, pending, children, number, size, stack):  # type: ignore[no-untyped-def]
-    """Fill children (W, 4) and number (M,), depth first.
+def _collapse(skip, first, count, parts, pending, children, roots, size, stack):  # type: ignore[no-untyped-def]
+    """Fill children (W, 4) and roots (W,), depth first.
 
     size, stack : (1,) each, how many nodes there are, and `WideBvh.stack`
     pending : nodes that are yet to come, and how many groups wait while a ray is there
@@ -93,7 +91,7 @@ def _collapse(skip, first, count, parts, pending, children, number, size, stack)
     while waiting:
         waiting -= 1
         root, later = pending[waiting, 0], pending[waiting, 1]
-        number[root] = wide
+        roots[wide] = root
         for lane in range(WIDTH):
             children[wide, lane] = -1
         part = parts[root - first[root], 0]
@@ -138,54 +136,65 @@ def _place(node, budget, lane, wide, skip, first, count, parts, children):  # ty
 
 
 @kernel
-def _octant_orders(lower, upper, skip, children, number, orders, work):  # type: ignore[no-untyped-def]
+def _octant_orders(lower, upper, skip, children, roots, orders, splits):  # type: ignore[no-untyped-def]
     """Fill orders (W, 8).
 
-    work : (4, 8) a stack of nodes; of inner nodes between a wide one and its children their number, the axis along
-           which the two below are furthest apart, and 1 where the second lies below along it
+    roots  : (W,) the binary node of each wide one
+    splits : (3, 4) room for the nodes between a wide one and its children
     """
-    for root in range(len(number)):
-        wide = number[root]
-        if wide < 0:
-            continue
-        absent = 0
+    for wide in range(len(roots)):
+        # All words begin with the order of the binary tree; a node that is swapped exchanges the children below it.
+        word, found = 0, 0
         for lane in range(WIDTH):
-            absent += children[wide, lane] < 0
+            if children[wide, lane] >= 0:
+                word |= lane << (2 * found)
+                found += 1
+        absent = found
+        for lane in range(WIDTH):
+            if children[wide, lane] < 0:
+                word |= lane << (2 * absent)
+                absent += 1
+        # Nodes and which of the children, from where to where, are below them; parents come first.
+        splits[0, 0], splits[0, 1], splits[0, 2] = roots[wide], 0, found
+        count, i = 1, 0
+        while i < count:
+            node, begin, end = splits[i, 0], splits[i, 1], splits[i, 2]
+            left, right = node + 1, skip[node + 1]
+            middle = begin
+            while children[wide, word >> (2 * middle) & 3] < right:
+                middle += 1
+            splits[i, 3] = middle
+            if middle - begin > 1:
+                splits[count, 0], splits[count, 1], splits[count, 2] = left, begin, middle
+                count += 1
+            if end - middle > 1:
+                splits[count, 0], splits[count, 1], splits[count, 2] = right, middle, end
+                count += 1
+            i += 1
         for octant in range(8):
-            order, found = 0, 0
-            work[0, 0] = root
-            waiting = 1
-            while waiting:
-                waiting -= 1
-                node = work[0, waiting]
-                lane = -1
-                if node != root:
-                    for i in range(WIDTH):
-                        if children[wide, i] == node:
-                            lane = i
-                if lane >= 0:
-                    order |= lane << (2 * found)
-                    found += 1
-                    continue
-                left, right = node + 1, skip[node + 1]
-                if _swapped(lower, upper, left, right, octant):
-                    left, right = right, left
-                work[0, waiting], work[0, waiting + 1] = right, left
-                waiting += 2
-            for lane in range(WIDTH):
-                if children[wide, lane] < 0:
-                    order |= lane << (2 * found)
-                    found += 1
-            orders[wide, octant] = order
+            orders[wide, octant] = word
+        for i in range(count - 1, -1, -1):
+            left = splits[i, 0] + 1
+            _exchange(lower, upper, left, skip[left], splits[i, 1], splits[i, 3], splits[i, 2], orders, wide)
 
 
 @inner_kernel
-def _swapped(lower, upper, left, right, octant):  # type: ignore[no-untyped-def]
-    """Whether a direction of this octant hits the second of two nodes first."""
-    far, towards, against = -1.0, 0.0, False
+def _exchange(lower, upper, left, right, begin, middle, end, orders, wide):  # type: ignore[no-untyped-def]
+    """Of two nodes, with children `begin` to `middle` and `middle` to `end`, in the words of those octants whose
+    directions hit the second one first."""
+    axis, far = 0, 0.0
     for k in range(3):
-        middle = 0.5 * (np.float64(lower[right, k]) + upper[right, k])
-        apart = middle - 0.5 * (np.float64(lower[left, k]) + upper[left, k])
-        if abs(apart) > far:
-            far, towards, against = abs(apart), apart, bool(octant >> k & 1)
-    return (-towards if against else towards) < 0.0
+        apart = 0.5 * (np.float64(lower[right, k]) + upper[right, k])
+        apart -= 0.5 * (np.float64(lower[left, k]) + upper[left, k])
+        if abs(apart) > abs(far):
+            axis, far = k, apart
+    if far == 0.0:
+        return
+    first, second = 2 * (middle - begin), 2 * (end - middle)
+    mask = (1 << first + second) - 1
+    for octant in range(8):
+        if (octant >> axis & 1) != (far < 0.0):
+            word = int(orders[wide, octant])
+            both = word >> 2 * begin & mask
+            turned = both >> first | (both << second & mask)
+            orders[wide, octant] = word & ~(mask << 2 * begin) | turned << 2 * begin

@@ -80,20 +80,22 @@ class RayBvh:
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
-        shapes = scene.scene.shapes
-        build = _compiled if len(shapes.faces) >= _MANY else _interpreted
-        items, wide, grid, table = build(scene, _paths(scene))
-        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
-        self.textures = {"ray_bvh": texture}
+        build = _compiled if len(scene.scene.shapes.faces) >= _MANY else _interpreted
+        built = build(scene, _paths(scene))
+        wide, grid, table = built.wide, built.grid, built.table
         self.generated = {"RAY_BVH": ray_bvh_glsl(max(_STACKS, -(-wide.stack // _STACKS) * _STACKS))}
         self.defines = defined(HAS_FAR_NODES=len(wide) >= _NEAR_GROUPS)
+        moving = built if scene.moving is not None else None
+        del built, wide  # while the slots are written, there would be a hundred bytes a triangle in it
+        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
+        self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
             "ray_lower": tuple(map(float, grid.lower)),
             "ray_step": tuple(map(float, grid.step)),
             **bases,
         }
-        if scene.moving is not None:
-            self._moving = _MovingItems(texture, scene, wide, items, grid)
+        if moving is not None:
+            self._moving = _MovingItems(texture, scene, moving)
 
     def move_to(self, triangles: NDArray[np.float64]) -> None:
         """Move the triangles (T, 3, 3) to another time; see `glpath.gl.moving`."""
@@ -191,12 +193,11 @@ class _MovingItems:
         self,
         texture: moderngl.Texture,
         scene: DeviceScene,
-        wide: WideBvh,
-        items: NDArray[Any],
-        grid: Grid,
+        built: _Built,
     ) -> None:
+        items, wide = built.items, built.wide
         self._rows = StoreRows(texture, UINTS)
-        self._grid, self._items, self._flags = grid, items, _flags(scene.scene)
+        self._grid, self._items, self._flags = built.grid, items, _flags(scene.scene)
         self._slots, tree = Slots.of(wide), wide.tree
         moved = _paths(scene) > 0
         leaf_item = np.where(tree.count > 0, tree.order[np.minimum(tree.first, len(items) - 1)], -1).astype(

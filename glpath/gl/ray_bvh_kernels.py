@@ -49,50 +49,33 @@ def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
 class CompiledSlots:
     """The slots of a tree as `ray_bvh.Slots.table` has them, made when they are asked for, by ranges.
 
-    flags : (T,) uint8, of each triangle
+    nodes : (W, 4, 4), the slots of the wide nodes
+    lanes : (W, 4), of each their children: a node's number, -2 - an item's, -1 for none
+
+    geometry : vertices (V, 3), faces (T, 3), items (N, 3)
+    flags    : (T,) uint8, of each triangle
+
+    The tree is not kept.
     """
 
     def __init__(
-        self,
-        wide: WideBvh,
-        grid: Grid,
-        geometry: tuple[Float32, Int32, Int32],
-        flags: NDArray[np.uint8],
+        self, wide: WideBvh, grid: Grid, geometry: tuple[Float32, Int32, Int32], flags: NDArray[np.uint8]
     ) -> None:
-        self._wide, self._geometry, self._flags = wide, geometry, flags
-        self._grid = np.stack([grid.lower, grid.step, grid.pad])
-        self._orders = octant_orders(wide)
+        self._geometry, self._flags = geometry, flags
+        self._nodes, self._lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
+        tree, steps = wide.tree, np.stack([grid.lower, grid.step, grid.pad])
+        shape = (tree.lower, tree.upper, tree.first, tree.count, tree.order)
+        rest = (wide.children, wide.number, octant_orders(wide), steps, self._nodes, self._lanes)
+        _in_threads(len(wide), lambda begin, end: _fill_nodes(*shape, *rest, begin, end))
         self.shape = (WIDTH * (len(wide) + 1), 4, 4)
-
-    def __len__(self) -> int:
-        return self.shape[0]
 
     def __getitem__(self, which: slice) -> NDArray[np.uint32]:
         """A range of whole groups."""
-        begin, end, step = which.indices(len(self))
+        begin, end, step = which.indices(self.shape[0])
         assert (step, begin % WIDTH, end % WIDTH) == (1, 0, 0), "whole groups"
         slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
-        first = begin // WIDTH
-        tree = self._wide.tree
-        shape = (tree.lower, tree.upper, tree.first, tree.count, tree.order)
-
-        def fill(start: int, stop: int) -> None:
-            _fill(
-                *shape,
-                self._wide.children,
-                self._wide.number,
-                self._orders,
-                self._grid,
-                *self._geometry,
-                self._flags,
-                first,
-                start,
-                stop,
-                slots,
-                slots.view(np.float32),
-            )
-
-        _in_threads(len(slots) // WIDTH, fill)
+        rest = (*self._geometry, self._flags, slots, slots.view(np.float32))
+        _fill(self._nodes, self._lanes, *rest, begin // WIDTH)
         return slots
 
 
@@ -164,45 +147,50 @@ def _item_boxes(vertices, faces, items, begin, end, boxes):  # type: ignore[no-u
 
 
 @kernel
-def _fill(  # type: ignore[no-untyped-def]
-    lower,
-    upper,
-    first,
-    count,
-    order,
-    children,
-    number,
-    orders,
-    grid,
-    vertices,
-    faces,
-    items,
-    flags,
-    group,
-    begin,
-    end,
-    slots,
-    floats,
+def _fill_nodes(  # type: ignore[no-untyped-def]
+    lower, upper, first, count, order, children, number, orders, steps, nodes, lanes, begin, end
 ):
-    """Fill the slots of groups `group + begin` to `group + end`, the first of which are at 0.
-
-    floats : the same memory
-    """
-    for i in range(begin, end):
-        # Slot 0 of group 0 is the root; all others are children of wide nodes.
-        parent = group + i - 1
+    """Fill nodes and lanes begin to end."""
+    for wide in range(begin, end):
+        bits = 0
         for lane in range(WIDTH):
-            at = WIDTH * i + lane
-            node = (0 if lane == 0 else -1) if parent < 0 else children[parent, lane]
-            if node < 0:
+            child = children[wide, lane]
+            if child < 0:
+                lanes[wide, lane] = -1
                 continue
-            if count[node]:
-                item = order[first[node]]
-                _fill_item(
-                    vertices, faces, items[item, 0], items[item, 1], items[item, 2], flags, at, slots, floats
-                )
+            if count[child]:
+                bits |= 16 << lane
+                lanes[wide, lane] = -2 - order[first[child]]
             else:
-                _fill_node(lower, upper, count, children, number[node], orders, grid, at, slots)
+                bits |= 1 << lane
+                lanes[wide, lane] = number[child]
+            for axis in range(3):
+                low = np.floor((lower[child, axis] - steps[0, axis]) / steps[1, axis] - steps[2, axis])
+                high = np.ceil((upper[child, axis] - steps[0, axis]) / steps[1, axis] + steps[2, axis])
+                low, high = min(max(low, 0.0), 65535.0), min(max(high, 0.0), 65535.0)
+                nodes[wide, axis, lane] = int(low) | int(high) << 16
+        nodes[wide, 3, 0] = 256 * (wide + 1) + bits
+        for half in range(2):
+            word = 0
+            for i in range(4):
+                word |= orders[wide, 4 * half + i] << (8 * i)
+            nodes[wide, 3, 1 + half] = word
+
+
+@kernel
+def _fill(nodes, lanes, vertices, faces, items, flags, slots, floats, group):  # type: ignore[no-untyped-def]
+    """Fill slots, the first of which is the first of a group; floats: the same memory."""
+    for at in range(len(slots)):
+        # Of group 0 the first is the root; all others are children of wide nodes.
+        parent = group + at // WIDTH - 1
+        child = lanes[parent, at % WIDTH] if parent >= 0 else (0 if at == 0 else -1)
+        if child >= 0:
+            for i in range(4):
+                for j in range(4):
+                    slots[at, i, j] = nodes[child, i, j]
+        elif child < -1:
+            item = -2 - child
+            _fill_item(vertices, faces, items[item, 0], items[item, 1], items[item, 2], flags, at, slots, floats)
 
 
 @inner_kernel
@@ -216,27 +204,3 @@ def _fill_item(vertices, faces, one, other, k, flags, at, slots, floats):  # typ
     slots[at, 0, 3] = one
     slots[at, 1, 3] = np.uint32(0xFFFFFFFF) if other < 0 else np.uint32(other)
     slots[at, 2, 3] = flags[one] | (flags[other] if other >= 0 else np.uint8(0))
-
-
-@inner_kernel
-def _fill_node(lower, upper, count, children, wide, orders, grid, at, slots):  # type: ignore[no-untyped-def]
-    leaves, nodes = 0, 0
-    for lane in range(WIDTH):
-        child = children[wide, lane]
-        if child < 0:
-            continue
-        if count[child]:
-            leaves |= 1 << lane
-        else:
-            nodes |= 1 << lane
-        for axis in range(3):
-            low = np.floor((lower[child, axis] - grid[0, axis]) / grid[1, axis] - grid[2, axis])
-            high = np.ceil((upper[child, axis] - grid[0, axis]) / grid[1, axis] + grid[2, axis])
-            low, high = min(max(low, 0.0), 65535.0), min(max(high, 0.0), 65535.0)
-            slots[at, axis, lane] = int(low) | int(high) << 16
-    slots[at, 3, 0] = 256 * (wide + 1) + 16 * leaves + nodes
-    for half in range(2):
-        word = 0
-        for i in range(4):
-            word |= orders[wide, 4 * half + i] << (8 * i)
-        slots[at, 3, 1 + half] = word

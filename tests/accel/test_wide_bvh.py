@@ -52,7 +52,7 @@ def test_compiled_code_finds_the_same_nodes_of_a_large_tree(size: float) -> None
 def same(tree: Bvh) -> None:
     plain, compiled = collapse(tree), collapse_compiled(tree)
     np.testing.assert_array_equal(compiled.children, plain.children)
-    np.testing.assert_array_equal(compiled.number, plain.number)
+    np.testing.assert_array_equal(compiled.roots, plain.roots)
     assert compiled.stack == plain.stack
     orders = octant_orders(compiled)
     for octant in range(8):
