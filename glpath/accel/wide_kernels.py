@@ -13,15 +13,18 @@ from glpath.accel.wide import WIDTH, WideBvh
 from glpath.system.kernels import inner_kernel, kernel
 
 
-def collapse_compiled(tree: Bvh) -> WideBvh:
-    """As `glpath.accel.wide.collapse`, of a tree of two items or more, with numbers of 32 bits."""
+def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
+    """As `glpath.accel.wide.collapse`, of a tree of two items or more, with numbers of 32 bits.
+
+    node_cost : of each node beside its area, for fewer nodes of more children
+    """
     items = len(tree.order)
     assert len(tree) == 2 * items - 1 > 1, "an item a leaf, and two"
     # Pages of memory that nothing is written to are never had.
     parts, roots = np.zeros((items, WIDTH + 1), np.int8), np.empty(items, np.int32)
     children = np.empty((items, WIDTH), np.int32)
     shape = (tree.lower, tree.upper, tree.skip, tree.first, tree.count)
-    _min_cost_parts(*shape, parts, np.empty((items + 1, WIDTH)))
+    _min_cost_parts(*shape, node_cost, parts, np.empty((items + 1, WIDTH)))
     size, stack = np.zeros(1, np.int64), np.zeros(1, np.int64)
     pending = np.empty((items, 2), np.int32)
     _collapse(tree.skip, tree.first, tree.count, parts, pending, children, roots, size, stack)
@@ -37,7 +40,7 @@ def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
 
 
 @kernel
-def _min_cost_parts(lower, upper, skip, first, count, parts, costs):  # type: ignore[no-untyped-def]
+def _min_cost_parts(lower, upper, skip, first, count, node_cost, parts, costs):  # type: ignore[no-untyped-def]
     """Fill parts (N, 5), of the inner nodes alone; costs: of subtrees whose parents are yet to come, a stack."""
     top = 0
     for node in range(len(skip) - 1, -1, -1):
@@ -65,7 +68,7 @@ def _min_cost_parts(lower, upper, skip, first, count, parts, costs):  # type: ig
         other = costs[left, 2] + costs[right, 0]
         if other < cost4:
             cost4, part4 = other, 3
-        best = area + cost4
+        best = area + node_cost + cost4
         costs[right, 0] = best
         parts[inner, 0] = part4
         parts[inner, 2] = 1 if cost2 < best else -1

@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
+# What a node costs beside its area, in areas of an item's box: this saves a tenth of the memory, and the nodes that
+# rays visit are at most 0.5 % more.
+_FILLING = 2.0
+# Items whose boxes are asked for their areas.
+_ASKED = 1 << 16
 # Triangles that a thread takes at a time.
 _CHUNK = 1 << 16
 
@@ -43,7 +48,9 @@ def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
     """The tree over items, with boxes of 32 bits: those of corners of 32 bits are exact."""
     boxes = np.empty((len(items), 6), np.float32)
     _in_threads(len(items), lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
-    return collapse_compiled(build_in_threads(boxes))
+    tree = build_in_threads(boxes)
+    x, y, z = (boxes[:: max(1, len(boxes) // _ASKED), 3:] - boxes[:: max(1, len(boxes) // _ASKED), :3]).T
+    return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
 
 
 class CompiledSlots:

@@ -60,6 +60,14 @@ def same(tree: Bvh) -> None:
         np.testing.assert_array_equal(orders[:, octant], word)
 
 
+def test_fewer_nodes_where_each_costs_cost_rays_little() -> None:
+    tree = build_bvh(*random_boxes(5000, 0.02), leaf_size=1)
+    area, items = areas(tree), np.median(areas(tree)[tree.count > 0])
+    plain, fuller = collapse_compiled(tree), collapse_compiled(tree, 4.0 * float(items))
+    assert len(fuller) < 0.97 * len(plain)
+    assert area[plain.roots].sum() < area[fuller.roots].sum() < 1.01 * area[plain.roots].sum()
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_other_choice_of_nodes_costs_less(seed: int) -> None:
     tree = sweep_bvh(*random_boxes(9, size=0.6, seed=seed))
