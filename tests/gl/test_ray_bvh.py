@@ -160,6 +160,28 @@ def test_compiled_code_makes_the_same_bits(name: str, monkeypatch: pytest.Monkey
         np.testing.assert_array_equal(compiled.table[part], plain.table[part])
 
 
+def test_what_moves_is_moved_in_the_compiled_tree_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ray_bvh, "SWEPT", 0)
+    monkeypatch.setattr(ray_bvh_kernels, "_FILLING", 0)
+    motion = [{"time": 0.0}, {"time": 1.0, "transform": [{"translate": [2, 0, 1]}]}]
+    boxes = [{"type": "box", "min": [x, 0, 0], "max": [x + 1, 1, 1]} for x in (0, 3, 6)]
+    boxes[1]["motion"] = motion
+    camera = {"position": [0, 0, 9], "target": [0, 0, 0], "shutter": [0, 1]}
+    scene = path_traceable(scene_from_dict({"camera": camera, "shapes": boxes, "sky": SKY}))
+    contents = []
+    for many in (0, 1000):
+        monkeypatch.setattr(ray_bvh, "_MANY", many)
+        device = DeviceScene(get_context().gl, scene)
+        bvh = RayBvh(get_context().gl, device)
+        before = bvh.textures["ray_bvh"].read()
+        device.move_to(0.9)
+        assert device.moving is not None
+        bvh.move_to(device.moving.corners())
+        contents.append((before, bvh.textures["ray_bvh"].read()))
+    assert contents[0] == contents[1]
+    assert contents[0][0] != contents[0][1]
+
+
 BYTES = """
 import numpy as np
 from glpath.gl.context import get_context
