@@ -115,13 +115,12 @@ def sees_triangles(camera: Camera, triangles: Float64) -> bool:
     """triangles: (T, 3, 3). One reaches into the pyramid when an edge of it does, or an edge of the pyramid goes
     through its inside.
     """
-    return any(_sees_some(camera, part) for _, part in _chunks(triangles))
+    return any(_sees_some(camera, part) for part in _chunks(triangles))
 
 
-def _chunks(triangles: Float64) -> Iterator[tuple[int, Float64]]:
-    """The number of the first of some triangles, and these, one after the other."""
+def _chunks(triangles: Float64) -> Iterator[Float64]:
     for first in range(0, len(triangles), _CHUNK):
-        yield first, triangles[first : first + _CHUNK]
+        yield triangles[first : first + _CHUNK]
 
 
 def _sees_some(camera: Camera, triangles: Float64) -> bool:
@@ -178,9 +177,10 @@ def touched_shape(scene: Scene) -> Shape | None:
     away, gradient = _from_surface(scene.spheres[about], eye)
     if (hits := about[np.abs(away) <= margin * gradient]).size:
         return owner("sphere", hits[0])
-    for first, part in _chunks(scene.triangles):
-        if (hits := _touched_triangles(part - eye, margin)).size:
-            return owner("triangle", first + int(hits[0]))
+    for index in _shapes_about(scene, eye, 2 * margin):
+        of_shape = scene.triangles[scene.shapes.ranges[index]]
+        if any(_touched_triangles(part - eye, margin).size for part in _chunks(of_shape)):
+            return scene.shapes[int(index)]
     return None
 
 
@@ -212,14 +212,15 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
     around[scene.shapes.primitive_shape("sphere")[within]] = sign
     for index in _shapes_about(scene, point):
         of_shape = scene.triangles[scene.shapes.ranges[index]]
-        turns = sum(_solid_angle(part - point) for _, part in _chunks(of_shape)) / (4 * np.pi)
+        turns = sum(_solid_angle(part - point) for part in _chunks(of_shape)) / (4 * np.pi)
         around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
     return around
 
 
-def _shapes_about(scene: Scene, point: Float64) -> NDArray[np.intp]:
+def _shapes_about(scene: Scene, point: Float64, margin: float = 0.0) -> NDArray[np.intp]:
+    """The shapes of triangles whose boxes, so much wider, hold a point."""
     lower, upper = scene.shapes.boxes
-    return np.flatnonzero(((lower <= point) & (upper >= point)).all(axis=1))
+    return np.flatnonzero(((lower - margin <= point) & (upper + margin >= point)).all(axis=1))
 
 
 def _solid_angle(corners: Float64) -> float:
