@@ -131,10 +131,10 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 
 #ifdef HAS_THIN_DIELECTRICS
 // ray: along it, of any length.
-vec3 thin_transmittance(int triangle, vec3 position, vec3 ray)
+vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 {
     vec4 plane = facet_texel(triangle, FACET_PLANE);
-    Surface s = surface_of_triangle(triangle, position, plane);
+    Surface s = surface_of_triangle(triangle, origin + (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, ray) * ray, plane);
     vec3 wo = -normalize(ray);
     bool front = front_hit(plane.xyz, ray);
     Bsdf b = bsdf_at(s, front);
