@@ -280,7 +280,7 @@ Bsdf bsdf_at(Surface s, bool front)
 #ifdef HAS_MICROFACETS
     vec4 surface = material_texel(s.material, MATERIAL_SURFACE);
     if (surface.x >= 0.0) {
-        vec4 layer = material_texel(s.material, MATERIAL_LAYER), coat = material_texel(s.material, MATERIAL_COAT);
+        vec4 layer = material_texel(s.material, MATERIAL_LAYER);
         surface.xy *= roughness_metallic(s);
         float metal = surface.y, transmission = 0.0;
 #ifdef HAS_GLASS
@@ -301,8 +301,11 @@ Bsdf bsdf_at(Surface s, bool front)
 #ifdef HAS_ANISOTROPY
         b.tangent = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
 #endif
+#ifdef HAS_COAT
+        vec4 coat = material_texel(s.material, MATERIAL_COAT);
         b.coat = coat.x * reflects;
         b.coat_alpha = coat.y * coat.y;
+#endif
 #ifdef HAS_SHEEN
         vec4 sheen = material_texel(s.material, MATERIAL_SHEEN);
         b.sheen = sheen.rgb * reflects;
