@@ -14,8 +14,8 @@ from tests.support.surfaces import BLACK, GREY, camera, lamp, level, scene_of
 #: It reflects nothing, so that its colour is all that a pane does.
 PANE = Material("pane", np.array([0.9, 0.6, 0.3]), roughness=0.0, transmission=1.0, specular_weight=0.0)
 _HALF = np.full((4, 4, 3), 0.5, np.float32)
-_HALF[-1, 0] = 0.0
-#: Black in the corner where texture coordinates are 0, through which no light comes.
+_HALF[0, 0] = _HALF[-1, 0] = 0.0
+#: Black where texture coordinates are 0, through which no light comes.
 TEXTURE = Texture("half", _HALF, filter="nearest")
 TILTED = np.array([0.3, 0.9, 0.1]) / np.linalg.norm([0.3, 0.9, 0.1])
 PANES = {
