@@ -151,7 +151,11 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #endif
     vec3 wo = -normalize(ray);
     bool front = front_hit(plane.xyz, ray);
+#ifdef HAS_VARYING_THIN_DIELECTRICS
     Bsdf b = bsdf_at(s, front);
+#else
+    Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
+#endif
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
     return b.transmission * (base_transmittance(b, cosine) * under_layers(b, cosine));
