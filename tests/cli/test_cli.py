@@ -539,7 +539,7 @@ def test_signals_end_a_render_with_its_picture_written(
     process.send_signal(number)
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == 130, stderr
-    assert f"interrupted: 5 of 64 path sets are in {out}" in stderr
+    assert f"interrupted: 5 of 256 path sets are in {out}" in stderr
     assert Film.load(out).path_sets == 5
     assert os.listdir(tmp_path) == ["a.npz"]
 
