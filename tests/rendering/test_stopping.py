@@ -173,22 +173,6 @@ def test_what_cannot_be_denoised_cannot_end_when_it_is_clean(monkeypatch: pytest
         glpath.render(BOX, clean=0.05, aovs=DENOISER_AOVS, **TINY)
 
 
-def test_the_noise_of_a_denoised_picture_is_its_error_without_the_solutions() -> None:
-    pytest.importorskip("pyoidn", reason="needs the denoise extra")
-    film = glpath.render(BOX, spp=32, aovs=DENOISER_AOVS, **TINY)
-    assert film.denoised_noise() == pytest.approx(film.relative_error(denoised=True), rel=0.2)
-    gathered = glpath.render(BOX, integrator="gather", spp=16, aovs=DENOISER_AOVS, resolution=(20, 16))
-    noise, error, solution = (
-        gathered.denoised_noise(), gathered.relative_error(denoised=True), gathered.solution_error()
-    )  # fmt: skip
-    assert noise is not None
-    assert error is not None
-    assert solution
-    assert noise < error
-    one = glpath.render(BOX, spp=8, aovs=DENOISER_AOVS, **TINY)
-    assert one.denoised_noise() is None
-
-
 def test_the_command_line_ends_when_it_looks_clean(tmp_path: Path) -> None:
     pytest.importorskip("pyoidn", reason="needs the denoise extra")
     result = render("-o", tmp_path / "a.png", "-o", tmp_path / "a.npz", "--clean", "0.2")
