@@ -181,6 +181,12 @@ def test_the_command_line_ends_when_it_looks_clean(tmp_path: Path) -> None:
     assert film.metadata.stop_rule == "clean"
     assert "denoised by Open Image Denoise, then error about" in result.stderr
     assert ", which is clean" in result.stderr
+    result = render("-o", tmp_path / "b.npz", "--clean", "0.2")
+    assert result.exit_code == 0, result.stderr  # by what it would look like
+    assert Film.load(tmp_path / "b.npz").path_sets == film.path_sets
+    ray_traced = ("three-spheres", "-o", str(tmp_path / "a.png"), "--clean", "0.2")
+    result = CliRunner().invoke(glpath_app(), ["render", *ray_traced])
+    assert (result.exit_code, "--clean with --integrator t-buffer" in result.stderr) == (2, True)
     result = render("-o", tmp_path / "a.png", "--clean", "0.2", "--noise", "0.1")
     assert (result.exit_code, "clean beside noise" in result.stderr) == (2, True)
     result = render("-o", tmp_path / "a.png", "--clean", "0")
