@@ -202,11 +202,11 @@ def render(
         options = {"integrator": integrator, "spp": run.options().spp(spp), **first, **options}
         asked = running.job_of_scene(loaded, None if crop is None else read_crop(crop), options)
         picture = picture.of_film(asked.integrator.noisy, out)
-        if picture.denoise:
+        if picture.denoise or run.clean is not None:
             if not asked.integrator.noisy:
                 raise UsageError(
-                    f"--denoise with --integrator {asked.integrator.integrator}: it has no noise for a denoiser to "
-                    "remove.",
+                    f"{'--denoise' if picture.denoise else '--clean'} with --integrator "
+                    f"{asked.integrator.integrator}: it has no noise for a denoiser to remove.",
                     "Render more path sets, or take --integrator path, path-buffer or gather.",
                 )
             asked = running.denoisable(asked)

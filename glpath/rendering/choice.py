@@ -2,8 +2,9 @@
 
 The gather, where the scene can have a radiosity solution in time that is worth it, nothing is asked for that a
 gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take
-the path-buffer, and planes without end the T-buffer, as no other knows them. The scene and the options decide
-alone, so that a job is the same on every machine: never how fast that is, or what is installed on it.
+the path-buffer, and planes without end the T-buffer, as no other knows them; so does an option that no other has.
+The scene and the options decide alone, so that a job is the same on every machine: never how fast that is, or what
+is installed on it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from glpath.errors import SceneError, SceneWarning
+from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.integrators.settings import (
     AUTO,
     INTEGRATORS,
@@ -26,13 +27,15 @@ from glpath.integrators.settings import (
     PathSettings,
     TBufferSettings,
 )
-from glpath.rendering.options import settings_fields, settings_of
+from glpath.rendering.options import options, settings_of
 from glpath.scene import Scene, path_traceable
 
 #: Solving a scene of more takes longer than a picture: each side gets rays of its own to find its direct light.
 MAX_TRIANGLES = 40_000
 #: Pixels of a thumbnail: paths have it clean before a solver is loaded.
 THUMBNAIL = 96 * 96
+# An option that one has, and those before it have not, chooses it.
+_IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSettings)
 #: Of paths in a scene whose ambient light stands for further bounces.
 _DEPTH_WITH_AMBIENT = 5
 
@@ -58,15 +61,26 @@ def chosen(
 def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]) -> str:
     if scene.shapes.streams:
         return PathBufferSettings.integrator
-    path, gather = settings_fields(PathSettings), settings_fields(GatherSettings)
     if any(shape.primitive == "plane" for shape in scene.shapes):
         return TBufferSettings.integrator  # no path meets one
-    asked = [name for name, value in given.items() if value is not False]  # a flag that is not set says nothing
-    if any(name in gather and name not in path for name in asked):
-        return GatherSettings.integrator
-    if any(name not in gather for name in asked) or _has_ambient(scene) or scene.moving_shapes or not solvable():
-        return PathSettings.integrator
-    return GatherSettings.integrator
+    asked = {name: value for name, value in given.items() if value is not False}  # an unset flag says nothing
+    known = options()
+    owners = [known[name].settings for name in asked if name in known]
+    having = [kind for kind in _IN_THIS_ORDER if all(kind.integrator in names for names in owners)]
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # which says what is wrong
+    if kinds[0] is GatherSettings and len(kinds) > 1:
+        solved = not (_has_ambient(scene) or scene.moving_shapes) and solvable()
+        return kinds[0 if solved else 1].integrator
+    return kinds[0].integrator
+
+
+def _takes(kind: type[IntegratorSettings], given: Mapping[str, Any]) -> bool:
+    """Whether options that it has mean something together."""
+    try:
+        kind().check_together(given)
+    except UsageError:
+        return False
+    return True
 
 
 def _has_ambient(scene: Scene) -> bool:

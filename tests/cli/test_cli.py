@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,15 +21,18 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath import rendering
+from glpath.cli import picture
 from glpath.cli.main import Commands, app
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
-from glpath.integrators.settings import PathSettings
+from glpath.integrators.settings import GatherSettings, PathBufferSettings, PathSettings, TBufferSettings
+from glpath.rendering import RenderJob, calls
 from glpath.rendering.calls import reporting_to
 from glpath.rendering.progress import reporting
 from glpath.rendering.run_options import RunOptions
+from glpath.scene import Scene
 from glpath.system.reporting import duration, percent
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
@@ -37,16 +40,15 @@ from tests.support.command_line import run
 
 @dataclass
 class Renderer:
-    """Stands for `rendering.render`: keeps what it was called with, reports, and gives a film."""
+    """Stands for `run_job`: keeps what it was called with, reports, and gives a film."""
 
     film: Film
     interrupt: bool = False
-    calls: list[dict[str, Any]] = field(default_factory=list)
+    calls: list[tuple[RenderJob, Scene, RunOptions]] = field(default_factory=list)
 
-    def __call__(self, scene: Any, **options: Any) -> Film:
-        self.calls.append({"scene": scene, **options})
-        asked = RunOptions(progress=options["progress"], on_progress=options["on_progress"])
-        with reporting_to(asked) as told:
+    def __call__(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
+        self.calls.append((job, scene, options))
+        with reporting_to(options) as told:
             assert told.on_progress is not None
             for stage, done in (("compiling shaders", 0), ("rendering", 8), ("rendering", 16), ("rendering", 32)):
                 told.on_progress(
@@ -73,8 +75,10 @@ def interrupted(film: Film) -> rendering.RenderInterrupted:
 
 @pytest.fixture
 def renderer(make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch) -> Renderer:
+    """Without a denoiser: the film has no AOVs by which one goes."""
     fake = Renderer(make_film([(0, 32)]))
-    monkeypatch.setattr(rendering, "render", fake)
+    monkeypatch.setattr(calls, "run_job", fake)
+    monkeypatch.setattr(picture, "can_denoise", lambda: False)
     return fake
 
 
@@ -145,7 +149,7 @@ def test_a_path_tracer_loads_neither_numba_nor_scipys_statistics() -> None:
     """They take longer to import than a small picture takes to render."""
     done = python(
         "import glpath, sys\n"
-        "glpath.render('cornell-box-36', spp=1, resolution=(8, 8))\n"
+        "glpath.render('cornell-box-36', integrator='path', guide='cosine', spp=1, resolution=(8, 8))\n"
         "print([m for m in ('numba', 'scipy.stats', 'scipy') if m in sys.modules])"
     )
     assert done.stdout.strip() == "[]", done.stderr
@@ -185,17 +189,21 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
 
 @pytest.mark.parametrize("command", ["measure", "lightmap"])
 def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) -> None:
-    """Not those of a picture: by paths all bounces count, and there is no eye and no stream."""
-    said = CliRunner().invoke(app, [command, "--help-all"], env={"COLUMNS": "200"}).output
-    (depth,) = [line for line in said.splitlines() if "--max-depth" in line]
-    assert f"default {PathSettings.all_bounces['max_depth']}." in depth
-    (roulette,) = [line for line in said.splitlines() if "--roulette" in line]
-    assert f"default {PathSettings.all_bounces['roulette']}." in roulette
-    for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer"):
+    """Not those of a picture: there is no eye and no stream, and no ray tracer whose depth has another default."""
+
+    def helped(command: str) -> str:
+        said = CliRunner().invoke(app, [command, "--help-all"], env={"COLUMNS": "200"}).output
+        return " ".join(said.replace("│", " ").split())
+
+    said = helped(command)
+    assert f"default {PathSettings.max_depth}. " in said
+    for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer", "--clean"):
         assert other not in said, other
-    rendered = CliRunner().invoke(app, ["render", "--help-all"], env={"COLUMNS": "200"}).output
-    assert "default 5" in next(line for line in rendered.splitlines() if "--max-depth" in line)
-    assert "default never" in next(line for line in rendered.splitlines() if "--roulette" in line)
+    rendered = helped("render")
+    assert (
+        f'default {PathSettings.max_depth} of "path" and "path-buffer", {TBufferSettings.max_depth} of' in rendered
+    )
+    assert "--clean" in rendered
 
 
 def test_help_says_what_is_written_in_brackets() -> None:
@@ -264,7 +272,7 @@ def test_an_error_is_one_block_without_a_traceback(renderer: Renderer, monkeypat
     def fail(*_: object, **__: object) -> Film:
         raise ContextError("no device renders OpenGL 4.3.", "apt install libegl1\nglpath doctor says more")
 
-    monkeypatch.setattr(rendering, "render", fail)
+    monkeypatch.setattr(calls, "run_job", fail)
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-q")
     assert result.exit_code == 1
     assert result.stderr == (
@@ -277,7 +285,7 @@ def test_scene_warnings_are_lines(renderer: Renderer, monkeypatch, tmp_path) -> 
         warnings.warn("furnace: has no light", SceneWarning, stacklevel=2)
         return renderer.film
 
-    monkeypatch.setattr(rendering, "render", warn)
+    monkeypatch.setattr(calls, "run_job", warn)
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-q")
     assert (result.exit_code, result.stderr) == (0, "glpath: warning: furnace: has no light\n")
 
@@ -308,60 +316,41 @@ def test_render_writes_every_output_and_says_how_it_went(renderer: Renderer, tmp
 
 
 def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
-    options = (
+    words = (
         "--spp 32 --max-depth 3 --seed 9 --resolution 64x32 --crop 1,2,30,20 --camera-position -1,0,.5 "
         "--camera-fov 50 "
         "--integrator path-buffer --directions sphere --light-resolution 128 "
         "--sampling random --ambient 0.5 --roulette 3 "
         "--backend egl --device 1 --require-gpu"
     )
-    run("render", "furnace", "-o", tmp_path / "a.png", "-D", "radiance=2", "-D", "shape=sphere", *options.split())
-    (call,) = renderer.calls
-    scene = call.pop("scene")
+    run("render", "furnace", "-o", tmp_path / "a.png", "-D", "radiance=2", "-D", "shape=sphere", *words.split())
+    ((job, scene, options),) = renderer.calls
     assert scene.shapes[0].emission.tolist() == [2, 2, 2]
     assert (scene.camera.resolution, scene.camera.position.tolist(), scene.camera.fov) == (
         (64, 32),
         [-1, 0, 0.5],
         50,
     )
-    assert callable(call.pop("on_progress"))
-    unused = ("shadows", "shadow_resolution", "shadow_test", "shadow_filter", "secondary")
-    unused += ("radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "guide", "branches")
-    unused += ("lookup_depth", "cast")
-    unused += ("light_samples", "aovs", "geometry_budget", "bounce_lod")
-    assert [call.pop(name) for name in unused] == [None] * 17
-    assert call == {
-        "integrator": "path-buffer",
-        "spp": 32,
-        "max_depth": 3,
-        "seed": 9,
-        "crop": (1, 2, 30, 20),
-        "sampling": "random",
-        "directions": "sphere",
-        "light_resolution": 128,
-        "ambient": (0.5, 0.5, 0.5),
-        "roulette": 3,
-        "count_tests": False,
-        "backend": "egl",
-        "device": 1,
-        "require_gpu": True,
-        "threads": None,
-        "timings": False,
-        "time_limit": None,
-        "noise": None,
-        "film": None,
-        "on_step": None,
-        "progress": "auto",
-        "cluster": None,
-    }
+    assert (job.path_sets, job.window) == ((0, 32), (1, 2, 30, 20))
+    assert job.integrator == PathBufferSettings(
+        max_depth=3,
+        seed=9,
+        sampling="random",
+        directions="sphere",
+        light_resolution=128,
+        ambient=(0.5, 0.5, 0.5),
+        roulette=3,
+    )
+    assert callable(options.on_progress)
+    expected = RunOptions(backend="egl", device=1, require_gpu=True, progress="auto")
+    assert replace(options, on_progress=None) == expected
 
 
 def test_render_hands_on_what_a_gather_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
     options = "--integrator gather --radiosity solution.npz --radiosity-lookup constant"
     run("render", "furnace", "-o", tmp_path / "a.png", *options.split())
-    (call,) = renderer.calls
-    names = ("integrator", "radiosity", "radiosity_lookup", "max_depth", "ambient")
-    assert [call[name] for name in names] == ["gather", Path("solution.npz"), "constant", None, None]
+    ((job, _, _),) = renderer.calls
+    assert job.integrator == GatherSettings(radiosity=Path("solution.npz"), radiosity_lookup="constant")
 
 
 def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:
@@ -370,23 +359,23 @@ def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp
         "--secondary classic --count-tests"
     )
     run("render", "furnace", "-o", tmp_path / "a.png", *options.split())
-    (call,) = renderer.calls
-    assert {name: call[name] for name in ("integrator", "shadows", "shadow_resolution", "shadow_test")} == {
-        "integrator": "t-buffer",
-        "shadows": "sphere",
-        "shadow_resolution": 400,
-        "shadow_test": "identity",
-    }
-    assert (call["shadow_filter"], call["secondary"], call["count_tests"]) == (1, "classic", True)
+    ((job, _, _),) = renderer.calls
+    assert job.integrator == TBufferSettings(
+        shadows="sphere",
+        shadow_resolution=400,
+        shadow_test="identity",
+        shadow_filter=1,
+        secondary="classic",
+        count_tests=True,
+    )
 
 
 def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Renderer, tmp_path: Path) -> None:
-    run("render", "furnace", "-o", tmp_path / "a.png")
-    (call,) = renderer.calls
-    assert (call["integrator"], call["seed"], call["count_tests"]) == ("path", 0, False)
-    others = ("spp", "sampling", "ambient", "directions", "roulette", "shadows", "shadow_filter", "secondary")
-    others += ("crop", "device", "max_depth", "radiosity", "radiosity_lookup")
-    assert all(call[name] is None for name in others)
+    run("render", "furnace", "-o", tmp_path / "a.npz")
+    ((job, _, options),) = renderer.calls
+    expected = RenderJob.of("furnace")
+    assert replace(job, scene=expected.scene) == expected  # but for where it is from
+    assert replace(options, on_progress=None) == RunOptions(progress="auto")
 
 
 @pytest.mark.parametrize(
@@ -412,7 +401,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
         ("--exposure inf", "from -100 to 100"),
         ("--exposure 2000", "from -100 to 100"),
         ("--tonemap filmic", "Allowed: srgb, reinhard, aces"),
-        ("--integrator bdpt", "Allowed: path"),
+        ("--integrator bdpt", "Allowed: auto, path"),
         ("--sampling halton", "Allowed: sobol, random"),
         ("--directions cone", "Allowed: pair, lattice, hemisphere, sphere"),
         ("--progress loud", "Allowed: auto, bar, lines, json, none"),
@@ -501,7 +490,7 @@ def test_ctrl_c_outside_rendering_ends_with_130(renderer: Renderer, monkeypatch,
     def stop(*_: object, **__: object) -> Film:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rendering, "render", stop)
+    monkeypatch.setattr(calls, "run_job", stop)
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-q")
     assert (result.exit_code, result.stderr) == (130, "glpath: interrupted\n")
 
@@ -512,8 +501,9 @@ import numpy as np
 from glpath import rendering
 from glpath.cli.main import run
 from glpath.film.film import Film, FilmMetadata
+from glpath.rendering import calls
 
-def render(scene, **options):
+def run_job(job, scene, options):
     film = Film.empty(FilmMetadata("slow", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     film.add(0, 5, np.ones((4, 6, 3)))
     try:
@@ -524,7 +514,7 @@ def render(scene, **options):
         stop.film = film
         raise stop
 
-rendering.render = render
+calls.run_job = run_job
 run()
 """
 

@@ -19,11 +19,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from benchmarks.figures.outcome import Outcome, write
-from glpath import rendering
+from glpath.cli import picture
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
 from glpath.film.film import Film, FilmMetadata
 from glpath.radiosity import RadiositySolution
+from glpath.rendering import calls
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.system import files
 from tests.conftest import MakeFilm
@@ -46,9 +47,10 @@ def run(*arguments: object, stdin: str | bytes | None = None) -> Result:
 
 @pytest.fixture
 def film(make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch) -> Film:
-    """What `glpath render` renders, at once."""
+    """What `glpath render` renders, at once; and without a denoiser, as it has no AOVs by which one goes."""
     made = make_film([(0, 32)])
-    monkeypatch.setattr(rendering, "render", lambda scene, **options: made)
+    monkeypatch.setattr(calls, "run_job", lambda job, scene, options: made)
+    monkeypatch.setattr(picture, "can_denoise", lambda: False)
     return made
 
 
@@ -217,10 +219,9 @@ def test_a_full_disk_leaves_the_old_file_and_no_half_one(tiny_disk: Path, make_f
 PROGRAM = """
 import os, signal, sys, time
 import numpy as np
-from glpath import rendering
 from glpath.cli.main import run
 from glpath.film.film import Film, FilmMetadata
-from glpath.rendering import Progress, RenderInterrupted
+from glpath.rendering import Progress, RenderInterrupted, calls
 
 at, number, times = sys.argv.pop(1), getattr(signal, sys.argv.pop(1)), int(sys.argv.pop(1))
 
@@ -230,7 +231,8 @@ def strike(moment):
             os.kill(os.getpid(), number)
             time.sleep(0.01)
 
-def render(scene, on_progress, **options):
+def run_job(job, scene, options):
+    on_progress = options.on_progress
     film = Film.empty(FilmMetadata("fast", "0", "path", 0, 5, {}, (6, 4), (0, 0, 6, 4)))
     on_progress(Progress(0, 5, 0.0, None, film, "compiling shaders", ""))
     film.add(0, 5, np.ones((4, 6, 3)))
@@ -247,7 +249,7 @@ def savez(file, **arrays):
     strike("saving")
     real(file, **arrays)
 
-real, np.savez, rendering.render = np.savez, savez, render
+real, np.savez, calls.run_job = np.savez, savez, run_job
 run()
 """
 

@@ -308,7 +308,7 @@ def test_a_signal_before_anything_is_done_has_its_exit_code_too(
         signal.raise_signal(number)
         raise AssertionError("the signal ends it")
 
-    monkeypatch.setattr(glpath.rendering, "render", struck)
+    monkeypatch.setattr("glpath.rendering.calls.run_job", struck)
     assert render("-o", tmp_path / "a.png", "--resume").exit_code == code
     assert render("-o", tmp_path / "a.png").exit_code == 130
     assert not os.listdir(tmp_path)

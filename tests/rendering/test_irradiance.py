@@ -585,10 +585,10 @@ def test_a_measurement_tells_programs_what_a_render_tells_them(tmp_path: Path) -
 
 
 def test_all_bounces_are_measured_by_themselves() -> None:
-    """The 5 vertices of a picture's default are not enough; what is asked for counts."""
+    """Five vertices are not enough; what is asked for counts."""
     sensor = PointSensor.of(np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]]))
     for asked, depth, roulette in (({}, DEEPEST, 4), ({"max_depth": 2}, 2, None)):
-        settings = RenderJob.of(BOX, sensor=sensor, **asked).integrator
+        settings = RenderJob.of(BOX, integrator="path", sensor=sensor, **asked).integrator
         assert isinstance(settings, PathSettings)
         assert (settings.max_depth, settings.roulette) == (depth, roulette)
     found = [glpath.irradiance(BOX, POINTS, [0.0, 1.0, 0.0], spp=2048, **a).values for a in ({}, {"max_depth": 5})]

@@ -138,9 +138,9 @@ def test_every_option_is_a_parameter_of_the_renders() -> None:
 
 def test_defaults_that_differ_are_all_said() -> None:
     text = " ".join((inspect.getdoc(render) or "").split())
-    assert 'default 256 of "path", "path-buffer" and "gather", 16 of "classic" and "t-buffer"' in text
+    assert 'default 256 of "path" and "path-buffer", 64 of "gather", 16 of "classic" and "t-buffer"' in text
     assert 'default "classic" of "classic", "bvh" of "t-buffer"' in text
-    assert 'default "cosine" of "path", "solution" of "gather"' in text
+    assert 'where the scene can be solved soon, else "cosine" of "path", "solution" of "gather"' in text
     assert "lookup_depth   : the vertex at which the solution is looked up" in (inspect.getdoc(render) or "")
 
 
@@ -225,13 +225,13 @@ def test_an_engine_is_chosen_by_its_true_name() -> None:
     assert tuple(INTEGRATORS) == ("path", "path-buffer", "gather", "classic", "t-buffer")
     assert PathBufferSettings().directions == GatherSettings(cast="path-buffer").directions == "pair"
     shown = CliRunner().invoke(app, ["render", "--help-all"], env={"COLUMNS": "200"}).output
-    assert "path|path-buffer|gather|classic|t-buffer" in shown
+    assert "auto|path|path-buffer|gather|classic|t-buffer" in shown
     assert "bvh|path-buffer" in shown
     assert "pair|lattice|hemisphere|sphere" in shown
     for command in ("lightmap", "measure"):
         help_of = CliRunner().invoke(app, [command, "--help-all"], env={"COLUMNS": "200"}).output
         assert "path|path-buffer|gather" in help_of
-    with pytest.raises(glpath.UsageError, match="allowed are path, path-buffer, gather, classic, t-buffer"):
+    with pytest.raises(glpath.UsageError, match="allowed are auto, path, path-buffer, gather, classic, t-buffer"):
         glpath.render(BOX, integrator="scans")  # type: ignore[arg-type]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,12 @@ from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.film.aovs import DENOISER_AOVS
 from glpath.film.batches import BATCHES, BLOCK
 from glpath.film.film import Film, FilmMetadata
 from glpath.film.noise import error_bound
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.stopping import looks_at_noise
+from glpath.rendering.stopping import looked_at
 from tests.support.engines import with_depth
 from tests.support.killing import SMALL
 
@@ -43,7 +45,7 @@ def test_by_noise_it_has_the_bits_of_as_many_path_sets(options: dict[str, Any]) 
     assert m.error_bound == film.error_bound()
     assert m.error_bound is not None
     assert m.error_bound <= 0.1
-    assert looks_at_noise(film.path_sets)
+    assert looked_at(RunOptions(noise=0.1), film.path_sets)
     whole = glpath.render(BOX, spp=film.path_sets, **TINY, **options)
     assert np.array_equal(film.radiance_sums, whole.radiance_sums)
     assert whole.metadata.stop_rule == "spp"
@@ -93,14 +95,20 @@ def test_the_total_that_is_told_is_what_the_rules_let_expect() -> None:
 
 
 def test_looks_are_few_and_follow_from_the_count_alone() -> None:
-    looks = [n for n in range(BLOCK, 20_000, BLOCK) if looks_at_noise(n)]
+    counts = range(BLOCK, 20_000, BLOCK)
+    looks = [n for n in counts if looked_at(RunOptions(noise=0.1), n)]
     assert looks[:5] == [32, 40, 48, 56, 64]
     assert all(b - a <= max(BLOCK, a / 7) for a, b in pairwise(looks))
     assert len(looks) < 100
+    # Each look denoises two halves.
+    looks = [n for n in counts if looked_at(RunOptions(clean=0.1), n)]
+    assert looks[:6] == [16, 24, 32, 48, 64, 96]
+    assert all(b - a <= a / 2 for a, b in pairwise(looks))
+    assert not any(looked_at(RunOptions(), n) for n in counts)
 
 
 @pytest.mark.parametrize(
-    "rules", [{"time_limit": 0}, {"time_limit": -1.0}, {"noise": 0.0}, {"noise": float("nan")}]
+    "rules", [{"time_limit": 0}, {"time_limit": -1.0}, {"noise": 0.0}, {"noise": float("nan")}, {"clean": 0}]
 )
 def test_rules_that_cannot_be_are_refused(rules: dict[str, float]) -> None:
     with pytest.raises(glpath.UsageError, match="a number above 0 is needed"):
@@ -119,6 +127,70 @@ def test_the_command_line_says_what_ended_it_and_how_good_it_is(tmp_path: Path) 
     result = render("-o", tmp_path / "b.npz", "--time-limit", "0.3s", "--progress", "json")
     done = json.loads(result.stderr.splitlines()[-1])
     assert (done["event"], done["stop_rule"]) == ("done", "time limit")
+
+
+# Ended when it looks clean.
+
+
+def test_a_picture_ends_when_it_looks_clean_with_the_bits_of_as_many_path_sets() -> None:
+    pytest.importorskip("pyoidn", reason="needs the denoise extra")
+    options: dict[str, Any] = {**TINY, "aovs": DENOISER_AOVS}
+    film = glpath.render(BOX, clean=0.05, **options)
+    m = film.metadata
+    assert (m.stop_rule, m.error_bound) == ("clean", film.denoised_noise())
+    assert m.error_bound is not None
+    assert m.error_bound <= 0.05
+    assert looked_at(RunOptions(clean=0.05), film.path_sets)
+    assert film.path_sets > 2 * BLOCK, "else a look at one count is all that is tested"
+    whole = glpath.render(BOX, spp=film.path_sets, **options)
+    assert np.array_equal(film.radiance_sums, whole.radiance_sums)
+    # Stopped before, it continues to the same end.
+    begun = glpath.render(BOX, spp=13, **options)
+    again = glpath.render(BOX, clean=0.05, film=begun, **options)
+    assert np.array_equal(again.radiance_sums, whole.radiance_sums)
+    # A look at any count before would have said otherwise.
+    fewer = [n for n in range(BLOCK, film.path_sets, BLOCK) if looked_at(RunOptions(clean=0.05), n)]
+    less = glpath.render(BOX, spp=fewer[-1], **options).denoised_noise()
+    assert less is not None
+    assert less > 0.05
+
+
+def test_of_few_path_sets_no_picture_is_called_clean() -> None:
+    """Of one block there are no two halves, and of few sets both halves may have the same blotches."""
+    pytest.importorskip("pyoidn", reason="needs the denoise extra")
+    film = glpath.render(BOX, clean=100.0, aovs=DENOISER_AOVS, **TINY)
+    assert (film.path_sets, film.metadata.stop_rule) == (2 * BLOCK, "clean")
+    assert glpath.render(BOX, clean=100.0, spp=9, aovs=DENOISER_AOVS, **TINY).metadata.stop_rule == "spp"
+
+
+def test_what_cannot_be_denoised_cannot_end_when_it_is_clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(glpath.UsageError, match="clean: of a film without the AOVs albedo and normal"):
+        glpath.render(BOX, clean=0.05, **TINY)
+    with pytest.raises(glpath.UsageError, match="clean beside noise"):
+        glpath.render(BOX, clean=0.05, noise=0.05, aovs=DENOISER_AOVS, **TINY)
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    with pytest.raises(glpath.GlpathError, match=r'pip install "glpath\[denoise\]"'):
+        glpath.render(BOX, clean=0.05, aovs=DENOISER_AOVS, **TINY)
+
+
+def test_the_command_line_ends_when_it_looks_clean(tmp_path: Path) -> None:
+    pytest.importorskip("pyoidn", reason="needs the denoise extra")
+    result = render("-o", tmp_path / "a.png", "-o", tmp_path / "a.npz", "--clean", "0.2")
+    assert result.exit_code == 0, result.stderr
+    film = Film.load(tmp_path / "a.npz")
+    assert film.metadata.stop_rule == "clean"
+    assert "denoised by Open Image Denoise, then error about" in result.stderr
+    assert ", which is clean" in result.stderr
+    result = render("-o", tmp_path / "b.npz", "--clean", "0.2")
+    assert result.exit_code == 0, result.stderr  # by what it would look like
+    assert Film.load(tmp_path / "b.npz").path_sets == film.path_sets
+    ray_traced = ("three-spheres", "-o", str(tmp_path / "a.png"), "--clean", "0.2")
+    result = CliRunner().invoke(glpath_app(), ["render", *ray_traced])
+    assert (result.exit_code, "--clean with --integrator t-buffer" in result.stderr) == (2, True)
+    result = render("-o", tmp_path / "a.png", "--clean", "0.2", "--noise", "0.1")
+    assert (result.exit_code, "clean beside noise" in result.stderr) == (2, True)
+    result = render("-o", tmp_path / "a.png", "--clean", "0")
+    assert (result.exit_code, "--clean 0: must be above 0" in result.stderr) == (2, True)
 
 
 # How honest the bound is.
