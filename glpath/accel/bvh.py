@@ -31,7 +31,7 @@ BINS = 16
 #: Testing the boxes of two children, in units of testing one item of a leaf.
 NODE_COST = 2.0
 # A thread builds the whole tree over fewer boxes; of more it makes one node, and others may share what is below.
-_GRAIN = 1 << 14
+_ALONE = 1 << 14
 # Trees for each thread, so that none waits long for the last.
 _SHARES = 8
 
@@ -70,11 +70,11 @@ def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
     count = len(boxes)
     tree = Tree.empty(count, boxes.dtype)
     # The tree below a range of n items has 2 n - 1 nodes: where each is to stand is known before it is made.
-    grain = max(_GRAIN, count // (_SHARES * threads))
+    alone = max(_ALONE, count // (_SHARES * threads))
 
     def build(begin: int, end: int, node: int) -> list[tuple[int, int, int]]:
-        work = _Workspace.of(min(end - begin, grain), boxes.dtype)
-        _build(boxes, begin, end, 1, grain, node, tree, work)
+        work = _Workspace.of(min(end - begin, alone), boxes.dtype)
+        _build(boxes, begin, end, 1, alone, node, tree, work)
         return [(int(a), int(b), int(at)) for a, b, at in work.left_over if a < b]
 
     with ThreadPoolExecutor(threads) as pool:
@@ -102,11 +102,11 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
 
 
 @kernel
-def _build(boxes, begin, end, leaf_size, grain, node, tree, work):  # type: ignore[no-untyped-def]
+def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: ignore[no-untyped-def]
     """Fill the nodes of all ranges, depth first, from `node` on; return the number of the one after them. Permutes
     `boxes` along with the tree's order, so that each range lies together.
 
-    With an item a leaf, those halves of the range that have more than `grain` items are left over for others.
+    With an item a leaf, those halves of the range that have more than `alone` items are left over for others.
     """
     skip, first, count = tree.skip, tree.first, tree.items
     pending, centres, halves, left_over = work.pending, work.centres, work.halves, work.left_over
@@ -121,7 +121,7 @@ def _build(boxes, begin, end, leaf_size, grain, node, tree, work):  # type: igno
     while waiting:
         waiting -= 1
         begin, end = pending[waiting, 0], pending[waiting, 1]
-        if end - begin > grain and node > start:
+        if end - begin > alone and node > start:
             left_over[left, 0], left_over[left, 1], left_over[left, 2] = begin, end, node
             left += 1
             node += 2 * (end - begin) - 1

@@ -98,8 +98,8 @@ def _collapse(skip, first, count, parts, pending, children, roots, size, stack):
         for lane in range(WIDTH):
             children[wide, lane] = -1
         part = parts[root - first[root], 0]
-        _place(root + 1, part, 0, wide, skip, first, count, parts, children)
-        _place(skip[root + 1], WIDTH - part, part, wide, skip, first, count, parts, children)
+        _assign(root + 1, part, 0, wide, skip, first, count, parts, children)
+        _assign(skip[root + 1], WIDTH - part, part, wide, skip, first, count, parts, children)
         inner = 0
         for lane in range(WIDTH):
             child = children[wide, lane]
@@ -116,7 +116,7 @@ def _collapse(skip, first, count, parts, pending, children, roots, size, stack):
 
 
 @inner_kernel
-def _place(node, budget, lane, wide, skip, first, count, parts, children):  # type: ignore[no-untyped-def]
+def _assign(node, budget, lane, wide, skip, first, count, parts, children):  # type: ignore[no-untyped-def]
     """Put a subtree of a wide node, in up to `budget` parts, into its lanes from `lane` on."""
     # Up to three parts: the left one of two, the right one, and this once more for the larger of both.
     for _ in range(WIDTH):

@@ -174,7 +174,7 @@ class Scene:
     def areas(self) -> Float64:
         """(T,) float64 triangle areas, scene units squared."""
         areas = np.empty(len(self.triangles))
-        # Some at a time: what is made on the way takes as much memory as the triangles.
+        # Some at a time: intermediate results take as much memory as the triangles.
         for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
             areas[part] = np.linalg.norm(_area_vectors(self.triangles[part]), axis=1)
         return areas

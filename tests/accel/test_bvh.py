@@ -78,7 +78,7 @@ def test_it_is_the_same_every_time() -> None:
 @pytest.mark.parametrize("threads", [1, 2, 3, 8])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_threads_build_the_same_tree(monkeypatch: pytest.MonkeyPatch, threads: int, dtype: type) -> None:
-    monkeypatch.setattr(bvh, "_GRAIN", 50)  # or a single thread would build so few
+    monkeypatch.setattr(bvh, "_ALONE", 50)  # or a single thread would build so few
     rng = np.random.default_rng(4)
     # On a grid many centroids coincide, and boxes without extent are among them.
     lower = np.concatenate([rng.random((3000, 3)), rng.integers(0, 3, (500, 3))])
