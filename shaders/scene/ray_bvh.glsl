@@ -275,7 +275,8 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
     {
         int item = next_item(walk, ray, tmax), triangle;
         uint flags;
-        blocked = item >= 0 && meet_item(ray, item, exclude, triangle, flags) < tmax;
+        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle, flags);
+        blocked = at < tmax;
     } while (!blocked && walk_continues(walk));
 #endif
     return blocked;
