@@ -336,7 +336,7 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
 
 
 def _thin_dielectric_variants(scene: Scene) -> dict[str, object]:
-    """Of panes alike all over, rays to lights ask their material alone."""
+    """Of thin dielectrics alike all over, rays to lights ask their material alone."""
     shapes, thin = scene.shapes, [scene.materials[shape.material].is_thin_dielectric for shape in scene.shapes]
     varying = False
     for number in np.flatnonzero(thin):

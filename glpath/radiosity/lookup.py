@@ -26,7 +26,7 @@ from glpath.scene.model import Float64, Scene
 # first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
-_CHUNK = 1024  # of points at once, 4 MB
+_CHUNK = 4096  # of points at once, 16 MB
 
 
 class LookupTable(NamedTuple):

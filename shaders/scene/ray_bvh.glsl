@@ -212,14 +212,14 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 vec3 thin_transmittance(int triangle, vec3 origin, vec3 direction);
 vec3 passed_thin_dielectrics;
 
-// panes: those that a ray went through, -1 beyond the last.
-void pass_panes(ivec4 panes, vec3 origin, vec3 direction)
+// thin_ones: those that a ray went through, -1 beyond the last.
+void pass_thin_dielectrics(ivec4 thin_ones, vec3 origin, vec3 direction)
 {
     do
     {
-        if (panes.x >= 0) passed_thin_dielectrics *= thin_transmittance(panes.x, origin, direction);
-        panes = ivec4(panes.yzw, -1);
-    } while (panes.x >= 0);
+        if (thin_ones.x >= 0) passed_thin_dielectrics *= thin_transmittance(thin_ones.x, origin, direction);
+        thin_ones = ivec4(thin_ones.yzw, -1);
+    } while (thin_ones.x >= 0);
 }
 #endif
 
@@ -237,8 +237,8 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
         float at;
         int triangle;
         uint flags = 0u;
-        bool is_pane = false, asks = false;
-        ivec4 panes = ivec4(-1);
+        bool is_thin = false, asks = false;
+        ivec4 thin_ones = ivec4(-1);
         do
         {
             int item = next_item(walk, ray, tmax);
@@ -248,24 +248,24 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
             asks = blocked && (flags & ITEM_ALPHA) != 0u;
 #endif
 #ifdef HAS_THIN_DIELECTRICS
-            is_pane = blocked && !asks && (flags & ITEM_THIN_DIELECTRIC) != 0u;
-            panes = is_pane ? ivec4(triangle, panes.xyz) : panes;
-            blocked = blocked && !is_pane;
+            is_thin = blocked && !asks && (flags & ITEM_THIN_DIELECTRIC) != 0u;
+            thin_ones = is_thin ? ivec4(triangle, thin_ones.xyz) : thin_ones;
+            blocked = blocked && !is_thin;
 #endif
-        } while (!blocked && panes.w < 0 && walk_continues(walk));
+        } while (!blocked && thin_ones.w < 0 && walk_continues(walk));
 #ifdef HAS_ALPHA
         if (asks) {
             blocked = !lets_through(triangle, origin + at * direction);
 #ifdef HAS_THIN_DIELECTRICS
-            is_pane = blocked && (flags & ITEM_THIN_DIELECTRIC) != 0u;
-            panes = is_pane ? ivec4(triangle, panes.xyz) : panes;
-            blocked = blocked && !is_pane;
+            is_thin = blocked && (flags & ITEM_THIN_DIELECTRIC) != 0u;
+            thin_ones = is_thin ? ivec4(triangle, thin_ones.xyz) : thin_ones;
+            blocked = blocked && !is_thin;
 #endif
         }
 #endif
 #ifdef HAS_THIN_DIELECTRICS
         if (!blocked) {
-            pass_panes(panes, origin, direction);
+            pass_thin_dielectrics(thin_ones, origin, direction);
             blocked = max(passed_thin_dielectrics.r, max(passed_thin_dielectrics.g, passed_thin_dielectrics.b)) <= 0.0;
         }
 #endif
@@ -275,7 +275,8 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
     {
         int item = next_item(walk, ray, tmax), triangle;
         uint flags;
-        blocked = item >= 0 && meet_item(ray, item, exclude, triangle, flags) < tmax;
+        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle, flags);
+        blocked = at < tmax;
     } while (!blocked && walk_continues(walk));
 #endif
     return blocked;
