@@ -27,7 +27,7 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film.film import Film
 from glpath.film.image import read_image
-from glpath.integrators.settings import PathSettings
+from glpath.integrators.settings import GatherSettings, PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 from tests.reference.closed_forms import polygon_irradiance
@@ -216,7 +216,7 @@ def test_what_is_under_a_wall_gets_light_of_its_own_side() -> None:
 
 @pytest.fixture(scope="module")
 def lit_floor() -> Lightmap:
-    return glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=256, max_depth=1)
+    return glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=256, max_depth=1, denoise=False)
 
 
 def test_under_a_lamp_every_texel_is_within_a_percent_of_the_closed_form(lit_floor: Lightmap) -> None:
@@ -235,17 +235,18 @@ def test_a_furnace_is_flat() -> None:
     floor = FLOOR | {"material": "grey"}
     scene = load_scene({"camera": CAMERA, "shapes": [floor, ball, box("block", [-1, -1, 0], [0, 0, 1])], **parts})
     with pytest.warns(SceneWarning, match="reflects all light"):
-        flat = glpath.lightmap(scene, size=96, spp=4, max_depth=1)
+        flat = glpath.lightmap(scene, size=96, spp=4, max_depth=1, denoise=False)
     # Nothing is chosen at random here: charts, gutters and seams leave it as it is.
     np.testing.assert_allclose(flat.irradiance, np.pi, rtol=1e-5)
     with pytest.warns(SceneWarning, match="reflects all light"):
-        sampled = glpath.lightmap(scene, size=96, spp=16, max_depth=4)
+        sampled = glpath.lightmap(scene, size=96, spp=16, max_depth=4, denoise=False)
     assert sampled.irradiance[sampled.baked].mean() == pytest.approx(np.pi, rel=0.01)
 
 
 def test_a_bake_goes_on_to_the_same_bits(lit_floor: Lightmap) -> None:
-    first = glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=128, max_depth=1)
-    whole = glpath.lightmap(scene_of(FLOOR, LAMP), size=48, spp=256, max_depth=1, film=first.film)
+    options: dict[str, Any] = {"size": 48, "max_depth": 1, "denoise": False}
+    first = glpath.lightmap(scene_of(FLOOR, LAMP), spp=128, **options)
+    whole = glpath.lightmap(scene_of(FLOOR, LAMP), spp=256, film=first.film, **options)
     assert np.array_equal(whole.irradiance, lit_floor.irradiance)
     with pytest.raises(UsageError, match="points"):
         glpath.lightmap(scene_of(FLOOR, LAMP), size=64, spp=256, max_depth=1, film=first.film)
@@ -335,7 +336,7 @@ def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_pat
 def test_moz_lightmap_has_the_light_of_each_place_on_several_pages(tmp_path: Path) -> None:
     """By what a reader does: the texture of the index, at the coordinates of texCoord, times the intensity."""
     wall = FLOOR | {"name": "wall", "corners": [[-1, 1, 0], [1, 1, 0], [1, 1, 2], [-1, 1, 2]], "material": "grey"}
-    baked = glpath.lightmap(scene_of(FLOOR, wall, LAMP), texels=24, size=64, spp=64, max_depth=1)
+    baked = glpath.lightmap(scene_of(FLOOR, wall, LAMP), texels=24, size=64, spp=64, max_depth=1, denoise=False)
     assert baked.atlas.pages > 1
     quietly(baked, tmp_path / "a.glb", materials="keep", moz=True)
     document = pygltflib.GLTF2().load(tmp_path / "a.glb")
@@ -425,7 +426,9 @@ def test_of_a_sheet_with_kept_coordinates_the_side_with_light_is_baked(
         beside = 0.2 * np.array(GOOD) + np.array([0.3 * i, 0.7])
         uv1 = beside if i else np.array([[0.05, 0.05], [0.95, 0.05], [0.95, 0.5], [0.05, 0.5]])
         made.append(replace(shape, geometry=replace(shape.geometry, uv1=uv1)))
-    baked = glpath.lightmap(replace(scene, shapes=tuple(made)), size=40, uv="keep", spp=256, max_depth=1)
+    baked = glpath.lightmap(
+        replace(scene, shapes=tuple(made)), size=40, uv="keep", spp=256, max_depth=1, denoise=False
+    )
     found = baked.atlas
     assert np.array_equal(np.sort(found.triangle), np.arange(len(scene.triangles))), "each triangle once"
     of_sheet = scene.triangle_shape[found.triangle] == 0
@@ -482,7 +485,7 @@ def test_the_command_bakes_and_goes_on(tmp_path: Path) -> None:
 def test_texels_may_share_their_directions() -> None:
     """As a camera's pixels may: the same light, by scans of the path-buffer."""
     own, pair = (
-        glpath.lightmap("cornell-box-36", size=64, spp=128, max_depth=4, **engine_options(engine))
+        glpath.lightmap("cornell-box-36", size=64, spp=128, max_depth=4, denoise=False, **engine_options(engine))
         for engine in ("path", "pair")
     )
     assert pair.irradiance[pair.baked].mean() == pytest.approx(own.irradiance[own.baked].mean(), rel=0.02)
@@ -491,9 +494,10 @@ def test_texels_may_share_their_directions() -> None:
 
 
 def test_a_lightmap_has_all_bounces_by_itself() -> None:
-    """As points have; a picture's 5 vertices are not enough."""
-    bake = Bake.of(glpath.load_scene("cornell-box"), size=64)
-    settings = bake.job.integrator
+    """As points have; five vertices are not enough."""
+    scene = glpath.load_scene("cornell-box")
+    assert isinstance(Bake.of(scene, size=64).job.integrator, GatherSettings)
+    settings = Bake.of(scene, size=64, integrator="path").job.integrator
     assert isinstance(settings, PathSettings)
     assert (settings.max_depth, settings.roulette) == (1000, 4), "chance alone ends paths"
 
@@ -505,8 +509,9 @@ def test_metal_is_baked_as_if_it_were_rough_and_that_is_told(tmp_path: Path) -> 
         "half": {"type": "principled", "reflectance": [1, 0.8, 0.3], "metallic": 0.5, "roughness": 0.5},
     }
     shapes = [{**FLOOR, "material": "gold"}, {**box("block", [0, 0, 0.1], [0.5, 0.5, 0.5]), "material": "half"}]
-    scene = load_scene({"camera": CAMERA, "materials": materials, "shapes": shapes, "ambient": 1.0})
-    bake = Bake.of(scene, size=64, spp=1)
+    sky = {"zenith": 1, "horizon": 1}
+    scene = load_scene({"camera": CAMERA, "materials": materials, "shapes": shapes, "sky": sky})
+    bake = Bake.of(scene, size=64, spp=8, max_depth=1, denoise=False)
     baked = bake.lightmap(glpath.rendering.run(bake.job, scene=bake.scene))
     with pytest.warns(SceneWarning) as told:
         baked.save(tmp_path / "a.glb")

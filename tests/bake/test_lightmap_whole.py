@@ -239,12 +239,12 @@ def test_kept_metal_is_said_to_be_black(tmp_path: Path) -> None:
 
 def test_the_command_says_what_it_did_and_what_helps(tmp_path: Path) -> None:
     asked = ["lightmap", "cornell-box", "-o", str(tmp_path / "a.glb"), "--size", "64", "--spp", "16"]
-    asked += ["--progress", "none"]
+    asked += ["--progress", "none", "--no-denoise", "--max-depth", "3"]
     done = CliRunner().invoke(app, asked)
     assert done.exit_code == 0, done.output
     told = " ".join(done.stderr.split())
     assert "all 32 triangles are in it" in told
-    assert "for less noise: --noise 0.02 (some " in told
+    assert "for less noise: pip install 'glpath[denoise]', or --noise 0.02 (some " in told
     assert "exposure +" in told
 
 
