@@ -2,7 +2,8 @@
 
 A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
 Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the light from there
-(`path_guide`). It selects one of a sample of each light, by its contribution. A gather's path branches at its first
+(`path_guide`). It selects one of a sample of each light, by its contribution; of twelve lights with a position or
+more, a tree of lights chooses one for each vertex (`glpath.lights.tree`). A gather's path branches at its first
 vertex, which has nearly all of the error: branches share the eye's ray and the light there, 0.4 of a set's cost.
 No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
 triangles, a scan their number. docs/accuracy-and-speed.md has measurements.
@@ -57,7 +58,9 @@ _PARTS = 8
 # less error only where lights have profiles.
 _TREE_SAMPLES = 1
 # Lights with a position from which on a tree chooses among them.
-_TREE_FROM = 12
+_TREE_MIN = 12
+# Triangles and punctual lights up to which it does: its build takes some 50 microseconds for each.
+_TREE_MAX = 1 << 16
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MAX_BOUNCES = 14
@@ -331,8 +334,10 @@ class RayPathEngine(PathSetEngine):
 
 
 def _chosen_by_tree(lighting: Lighting) -> bool:
-    """More lights with a position than a vertex looks at one by one."""
-    return len(lighting.sides) + len(positional(lighting)) >= _TREE_FROM
+    """So many lights with a position that a tree is better than a look at some of them."""
+    punctual = len(positional(lighting))
+    pieces = punctual + sum(len(side.cdf) - 1 for side in lighting.sides)
+    return len(lighting.sides) + punctual >= _TREE_MIN and pieces <= _TREE_MAX
 
 
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 A node knows a ball about its lights, a cone of their axes, the angle within which they shine beyond that cone, and
 their strength. Of two children a position chooses by an upper bound of the irradiance from each: strength by the
-distance's square, by the smallest angle to an axis, and by the smallest to its own normal. What cannot reached it is
+distance's square, by the smallest angle to an axis, and by the smallest to its own normal. What cannot light it is
 never chosen. `shaders/lights/light_tree.glsl` is the same on the device.
 
 Lights with a position are in the tree: each side of an emitting triangle, points and spots, also those with a

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.compare import relative_mse
 from glpath.integrators import ray_paths
 from glpath.io import load_scene
 from glpath.lights.lighting import Lighting
@@ -153,7 +154,7 @@ def test_every_light_that_arrives_can_be_chosen_and_no_bound_is_below_it(tmp_pat
 def test_a_floor_under_many_lights(tmp_path: Path) -> None:
     scene = floor(lamps(tmp_path))
     lighting = Lighting.of(scene)
-    assert len(positional(lighting)) >= ray_paths._TREE_FROM
+    assert len(positional(lighting)) >= ray_paths._TREE_MIN
     E = lighting.irradiance(positions(), np.tile(UP, (18 * 24, 1))).reshape(18, 24, 3)
     film = glpath.render(scene, spp=2048, max_depth=1)
     ratio = film.mean / (E * 0.5 / np.pi)
@@ -203,7 +204,35 @@ def test_a_tree_finds_what_parts_of_all_lights_find(
     lights = [*lamps(tmp_path)[::3], {"type": "directional", "direction": [0.3, -1, 0.2], "irradiance": 1.0}]
     scene = floor(lights, *shapes, **({"sky": sky} if sky else {}))
     by_tree = glpath.render(scene, spp=512, max_depth=4).mean
-    monkeypatch.setattr(ray_paths, "_TREE_FROM", 1 << 30)
+    monkeypatch.setattr(ray_paths, "_TREE_MIN", 1 << 30)
     by_parts = glpath.render(scene, spp=512, max_depth=4).mean
     assert not np.array_equal(by_tree, by_parts)
     assert by_tree.mean() == pytest.approx(by_parts.mean(), rel=4e-3)
+
+
+def test_more_triangles_than_a_tree_is_built_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = floor(lamps(tmp_path))
+    by_tree = glpath.render(scene, spp=1, max_depth=1).mean
+    monkeypatch.setattr(ray_paths, "_TREE_MAX", 26)
+    few = glpath.render(scene, spp=1, max_depth=1).mean
+    monkeypatch.setattr(ray_paths, "_TREE_MIN", 1 << 30)
+    assert np.array_equal(few, glpath.render(scene, spp=1, max_depth=1).mean)
+    assert not np.array_equal(few, by_tree)
+
+
+def test_two_hundred_luminaires_in_an_office(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At as many sets, less than half the squared error of a look at eight parts of all lights."""
+    path = str(profile(tmp_path))
+    hung = [(0.3 + 0.6 * i, 2.9, 0.4 + 0.8 * j) for i in range(20) for j in range(10)]
+    lights = [{"type": "point", "position": at, "profile": path} for at in hung]
+    office = load_scene("office", {"resolution": 64})
+    shapes = office.shapes.__class__(replace(shape, emission=np.zeros(3)) for shape in office.shapes)
+    scene = replace(office, shapes=shapes, lights=floor(lights).lights)
+    truth = glpath.render(scene, spp=256, first_path_set=1 << 16, max_depth=1).mean
+
+    def error() -> float:
+        return relative_mse(glpath.render(scene, spp=16, max_depth=1).mean, truth)
+
+    by_tree = error()
+    monkeypatch.setattr(ray_paths, "_TREE_MIN", 1 << 30)
+    assert by_tree < 0.5 * error()
