@@ -2,10 +2,11 @@
 
 `glpath.lights.lighting` says what a sample is and how dense it is, as of the samples that a path set shares. The
 lights are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of the numbers in
-[0, 2^32) chooses each. An environment map has tables of its rows and columns besides.
+[0, 2^32) chooses each, or a tree (`glpath.lights.tree`) those that have a position, and numbers the others. An
+environment map has tables of its rows and columns besides.
 
-Cost:     16 bytes for each side of an emitting triangle; 4 a texel of an environment map. A path's sample takes a
-          search among the pieces, and a triangle's corners.
+Cost:     16 bytes for each side of an emitting triangle, 80 with a tree; 4 a texel of an environment map. A path's
+          sample takes a search among the pieces or a walk down the tree, and a triangle's corners.
 """
 
 from __future__ import annotations
@@ -19,15 +20,26 @@ from numpy.typing import NDArray
 from glpath.gl.texel_store import UINTS, Layout, make_store, store_glsl
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS
+from glpath.lights.tree import Emitters, LightTree, others, positional
 from glpath.scene.model import Environment, Float64, Light
 
 UInt32 = NDArray[np.uint32]
 
 _LAYOUT: Layout = {
     "light_piece": {
-        "CHOICE": "the number from which on it is chosen; of a triangle or punctual light; density per area, or "
-        "probability, as the bits of a float; its kind, and 8 for the back of a triangle"
+        "CHOICE": "the number from which on it is chosen, or its trail in the tree; of a triangle or punctual "
+        "light; density per area, or probability, as the bits of a float, by a tree once it is chosen; its kind, "
+        "and 8 for the back of a triangle"
     },
+    "light_node": {
+        f"{child}_{texel}": what
+        for child in ("LEFT", "RIGHT")
+        for texel, what in (
+            ("BALL", "of a node's child, as the bits of floats: centre and radius of a ball about its lights"),
+            ("CONE", "axis, octahedral; cosines of inner and outer; strength, as the bits of a float; its number"),
+        )
+    },
+    "light_shape": {"FIRST": "of a shape that emits: its first triangle; the piece of its front; of its back"},
     "sky_half": {
         "CHOICE": "of a row's upper or lower half: the number from which on it is chosen; which half; its mass as "
         "the bits of a float"
@@ -36,6 +48,8 @@ _LAYOUT: Layout = {
 }
 _BACK = 8
 _ALL = 2.0**32
+_NONE = np.zeros((0, 1, 4), np.uint32)
+_SNORM = 32767
 
 
 def light_draw_glsl() -> str:
@@ -49,24 +63,38 @@ class LightDraws:
     lighting : of a scene in triangles
     lights   : the punctual ones, in the order of the device's
     edges    : (parts + 1,) of the numbers in [0, 1] that divide the lights into parts; a path draws from each
+    samples  : of a tree for each vertex, where one chooses among the lights that have a position; then `edges` are
+               those of `glpath.lights.tree.others`
 
     textures, uniforms, generated, defines : for programs that include light_draw.glsl. Raises SceneError for more
     than the device holds.
     """
 
-    def __init__(self, gl: moderngl.Context, lighting: Lighting, lights: Sequence[Light], edges: Float64) -> None:
+    def __init__(
+        self, gl: moderngl.Context, lighting: Lighting, lights: Sequence[Light], edges: Float64, samples: int = 0
+    ) -> None:
         scene = lighting.scene
-        begin, pieces = _pieces(lighting, lights)
+        begin, pieces = _pieces(others(lighting) if samples else lighting, lights)
+        nodes, leaves, shapes = _tree_tables(lighting, lights) if samples else (_NONE, _NONE, _NONE)
         halves, columns = _sky_tables(lighting)
-        tables = {"light_piece": pieces, "sky_half": halves, "sky_column": columns}
+        tables = {
+            "light_piece": np.concatenate([leaves, pieces]),
+            "light_node": nodes.reshape(-1, 4, 4),
+            "light_shape": shapes,
+            "sky_half": halves,
+            "sky_column": columns,
+        }
         texture, bases = make_store(gl, UINTS, _LAYOUT, tables, scene.source or scene.name)
         self.textures = {"light_draws": texture}
         self.generated = {"LIGHT_DRAWS": light_draw_glsl()}
         self.defines: dict[str, object] = {"OWN_LIGHT_SAMPLES": 1}
+        if samples:
+            self.defines["LIGHT_TREE"] = samples
         ends = _numbers(edges)
         first = np.searchsorted(begin, ends[:-1], side="right") - 1
         last = np.searchsorted(begin, ends[1:], side="left") - 1
-        parts = np.stack([ends[:-1], np.diff(ends), first, np.maximum(first, last)], axis=1)
+        ranges = len(leaves) + np.stack([first, np.maximum(first, last)], axis=1)
+        parts = np.concatenate([np.stack([ends[:-1], np.diff(ends)], axis=1), ranges], axis=1)
         self.uniforms: dict[str, object] = {
             **bases,
             "light_parts": parts.astype(np.uint32).tobytes(),
@@ -114,6 +142,70 @@ def _pieces(lighting: Lighting, lights: Sequence[Light]) -> tuple[NDArray[np.int
     table[:-1, 0, 2] = np.concatenate(weight).astype(np.float32).view(np.uint32)
     table[:-1, 0, 3] = np.concatenate(kinds)
     return starts, table
+
+
+def _tree_tables(lighting: Lighting, lights: Sequence[Light]) -> tuple[UInt32, UInt32, UInt32]:
+    """The nodes of a tree, (M, 1, 16); the pieces that are its leaves; and of each shape where its pieces are."""
+    tree, scene = LightTree.over(Emitters.of(lighting)), lighting.scene
+    leaves = np.zeros((len(tree.trail), 1, 4), np.uint32)
+    leaves[:, 0, 0] = tree.trail
+    shapes = np.zeros((len(scene.shapes), 1, 4), np.uint32)
+    areas, piece = scene.areas, 0
+    for side in lighting.sides:
+        triangles = side.first + np.arange(len(side.cdf) - 1)
+        part = leaves[piece : piece + len(triangles), 0]
+        part[:, 1] = triangles
+        part[:, 2] = _bits(1.0 / areas[triangles])
+        part[:, 3] = LIGHT_KINDS.index("area") + _BACK * (side.sign < 0)
+        shapes[side.shape, 0, 0] = side.first
+        shapes[side.shape, 0, 1 if side.sign > 0 else 2] = piece
+        piece += len(triangles)
+    for light, part in zip(positional(lighting), leaves[piece:, 0], strict=True):
+        part[1] = next(i for i, other in enumerate(lights) if other is light)
+        part[2] = _bits(np.ones(1))[0]
+        part[3] = LIGHT_KINDS.index(light.kind)
+    return _nodes(tree), leaves, shapes
+
+
+def _nodes(tree: LightTree) -> UInt32:
+    """(M, 1, 16) as `light_tree.glsl` reads them; what rounding takes is added to balls and cones."""
+    nodes = np.zeros((len(tree.child), 2, 8), np.uint32)
+    nodes[:, :, :3] = _bits(tree.centre)
+    padding = 1e-5 * tree.radius + 1e-6 * np.abs(tree.centre).max(axis=2)
+    nodes[:, :, 3] = _bits(np.where(tree.radius > 0, tree.radius + padding, 0.0))
+    octahedral, axis = _octahedral(tree.axis)
+    turned = np.arccos(np.clip(np.sum(axis * tree.axis, axis=2), -1.0, 1.0))
+    inner, outer = np.minimum(tree.inner + turned, np.pi), tree.outer
+    nodes[:, :, 4] = _pair(octahedral)
+    nodes[:, :, 5] = _pair(np.floor(np.cos(np.stack([inner, outer], axis=2)) * _SNORM).astype(np.int64))
+    nodes[:, :, 6] = _bits(tree.strength)
+    nodes[:, :, 7] = tree.child.astype(np.int32).view(np.uint32)
+    return nodes.reshape(-1, 1, 16)
+
+
+def _octahedral(axis: Float64) -> tuple[NDArray[np.int64], Float64]:
+    """(..., 2) of unit vectors (..., 3) in steps of 1 / 32767, and the unit vectors that these are.
+
+    Source:   Cigolle et al. 2014, A survey of efficient representations for independent unit vectors.
+    """
+    scaled = axis / np.abs(axis).sum(axis=-1, keepdims=True)
+    turned = np.where(scaled[..., :2] < 0, -1.0, 1.0)
+    folded = np.where(scaled[..., 2:] < 0, (1 - np.abs(scaled[..., 1::-1])) * turned, scaled[..., :2])
+    steps = np.rint(folded * _SNORM).astype(np.int64)
+    xy = steps / _SNORM
+    z = 1 - np.abs(xy).sum(axis=-1, keepdims=True)
+    xy = xy + np.where(xy < 0, 1.0, -1.0) * np.maximum(-z, 0.0)
+    found = np.concatenate([xy, z], axis=-1)
+    return steps, found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+
+def _pair(steps: NDArray[np.int64]) -> UInt32:
+    """Two integers of 16 bits as one."""
+    return ((steps[..., 0] & 0xFFFF) | ((steps[..., 1] & 0xFFFF) << 16)).astype(np.uint32)
+
+
+def _bits(numbers: Float64) -> UInt32:
+    return numbers.astype(np.float32).view(np.uint32)
 
 
 def _sky_tables(lighting: Lighting) -> tuple[UInt32, UInt32]:

@@ -75,6 +75,8 @@ VARIANTS: dict[str, Variant] = {
     "GUIDES_SHARED": Variant("elements share guides", "integrators.path_guide"),
     "ALL_LIGHT": Variant("what is looked up has direct light in it, for guides", "integrators.path_guide"),
     "INTERPOLATED": Variant("the solution is interpolated over an element", "gl.device_radiosity"),
+    "PARTS": Variant("parts of the lights that no tree chooses among; a vertex looks at a sample of each", _RAYS),
+    "LIGHT_TREE": Variant("a tree of lights chooses for each vertex; of how many samples", "gl.light_draws"),
     "OWN_LIGHT_SAMPLES": Variant("paths draw light samples of their own", "gl.light_draws"),
     "EMITTER_SILHOUETTES": Variant("emitter silhouettes are antialiased apart", _RAYS),
     # The path-buffer.
@@ -135,7 +137,6 @@ VALUES: dict[str, str] = {
     "LIGHTS": "light samples of a path set",
     "LIGHT_ROWS": "texels of a light sample",
     "NOTHING_FOUND": "what a cell holds where nothing was found",
-    "PARTS": "parts of all lights, of each of which a vertex looks at a sample",
     "SUBSAMPLES": "samples of a pixel in which a lamp ends",
     "RECTANGLES_WIDTH": "rectangles in a row of their table",
     "SHADOW_TAPS": "cells across that a lookup asks",

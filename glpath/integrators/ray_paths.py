@@ -2,7 +2,8 @@
 
 A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
 Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the light from there
-(`path_guide`). It selects one of a sample of each light, by its contribution. A gather's path branches at its first
+(`path_guide`). It selects one of a sample of each light, by its contribution; of twelve lights with a position or
+more, a tree of lights chooses one for each vertex (`glpath.lights.tree`). A gather's path branches at its first
 vertex, which has nearly all of the error: branches share the eye's ray and the light there, 0.4 of a set's cost.
 No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
 triangles, a scan their number. docs/accuracy-and-speed.md has measurements.
@@ -44,6 +45,7 @@ from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathSettings
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LightSamples
+from glpath.lights.tree import others, positional
 from glpath.sampling.points import PathSetSampler, counter_hash, radical_inverse
 from glpath.scene.appearance import has_colours
 from glpath.scene.model import Environment, Scene
@@ -54,6 +56,13 @@ LIGHTS = 16
 # Parts of all lights at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
 # for the shadow of one.
 _PARTS = 8
+# Samples that a tree of lights draws for each vertex. A second one takes as long as a third of a set, and leaves
+# less error only where lights have profiles.
+_TREE_SAMPLES = 1
+# Lights with a position from which on a tree chooses among them.
+_TREE_MIN = 12
+# Triangles and punctual lights up to which it does: its build takes some 50 microseconds for each.
+_TREE_MAX = 1 << 16
 _LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
 # Bounces beyond have independent random numbers.
 _MAX_BOUNCES = 14
@@ -150,8 +159,10 @@ class RayPathEngine(PathSetEngine):
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
+        self._by_tree = _chosen_by_tree(self.lighting) and not (scene.moving and scene.moving.lamps)
+        self._in_parts = others(self.lighting) if self._by_tree else self.lighting
         # Bounds of the numbers that select a light: a part is a light, or an eighth of them all.
-        self._light_edges = _light_edges(self.lighting)
+        self._light_edges = np.zeros(1) if self._by_tree and self._in_parts.dark else _light_edges(self._in_parts)
         self._parts = len(self._light_edges) - 1
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
@@ -183,15 +194,16 @@ class RayPathEngine(PathSetEngine):
             "BOUNCES": self._bounces,
             "LIGHTS": len(self._light_shifts),
             "BRANCHES": self._branches,
-            "PARTS": self._parts,
+            **({"PARTS": self._parts} if self._parts else {}),
             "LIGHT_ROWS": LIGHT_ROWS,
             **(LANE_DEFINES if self._shares_lanes else {}),
             **self._sums.defines,
         }
         # Measurements at points are also averaged: with shared light samples all errors would be alike.
         self._draws: LightDraws | None = None
-        if isinstance(self.sensor, PointSensor) and self.sensor.independent:
-            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges)
+        if self._by_tree or (isinstance(self.sensor, PointSensor) and self.sensor.independent):
+            samples = _TREE_SAMPLES if self._by_tree else 0
+            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples)
             parts.add(self._draws)
         parts.defines |= _thin_dielectric_variants(scene.scene)
         self._silhouettes = self._new_silhouettes(bvh)
@@ -303,14 +315,14 @@ class RayPathEngine(PathSetEngine):
         self._light_shifts = np.array(
             [
                 [counter_hash(settings.seed, i, axis, 10) for axis in range(3)]
-                for i in range(LIGHTS - LIGHTS % self._parts)
+                for i in range(LIGHTS - LIGHTS % max(self._parts, 1))
             ],
             np.uint32,
         )
         mirrored = any(material.has_lobes for material in self.scene.scene.materials)
         roulette = settings.roulette_from(mirrored)
         return {
-            **sky_uniforms(self.scene.scene.sky, self.lighting),
+            **sky_uniforms(self.scene.scene.sky, self._in_parts),
             "quanta": self._sums.quanta,
             "max_depth": CEILING if settings.endless else settings.path_length,
             "cut_depth": CEILING - 1 if settings.endless else 1 << 30,
@@ -320,6 +332,13 @@ class RayPathEngine(PathSetEngine):
             "lattice": self._sampler.lattice,
             **settings.lookup_uniforms(),
         }
+
+
+def _chosen_by_tree(lighting: Lighting) -> bool:
+    """So many lights with a position that a tree is better than a look at some of them."""
+    punctual = len(positional(lighting))
+    pieces = punctual + sum(len(side.cdf) - 1 for side in lighting.sides)
+    return len(lighting.sides) + punctual >= _TREE_MIN and pieces <= _TREE_MAX
 
 
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:

@@ -5,7 +5,8 @@ the sky. A light is chosen by the power that it sends towards the scene, or, hal
 of a shape is uniform by area, a direction of the sky has the density of its radiance.
 
 Cost:     a search in a table of the lights a sample; made on the CPU, as a path set needs one.
-Poor at:  very many lights of which each part of the scene sees but a few: the choice knows no position.
+Poor at:  very many lights of which each part of the scene sees but a few: the choice knows no position. Paths with
+          rays of their own choose by `glpath.lights.tree` there.
 Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations;
           Owen & Zhou 2000, Safe and effective importance sampling, for the mixture.
 """

@@ -1,9 +1,11 @@
 // light_draw.glsl: light samples that a path draws for itself, where those that a path set shares would make the errors
 // of all paths alike; `glpath.lighting` is the same on the CPU, and says what is drawn how densely.
-// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS of the lights; surface.glsl, light_sample.glsl
+// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS of the lights, those of a tree aside; surface.glsl, light_sample.glsl
 // Frame:  world.
 #include <LIGHT_DRAWS>
+#ifdef PARTS
 uniform uvec4 light_parts[PARTS];  // the first of its numbers, how many these are; its first piece, its last
+#endif
 #ifdef HAS_ENVIRONMENT
 uniform int sky_halves;            // of the rows of the map
 #endif
@@ -76,20 +78,9 @@ vec3 sky_drawn(vec3 u, out float weight)
 }
 #endif
 
-// A sample of a part of the lights; share: of all lights that the part is, by their probability.
-LightSample light_draw(int part, uvec3 point, out float share)
+// A sample of a piece; numbers: uniform.
+LightSample light_on(uvec4 choice, vec3 numbers)
 {
-    uvec4 of = light_parts[part];
-    share = float(of.y) * (1.0 / 4294967296.0);
-    uint number, rest;
-    umulExtended(point.x, of.y, number, rest);
-    number += of.x;
-    int piece = int(of.z), last = int(of.w);
-    SEARCH(piece, last, number, piece_begins)
-    uvec4 choice = light_piece_texel(piece, LIGHT_PIECE_CHOICE);
-    // What is left of the number is uniform within the piece.
-    float u = (float(number - choice.x) + fraction(rest)) / float(max(piece_begins(piece + 1) - choice.x, 1u));
-    vec3 numbers = vec3(min(u, 0.99999994), fraction(point.y), fraction(point.z));
     uint kind = choice.w & 7u;
     float weight = uintBitsToFloat(choice.z);
     LightSample drawn;
@@ -138,3 +129,22 @@ LightSample light_draw(int part, uvec3 point, out float share)
 #endif
     return drawn;
 }
+
+#ifdef PARTS
+// A sample of a part of the lights; share: of all lights that the part is, by their probability.
+LightSample light_draw(int part, uvec3 point, out float share)
+{
+    uvec4 of = light_parts[part];
+    share = float(of.y) * (1.0 / 4294967296.0);
+    uint number, rest;
+    umulExtended(point.x, of.y, number, rest);
+    number += of.x;
+    int piece = int(of.z), last = int(of.w);
+    SEARCH(piece, last, number, piece_begins)
+    uvec4 choice = light_piece_texel(piece, LIGHT_PIECE_CHOICE);
+    // What is left of the number is uniform within the piece.
+    float u = (float(number - choice.x) + fraction(rest)) / float(max(piece_begins(piece + 1) - choice.x, 1u));
+    vec3 numbers = vec3(min(u, 0.99999994), fraction(point.y), fraction(point.z));
+    return light_on(choice, numbers);
+}
+#endif

@@ -1,22 +1,33 @@
 // path_direct.glsl: light samples for the vertices of paths with rays of their own.
 // Needs:  LIGHTS: as many light samples has a set; PARTS: of the lights, see direct_light; OWN_LIGHT_SAMPLES: paths draw
-//         light samples of their own; path_numbers.glsl, ray_bvh.glsl, and what light_sample.glsl needs
+//         light samples of their own; LIGHT_TREE: each vertex so many by a tree, and PARTS are of the other lights;
+//         path_numbers.glsl, ray_bvh.glsl, and what light_sample.glsl needs
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #ifdef OWN_LIGHT_SAMPLES
 #include "lights/light_draw.glsl"
+#ifdef LIGHT_TREE
+#include "lights/light_tree.glsl"
+#endif
 uniform uvec3 sequence_point;           // a point of the sequence
 #else
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 #endif
 
 #ifdef OWN_LIGHT_SAMPLES
-// Shifted for each vertex of each branch, and for each part of the lights.
-LightSample light_of(PathId at, int part, out float share)
+// Shifted for each vertex of each branch.
+uvec3 light_point(PathId at)
 {
     uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
-    uvec3 shift = uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
-    return light_draw(part, sequence_point ^ shift ^ (0x9E3779B9u * uint(part)), share);
+    return sequence_point ^ uvec3(pcg(at.path + first), pcg(at.path + second), pcg(at.path + pcg(second)));
 }
+
+#ifdef PARTS
+// And for each part of the lights.
+LightSample light_of(PathId at, int part, out float share)
+{
+    return light_draw(part, light_point(at) ^ (0x9E3779B9u * uint(part)), share);
+}
+#endif
 #else
 LightSample light_in(int number, out float share)
 {
@@ -39,6 +50,57 @@ LightSample light_of(PathId at, int part, out float share)
 }
 #endif
 
+#ifdef LIGHT_TREE
+// Is one more sample taken instead of those before it? Each is in the end with the chance of its weight among all.
+// number: uniform, and so is what is left of it.
+bool is_taken(float weight, inout float sum, inout float number)
+{
+    sum += weight;
+    float chance = weight / max(sum, 1e-37);
+    bool taken = number < chance;
+    number = min((taken ? number : number - chance) / max(taken ? chance : 1.0 - chance, 1e-37), 0.99999994);
+    return taken;
+}
+
+// Direct light, shadows not asked for; views: see mis_weight_light.
+// A path takes one of some samples by what they send [Talbot 2005]: those of the tree, evenly apart in the number that
+// chooses a light, and one of each part of the other lights.
+DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
+{
+    uvec3 point = light_point(at);
+    float number = choice_number(at), sum = 0.0;
+    DirectLight direct;
+    for (int k = 0; k < LIGHT_TREE; ++k)
+    {
+        float chance;
+        int piece = light_of_tree(position, normal, point.x + uint(k) * (0xFFFFFFFFu / uint(LIGHT_TREE)), chance);
+        uvec2 on = point.yz ^ (0x9E3779B9u * uint(k));
+        LightSample one = light_on(light_piece_texel(piece, LIGHT_PIECE_CHOICE), vec3(fraction(on.x), fraction(on.y), 0.0));
+        one.pdf *= max(chance, 1e-30);
+        DirectLight found = light_from(one, position, normal, views);
+        found.light *= chance > 0.0 ? 1.0 / float(LIGHT_TREE) : 0.0;
+        if (is_taken(found.light.r + found.light.g + found.light.b, sum, number) || k == 0) {
+            light_sample = one;
+            direct = found;
+        }
+    }
+#ifdef PARTS
+    for (int k = 0; k < PARTS; ++k)
+    {
+        float share;
+        LightSample one = light_of(at, k, share);
+        DirectLight found = light_from(one, position, normal, views);
+        found.light *= share;
+        if (is_taken(found.light.r + found.light.g + found.light.b, sum, number)) {
+            light_sample = one;
+            direct = found;
+        }
+    }
+#endif
+    direct.light *= sum / max(direct.light.r + direct.light.g + direct.light.b, 1e-37);
+    return direct;
+}
+#else
 // Direct light, shadows not asked for; views: see mis_weight_light.
 // There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
@@ -69,6 +131,7 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     direct.light *= scale * share;
     return direct;
 }
+#endif
 
 // What an unoccluded light sample would bring. start: off the surface by `rounding`, of a triangle.
 void add_unblocked(

@@ -73,6 +73,10 @@ struct RayPath
     vec3 beta;        // throughput
     float pdf;        // of the direction, per solid angle
     float reached;    // along the ray, from where light samples see; see `passed`
+#ifdef LIGHT_TREE
+    vec3 lit_from;    // where that is,
+    vec3 lit_normal;  // on the side of the ray
+#endif
     float rays;       // that were cast
     int vertices;     // at most
     bool continues;
@@ -146,6 +150,9 @@ RayPath begin_path(ivec2 pixel)
     path.L = vec3(0.0);
     path.beta = vec3(1.0);
     path.pdf = path.reached = path.rays = 0.0;
+#ifdef LIGHT_TREE
+    path.lit_from = path.lit_normal = vec3(0.0);
+#endif
     path.continues = true;
     return path;
 }
@@ -192,6 +199,10 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 #endif
     if (!at_start(path.at)) {
         vec3 Le = emitted(s.v.surface, s.v.front, s.pdf_area);
+#ifdef LIGHT_TREE
+        if (s.pdf_area > 0.0)
+            s.pdf_area = tree_pdf_area(s.v.surface.shape, path.triangle, s.v.front, path.lit_from, path.lit_normal);
+#endif
         float share = emission_share(path.pdf, s.pdf_area, path.reached, dot(s.v.plane.xyz, path.direction));
 #ifdef CONTROL_VARIATE
         share *= path.emission;
@@ -366,6 +377,10 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
         path.passed = 0.0;
+#ifdef LIGHT_TREE
+        path.lit_from = s.v.surface.position;
+        path.lit_normal = leaving.through ? -s.v.normal : s.v.normal;
+#endif
     }
 #ifdef HAS_GLASS
     if (leaving.through) {
@@ -381,6 +396,10 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
 // By the cosine, or to where a guide sends it; chance: of the diffuse lobe. Returns the cosine.
 float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 numbers)
 {
+#ifdef LIGHT_TREE
+    path.lit_from = s.v.surface.position;
+    path.lit_normal = s.v.normal;
+#endif
 #ifdef HAS_LOBES
     path.bounces += 1;
     path.was_diffuse = true;

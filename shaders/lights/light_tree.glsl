@@ -1,0 +1,101 @@
+// light_tree.glsl: which light a position takes, by a BVH over those that have a position; `glpath.lights.tree` is the same
+// on the CPU, and says what its nodes have.
+// Needs:  <LIGHT_DRAWS>, which is light_draw.glsl's; constants.glsl
+// Frame:  world.
+
+// The cosine of the difference of two angles, 0 where the second is larger. sine: of it as well.
+float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float sine)
+{
+    bool less = cos_a >= cos_b;
+    sine = less ? 0.0 : sin_a * cos_b - cos_a * sin_b;
+    return less ? 1.0 : cos_a * cos_b + sin_a * sin_b;
+}
+
+// A bound of the irradiance that a child's lights send to a position.
+float light_importance(uvec4 ball, uvec4 cone, vec3 position, vec3 normal)
+{
+    vec3 away = position - uintBitsToFloat(ball.xyz);
+    float radius = uintBitsToFloat(ball.w);
+    vec2 octahedral = unpackSnorm2x16(cone.x), cosines = unpackSnorm2x16(cone.y);
+    vec3 axis = vec3(octahedral, 1.0 - abs(octahedral.x) - abs(octahedral.y));
+    float fold = max(-axis.z, 0.0);
+    axis.x += axis.x >= 0.0 ? -fold : fold;
+    axis.y += axis.y >= 0.0 ? -fold : fold;
+    float r2 = radius * radius, d2 = max(dot(away, away), 1e-30), over = inversesqrt(d2);
+    // The angle in which the ball is seen: all around from inside.
+    float sin2_ball = min(r2 / d2, 1.0), sin_ball = sqrt(sin2_ball);
+    float cos_ball = sin2_ball < 1.0 ? sqrt(1.0 - sin2_ball) : -1.0;
+    float cos_axis = dot(axis, away) * over * inversesqrt(dot(axis, axis));
+    float sin_axis = sqrt(max(1.0 - cos_axis * cos_axis, 0.0));
+    float sin_inner = sqrt(max(1.0 - cosines.x * cosines.x, 0.0)), sin_turned, unused;
+    float cos_turned = cosine_less(cos_axis, sin_axis, cosines.x, sin_inner, sin_turned);
+    cos_turned = cosine_less(cos_turned, sin_turned, cos_ball, sin_ball, unused);
+    float cos_surface = -dot(away, normal) * over, sin_surface = sqrt(max(1.0 - cos_surface * cos_surface, 0.0));
+    cos_surface = cosine_less(cos_surface, sin_surface, cos_ball, sin_ball, unused);
+    float bound = max(cos_turned, 0.0) * max(cos_surface, 0.0) * (uintBitsToFloat(cone.z) / max(d2, r2));
+    return cos_turned > cosines.y ? bound : 0.0;
+}
+
+vec2 light_importances(int node, vec3 position, vec3 normal, out ivec2 children)
+{
+    uvec4 left = light_node_texel(node, LIGHT_NODE_LEFT_CONE), right = light_node_texel(node, LIGHT_NODE_RIGHT_CONE);
+    children = ivec2(left.w, right.w);
+    return vec2(light_importance(light_node_texel(node, LIGHT_NODE_LEFT_BALL), left, position, normal),
+                light_importance(light_node_texel(node, LIGHT_NODE_RIGHT_BALL), right, position, normal));
+}
+
+// A number has bits for so many levels; then it is drawn anew.
+const int LEVELS_OF_A_NUMBER = 12;
+
+// The loops below ask again what holds at their start: to what a lane computes without a condition, llvmpipe (22.3) gives
+// another value after the lane has left the loop, as long as others have not.
+
+// The light that a number takes, and the chance of that: 0 where nothing shines.
+int light_of_tree(vec3 position, vec3 normal, uint number, out float chance)
+{
+    float u = fraction(number);
+    int node = 0, level = 0;
+    chance = 1.0;
+    do {
+        if (chance > 0.0) {
+            ivec2 children;
+            vec2 each = light_importances(node, position, normal, children);
+            float sum = each.x + each.y, left = each.x / max(sum, 1e-37);
+            bool right = u >= left;
+            float part = right ? each.y / max(sum, 1e-37) : left;
+            u = min((right ? u - left : u) / max(part, 1e-37), 0.99999994);
+            chance *= part;
+            node = right ? children.y : children.x;
+            level += 1;
+            if (level == LEVELS_OF_A_NUMBER) u = fraction(pcg(number));
+        }
+    } while (node >= 0 && chance > 0.0);
+    return node < 0 ? -1 - node : 0;
+}
+
+// The chance with which `light_of_tree` takes the light at the end of a trail.
+float light_chance(uint trail, vec3 position, vec3 normal)
+{
+    float chance = 1.0;
+    int node = 0;
+    do {
+        if (chance > 0.0) {
+            ivec2 children;
+            vec2 each = light_importances(node, position, normal, children);
+            bool right = (trail & 1u) != 0u;
+            chance *= (right ? each.y : each.x) / max(each.x + each.y, 1e-37);
+            node = right ? children.y : children.x;
+            trail >>= 1u;
+        }
+    } while (node >= 0 && chance > 0.0);
+    return chance;
+}
+
+// Density per area with which a position draws a light sample on a side of an emitting triangle.
+float tree_pdf_area(int shape, int triangle, bool front, vec3 position, vec3 normal)
+{
+    uvec4 of = light_shape_texel(shape, LIGHT_SHAPE_FIRST);
+    int piece = int(front ? of.y : of.z) + triangle - int(of.x);
+    uvec4 choice = light_piece_texel(piece, LIGHT_PIECE_CHOICE);
+    return light_chance(choice.x, position, normal) * uintBitsToFloat(choice.z);
+}
