@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -16,7 +16,8 @@ Int32 = NDArray[np.int32]
 class Bvh:
     """A tree of axis-aligned boxes over N items, as flat arrays of M nodes in depth-first order.
 
-    lower, upper : (M, 3) float64, corners of each node's box; node 0 is the root
+    lower, upper : (M, 3) float64, or float32 where a builder was given such: corners of each node's box; node 0 is
+                   the root
     skip         : (M,) int32, the node that follows this one's whole subtree; M after the last
     first        : (M,) int32, where the node's items begin in `order`
     count        : (M,) int32, items of a leaf; 0 for an inner node
@@ -61,7 +62,7 @@ class Bvh:
 
 
 class Tree(NamedTuple):
-    """A `Bvh` for the kernels: boxes (M, 6) float64, lower and upper corner, and its other arrays.
+    """A `Bvh` for the kernels: boxes (M, 6), lower and upper corner, and its other arrays.
 
     items : its `count`
     """
@@ -78,14 +79,16 @@ class Tree(NamedTuple):
         return cls(boxes, bvh.skip, bvh.first, bvh.count, bvh.order)
 
     @classmethod
-    def empty(cls, items: int) -> Tree:
+    def empty(cls, items: int, dtype: DTypeLike = np.float64) -> Tree:
         """Room for the nodes over so many items, of which inner ones have two children or more."""
         nodes = max(2 * items - 1, 0)
         skip, first, count = (np.empty(nodes, np.int32) for _ in range(3))
-        return cls(np.empty((nodes, 6)), skip, first, count, np.arange(items, dtype=np.int32))
+        return cls(np.empty((nodes, 6), dtype), skip, first, count, np.arange(items, dtype=np.int32))
 
     def bvh(self, size: int) -> Bvh:
-        """The first `size` nodes."""
+        """The first `size` nodes: parts of these arrays where that is all of them, else copies."""
+        if size == len(self.skip):
+            return Bvh(self.boxes[:, :3], self.boxes[:, 3:], self.skip, self.first, self.items, self.order)
         lower, upper = self.boxes[:size, :3].copy(), self.boxes[:size, 3:].copy()
         skip, first, items = (part[:size].copy() for part in (self.skip, self.first, self.items))
         return Bvh(lower, upper, skip, first, items, self.order)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from glpath.accel.nodes import Bvh
 
 Int64 = NDArray[np.int64]
+Integers = NDArray[np.int64] | NDArray[np.int32]
 
 #: Children of a node at most.
 WIDTH = 4
@@ -34,10 +35,15 @@ class WideBvh:
     children : (W, 4) int64, of each wide node the binary nodes that are its children, -1 for none; depth first, so
                that parents come before their children. The first one is the root; of a tree that is a single leaf
                it has this leaf as its child. Without items there are none
+    roots    : (W,) of each wide node the binary one that it was
+    stack    : how often a ray can leave siblings for later between the root and a leaf: at nodes with two inner
+               children or more, where it visits the children of one of them first
     """
 
     tree: Bvh
-    children: Int64
+    children: Integers
+    roots: Integers
+    stack: int
 
     def __len__(self) -> int:
         return len(self.children)
@@ -58,26 +64,11 @@ class WideBvh:
         return np.asarray(self.children >= 0)
 
     @cached_property
-    def number(self) -> Int64:
+    def number(self) -> NDArray[np.int32]:
         """(M,): the wide node that a binary one has become, -1 for what is none."""
-        number = np.full(len(self.tree), -1, np.int64)
-        # Wide nodes are in the order of their binary ones.
-        number[np.sort(np.concatenate([[0], self.children[self.is_inner]]))] = np.arange(len(self))
+        number = np.full(len(self.tree), -1, np.int32)
+        number[self.roots] = np.arange(len(self), dtype=np.int32)
         return number
-
-    @cached_property
-    def stack(self) -> int:
-        """How often a ray can leave siblings for later between the root and a leaf: at nodes with two inner
-        children or more, where it visits the children of one of them first."""
-        later = np.zeros(len(self), np.int64)
-        forks = self.is_inner.sum(axis=1) > 1
-        level = np.arange(min(1, len(self)))
-        while len(level):
-            parent, lane = np.nonzero(self.is_inner[level])
-            below = self.number[self.children[level[parent], lane]]
-            later[below] = later[level[parent]] + forks[level[parent]]
-            level = below
-        return int(later[self.is_inner.any(axis=1)].max(initial=0))
 
     def order(self, octant: int) -> Int64:
         """(W, 4): the children as a ray meets them that runs against axis k where bit k of `octant` is set."""
@@ -88,21 +79,26 @@ class WideBvh:
 def collapse(tree: Bvh) -> WideBvh:
     """The wide tree of a binary one that has an item a leaf."""
     if not len(tree):
-        return WideBvh(tree, np.zeros((0, WIDTH), np.int64))
+        return WideBvh(tree, np.zeros((0, WIDTH), np.int64), np.zeros(0, np.int64), 0)
     inner = tree.count == 0
     if not inner[0]:
-        return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]))
+        return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]), np.zeros(1, np.int64), 0)
     parts = _min_cost_parts(tree)
     # Of a node's four lanes those from one on belong to a subtree, up to as many as it may be divided into.
-    roots = [np.zeros(1, np.int64)]
+    roots, later = [np.zeros(1, np.int64)], np.zeros(1, np.int64)
     found = []
+    stack = 0
     while len(roots[-1]):
         lanes = _divided(tree, roots[-1], parts)
         found.append(lanes)
-        below = lanes[lanes >= 0]
-        roots.append(below[inner[below]])
-    order = np.argsort(np.concatenate(roots))
-    return WideBvh(tree, np.concatenate(found)[order])
+        inner_lanes = (lanes >= 0) & inner[lanes]
+        stack = max(stack, int(later[inner_lanes.any(axis=1)].max(initial=0)))
+        forks = inner_lanes.sum(axis=1) > 1
+        later = np.repeat(later + forks, inner_lanes.sum(axis=1))
+        roots.append(lanes[inner_lanes])
+    node = np.concatenate(roots)
+    order = np.argsort(node)
+    return WideBvh(tree, np.concatenate(found)[order], node[order], stack)
 
 
 def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import moderngl
@@ -172,7 +171,7 @@ class DeviceScene(Owner):
         rows.put(vertex + moving.vertices, pose.vertices.astype(np.float32))
         if "HAS_VERTEX_NORMALS" in self.defines:
             rows.put(shading + moving.vertices, pose.vertex_normals)
-        rows.put(facet + moving.triangles, facets(replace(self.scene, shapes=pose)))
+        rows.put(facet + moving.triangles, facets(pose.triangles))
         rows.write()
 
     @cached_property
@@ -225,7 +224,7 @@ class DeviceScene(Owner):
 
 
 def _radius(scene: Scene, centre: Float64) -> float:
-    half = np.linalg.norm(scene.triangles.reshape(-1, 3) - centre, axis=1).max(initial=0.0)
+    half = np.linalg.norm(scene.shapes.used_vertices - centre, axis=1).max(initial=0.0)
     if len(scene.spheres):
         extent = np.linalg.norm(scene.spheres[:, :, :3], axis=(1, 2))
         half = max(half, float((np.linalg.norm(scene.spheres[:, :, 3] - centre, axis=1) + extent).max()))

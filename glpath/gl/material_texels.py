@@ -50,7 +50,11 @@ MATERIAL_VARIANTS = {
     "HAS_MICROFACETS": MaterialVariant("a material has a roughness", _rough),
     "HAS_ANISOTROPY": MaterialVariant("a rough material is anisotropic", lambda m: _rough(m) and m.anisotropy > 0),
     "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
+    "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
+    "HAS_ROUGH_TRANSMISSION": MaterialVariant(
+        "and scatters what it transmits", lambda m: _rough(m) and m.transmission > 0 and not m.is_smooth
+    ),
 }
 
 

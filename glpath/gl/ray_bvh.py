@@ -5,7 +5,8 @@ which rays of each octant of directions meet its children. One item a leaf, a tr
 parallelogram. Nodes and items lie in slots of the same size: the children of a node are four slots side by side, a
 group, so that a ray keeps the number of a group and a bit for each child that is yet to be visited.
 
-Cost:     some 100 bytes a triangle; building it, a second for 20,000 triangles.
+Cost:     some 100 bytes a triangle; building it, half a second for 20,000 triangles, and of many, by compiled code,
+          a second for two million on two cores.
 Source:   Wald, Benthin & Boulos 2008, Getting rid of packets; Ylitie, Karras & Laine 2017, Efficient incoherent ray
           traversal on GPUs through compressed wide BVHs; Moeller & Trumbore 1997.
 """
@@ -13,6 +14,7 @@ Source:   Wald, Benthin & Boulos 2008, Getting rid of packets; Ylitie, Karras & 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import moderngl
 import numpy as np
@@ -23,7 +25,7 @@ from glpath.accel.sweep import SWEPT, sweep_bvh
 from glpath.accel.wide import WIDTH, WideBvh, collapse
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.moving import Refitting
-from glpath.gl.texel_store import UINTS, StoreRows, make_store, store_glsl
+from glpath.gl.texel_store import UINTS, Rows, StoreRows, make_store, store_glsl
 from glpath.gl.texel_store import WIDTH as STORE_WIDTH
 from glpath.gl.variants import defined
 from glpath.scene.model import Scene
@@ -46,6 +48,8 @@ _ALPHA, _THIN_DIELECTRIC = 1, 2
 _STEPS = 65535
 # Groups that a ray's word has bits for, beside those of the children and their order.
 _NEAR_GROUPS = 1 << 20
+# Triangles from which on compiled code builds it, at the first time after some seconds of compiling.
+_MANY = 200_000
 # The stack of all trees up to so high is the same, and so their programs.
 _STACKS = 4
 
@@ -76,36 +80,66 @@ class RayBvh:
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
-        # As the device has their corners, or neighbours far from the origin would not meet at an edge.
-        triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
-        paths = _paths(scene)
-        items = _items(triangles, paths)
-        wide = collapse(_tree(triangles, items))
-        grid = _Grid.of(wide.tree, scene.moving.bounds if scene.moving else None)
-        item_table = _item_table(triangles, items)
-        flags = np.append(_flags(scene.scene), np.uint32(0))
-        item_table[:, 2, 3] = flags[items[:, 0]] | flags[items[:, 1]]
-        slots = _Slots.of(wide)
-        table = slots.table(grid.steps(wide.tree.lower, wide.tree.upper), item_table)
-        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
-        self.textures = {"ray_bvh": texture}
+        build = _compiled if len(scene.scene.shapes.faces) >= _MANY else _interpreted
+        built = build(scene, _paths(scene))
+        wide, grid, table = built.wide, built.grid, built.table
         self.generated = {"RAY_BVH": ray_bvh_glsl(max(_STACKS, -(-wide.stack // _STACKS) * _STACKS))}
         self.defines = defined(HAS_FAR_NODES=len(wide) >= _NEAR_GROUPS)
+        moving = built if scene.moving is not None else None
+        del built, wide  # while the slots are written, there would be a hundred bytes a triangle in it
+        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
+        self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
             "ray_lower": tuple(map(float, grid.lower)),
             "ray_step": tuple(map(float, grid.step)),
             **bases,
         }
-        if scene.moving is not None:
-            self._moving = _MovingItems(texture, slots, items, item_table, grid, paths > 0)
+        if moving is not None:
+            self._moving = _MovingItems(texture, scene, moving)
 
     def move_to(self, triangles: NDArray[np.float64]) -> None:
         """Move the triangles (T, 3, 3) to another time; see `glpath.gl.moving`."""
         self._moving.move(triangles)
 
 
+def _interpreted(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
+    """By numpy, which small scenes are sooner done with than with numba's import."""
+    # As the device has their corners, or neighbours far from the origin would not meet at an edge.
+    triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
+    items = _items(triangles, paths)
+    wide = collapse(_tree(triangles, items))
+    grid = Grid.of(wide.tree, scene)
+    slots = Slots.of(wide)
+    table = _item_table(triangles, items, _flags(scene.scene))
+    return _Built(items, wide, grid, slots.table(grid.steps(wide.tree.lower, wide.tree.upper), table))
+
+
+def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
+    from glpath.gl.ray_bvh_kernels import CompiledSlots, compiled_items, compiled_tree
+
+    shapes = scene.scene.shapes
+    vertices, faces = shapes.vertices.astype(np.float32), np.ascontiguousarray(shapes.faces, np.int32)
+    items = compiled_items(vertices, faces, paths)
+    wide = compiled_tree(vertices, faces, items)
+    grid = Grid.of(wide.tree, scene)
+    return _Built(items, wide, grid, CompiledSlots(wide, grid, (vertices, faces, items), _flags(scene.scene)))
+
+
+class _Built(NamedTuple):
+    """What is built on the CPU.
+
+    items : (N, 3), see `_items`
+    table : the slots
+    """
+
+    items: NDArray[Any]
+    wide: WideBvh
+    grid: Grid
+    table: Rows
+
+
 @dataclass(frozen=True)
-class _Slots:
+class Slots:
     """Where the nodes and items of a tree are: the root in slot 0 of the first group, whose others are empty, then
     a group of children for each wide node.
 
@@ -117,7 +151,7 @@ class _Slots:
     of_item: NDArray[np.int64]
 
     @classmethod
-    def of(cls, wide: WideBvh) -> _Slots:
+    def of(cls, wide: WideBvh) -> Slots:
         """The slots of a tree."""
         tree = wide.tree
         slot = WIDTH * (np.arange(len(wide))[:, None] + 1) + np.arange(WIDTH)
@@ -158,15 +192,14 @@ class _MovingItems:
     def __init__(
         self,
         texture: moderngl.Texture,
-        slots: _Slots,
-        items: NDArray[np.int64],
-        item_table: NDArray[np.uint32],
-        grid: _Grid,
-        moved: NDArray[np.bool_],
+        scene: DeviceScene,
+        built: _Built,
     ) -> None:
+        items, wide = built.items, built.wide
         self._rows = StoreRows(texture, UINTS)
-        self._grid, self._items, self._table, self._slots = grid, items, item_table, slots
-        wide, tree = slots.wide, slots.wide.tree
+        self._grid, self._items, self._flags = built.grid, items, _flags(scene.scene)
+        self._slots, tree = Slots.of(wide), wide.tree
+        moved = _paths(scene) > 0
         leaf_item = np.where(tree.count > 0, tree.order[np.minimum(tree.first, len(items) - 1)], -1).astype(
             np.int64
         )
@@ -179,8 +212,7 @@ class _MovingItems:
         fit, which = self._fit, self._fit.items
         fit.refit(*_item_boxes(triangles, self._items[which]))
         boxes = self._grid.steps(fit.lower, fit.upper)
-        table = _item_table(triangles, self._items[which])
-        table[:, 2, 3] = self._table[which, 2, 3]
+        table = _item_table(triangles, self._items[which], self._flags)
         self._put(self._slots.of_node[self._nodes], self._slots.children_boxes(boxes, self._nodes))
         self._put(self._slots.of_item[which], table)
         self._rows.write()
@@ -200,7 +232,7 @@ def _paths(scene: DeviceScene) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class Grid:
     """The boxes' own space: origin and step (3,); boxes are so many steps larger than they are, for rounding."""
 
     lower: NDArray[np.float64]
@@ -208,13 +240,14 @@ class _Grid:
     pad: NDArray[np.float64]
 
     @classmethod
-    def of(cls, tree: Bvh, bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> _Grid:
-        """The grid of a tree, and of all that its items are moved through."""
+    def of(cls, tree: Bvh, scene: DeviceScene) -> Grid:
+        """The grid of a tree over the items of a scene, and of all that they are moved through."""
         if not len(tree):
             return cls(np.zeros(3), np.ones(3), np.zeros(3))
-        lower, upper = tree.lower[0], tree.upper[0]
-        if bounds is not None:
-            lower, upper = np.minimum(lower, bounds[0]), np.maximum(upper, bounds[1])
+        lower, upper = tree.lower[0].astype(np.float64), tree.upper[0].astype(np.float64)
+        if scene.moving is not None:
+            low, high = scene.moving.bounds
+            lower, upper = np.minimum(lower, low), np.maximum(upper, high)
         far = max(float(np.abs([lower, upper]).max()), 1e-30)
         extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
         # A ray's start is a float, which far from the origin is worth more than a step.
@@ -229,21 +262,24 @@ class _Grid:
         return np.asarray(low | high << np.uint32(16))
 
 
-def _flags(scene: Scene) -> NDArray[np.uint32]:
-    """(T,) uint32: of what lets light through."""
+def _flags(scene: Scene) -> NDArray[np.uint8]:
+    """(T,): of what lets light through."""
     materials = [scene.materials[shape.material] for shape in scene.shapes]
     of_shape = [_ALPHA * (m.alpha != "opaque") + _THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
-    return np.array(of_shape, np.uint32)[scene.triangle_shape]
+    return np.array(of_shape, np.uint8)[scene.triangle_shape]
 
 
-def _item_table(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """(N, 3, 4)."""
+def _item_table(
+    triangles: NDArray[np.float64], items: NDArray[Any], flags: NDArray[np.uint8]
+) -> NDArray[np.uint32]:
+    """(N, 3, 4); flags: (T,) of the triangles."""
     first, opposite, k = items.T
     # From the corner that the other triangle lacks, where there is one.
     corner, b, c = (triangles[first, (k + i) % 3] for i in range(3))
     table = np.zeros((len(items), 3, 4), np.uint32)
     table[:, :, :3] = np.stack([corner, b - corner, c - corner], axis=1).astype(np.float32).view(np.uint32)
     table[:, 0, 3], table[:, 1, 3] = first, np.where(opposite < 0, _NO_TRIANGLE, opposite)
+    table[:, 2, 3] = flags[first] | np.where(opposite < 0, 0, flags[opposite])
     return table
 
 
@@ -281,7 +317,7 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = Non
 
 
 def _item_boxes(
-    triangles: NDArray[np.float64], items: NDArray[np.int64]
+    triangles: NDArray[np.float64], items: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     lower, upper = triangles.min(axis=1), triangles.max(axis=1)
     first, second = items[:, 0], np.where(items[:, 1] < 0, items[:, 0], items[:, 1])

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from glpath.gl.geometry_stream import facet_planes
 from glpath.gl.material_texels import MATERIAL_LAYOUT, material_table
-from glpath.gl.texel_store import FLOATS, UINTS, store_glsl
+from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
-from glpath.scene.model import Environment, Float64, Int32, Light, Scene
+from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
 #: The contents of an entry's texels, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
@@ -184,7 +184,7 @@ def float_tables(
     lights: Sequence[Light],
     densities: Float64,
     has: Collection[str],
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, Rows]:
     """The sections of FLOAT_LAYOUT, each (n, its texels, 4), for `make_store`.
 
     lighting  : whose densities emitting triangles have
@@ -198,7 +198,7 @@ def float_tables(
         "shading": _texel(shapes.vertex_normals if "HAS_VERTEX_NORMALS" in has else none),
         "uv": _texel(_both_uv(scene) if "HAS_UV" in has else none),
         "colour": _texel(shapes.vertex_colours if "HAS_VERTEX_COLOURS" in has else none),
-        "facet": facets(scene),
+        "facet": _Facets(scene),
         "sphere": _spheres(scene, numbers),
         "unit": _units(scene, numbers),
         "ellipsoid": _ellipsoids(scene, numbers),
@@ -258,8 +258,20 @@ def _integers(rows: Sequence[tuple[int, ...]], columns: int) -> NDArray[np.int64
     return np.array(rows, np.int64).reshape(-1, columns)
 
 
-def facets(scene: Scene) -> Float64:
-    return facet_planes(scene.triangles, scene.normals)[:, None, :]
+def facets(triangles: Float64) -> Float64:
+    """(T, 1, 4): the planes of triangles (T, 3, 3)."""
+    return facet_planes(triangles, unit_normals(triangles))[:, None, :]
+
+
+class _Facets:
+    """Those of a scene, made as they are written: in between they take ten times the memory."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._triangles = scene.triangles
+        self.shape = (len(self._triangles), 1, 4)
+
+    def __getitem__(self, which: slice) -> Float64:
+        return facets(self._triangles[which])
 
 
 def _spheres(scene: Scene, numbers: Numbering) -> Float64:

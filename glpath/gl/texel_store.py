@@ -8,7 +8,7 @@ declared once, in Python, and handed to GLSL as text: constants, and one functio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import moderngl
 import numpy as np
@@ -19,9 +19,21 @@ from glpath.errors import SceneError
 #: Texels in a row.
 WIDTH = 4096
 _SHIFT = WIDTH.bit_length() - 1
+# Of a store's rows so many are written at once, 16 MiB; and of a table's texels so many are asked for.
+_ROWS = 256
+_TEXELS = 1 << 16
 
 #: The contents of the texels of an entry, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
 Layout = Mapping[str, Mapping[str, str]]
+
+
+class Rows(Protocol):
+    """A section's table: an array, or what makes ranges of its entries when they are asked for."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __getitem__(self, which: slice, /) -> NDArray[Any]: ...
 
 
 class Kind(NamedTuple):
@@ -58,14 +70,6 @@ def store_glsl(name: str, kind: Kind, layout: Layout) -> str:
     return "\n".join(lines) + "\n"
 
 
-def row_texture(gl: moderngl.Context, rows: NDArray[Any], kind: Kind) -> moderngl.Texture:
-    """A texture of (h, WIDTH, 4) texels that is never filtered."""
-    height, width, components = rows.shape
-    texture = gl.texture((width, height), components, data=rows.tobytes(), dtype=kind.gl)
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return texture
-
-
 class StoreRows:
     """A store's texels on the CPU as well, so that some can be changed: whole rows of them are written again."""
 
@@ -93,7 +97,7 @@ class StoreRows:
 
 
 def make_store(
-    gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, NDArray[Any]], source: str
+    gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, Rows], source: str
 ) -> tuple[moderngl.Texture, dict[str, object]]:
     """A texture of the sections' tables, each (n, texels of the section, 4), and the uniforms where they begin.
 
@@ -103,25 +107,38 @@ def make_store(
     bases: dict[str, object] = {}
     total = 0
     for section in layout:
-        table = tables[section]
-        assert table.shape[1:] == (len(layout[section]), 4), f"{section}: a table of {table.shape}"
+        shape = tables[section].shape
+        assert shape[1:] == (len(layout[section]), 4), f"{section}: a table of {shape}"
         bases[f"{section}_base"] = total
-        total += table.shape[0] * table.shape[1]
+        total += shape[0] * shape[1]
     limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH
     if total > limit:
-        largest = max(layout, key=lambda section: tables[section].size)
+        largest = max(layout, key=lambda section: tables[section].shape[0] * len(layout[section]))
         raise SceneError(
-            f"{source}: {total:,} texels of scene data, most of them for {len(tables[largest]):,} entries of "
+            f"{source}: {total:,} texels of scene data, most of them for {tables[largest].shape[0]:,} entries of "
             f'"{largest}"; this device holds at most {limit:,}',
             "Simplify the meshes, or render on a device with a larger texture limit.",
         )
     # In a single row, only what is used: most scenes are small.
     width = min(WIDTH, max(1, total))
-    store = np.zeros((max(1, -(-total // width)), width, 4), kind.dtype)
-    flat, start = store.reshape(-1, 4), 0
-    for section in layout:
-        table = tables[section]
-        stop = start + table.shape[0] * table.shape[1]
-        flat[start:stop] = table.reshape(-1, 4)
-        start = stop
-    return row_texture(gl, store, kind), bases
+    height = max(1, -(-total // width))
+    texture = gl.texture((width, height), 4, dtype=kind.gl)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    # Some rows at a time, as there may be gigabytes of them.
+    rows = np.zeros((min(height, _ROWS), width, 4), kind.dtype)
+    flat, filled, row = rows.reshape(-1, 4), 0, 0
+    for section, texels in layout.items():
+        table, step = tables[section], _TEXELS // len(texels)
+        for start in range(0, table.shape[0], step):
+            part = table[start : start + step].reshape(-1, 4)
+            while len(part):
+                taken = min(len(part), len(flat) - filled)
+                flat[filled : filled + taken] = part[:taken]
+                part, filled = part[taken:], filled + taken
+                if filled == len(flat):
+                    texture.write(rows, viewport=(0, row, width, len(rows)))
+                    row, filled = row + len(rows), 0
+    if row < height:
+        flat[filled:] = 0
+        texture.write(rows[: height - row], viewport=(0, row, width, height - row))
+    return texture, bases

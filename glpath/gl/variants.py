@@ -33,6 +33,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_PLANES": Variant("the scene has endless planes", _SCENE),
     **{name: Variant(each.meaning, "gl.material_texels") for name, each in MATERIAL_VARIANTS.items()},
     "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _RAYS),
+    "HAS_VARYING_THIN_DIELECTRICS": Variant("and it has textures, colours or normals to shade with", _RAYS),
     "HAS_LOBES": Variant("a material has lobes: HAS_MICROFACETS or HAS_MIRRORS", "shaders"),
     "HAS_ALPHA": Variant("a material that is used is masked or blended", _SCENE),
     "HAS_NORMALS": Variant("there are normals to shade with", _SCENE),

@@ -22,7 +22,7 @@ from glpath.lights.samples import LIGHT_KINDS, LightSample, LightSamples, incide
 from glpath.sampling.points import uniform_sphere
 from glpath.scene.appearance import Appearance
 from glpath.scene.geometry import sphere_areas
-from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky
+from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky, unit_normals
 
 # Share of the choice among a shape's triangles, where a texture colours its light, that is by area alone.
 _UNSEEN = 0.2
@@ -190,10 +190,6 @@ class Lighting:
         return total
 
     @cached_property
-    def _normals(self) -> Float64:
-        return self.scene.normals
-
-    @cached_property
     def _appearance(self) -> Appearance:
         return Appearance(self.scene)
 
@@ -222,9 +218,10 @@ class Lighting:
         else:
             # Area-preserving: parallel lines to the edge opposite corner 0.
             root, v = np.sqrt(s)[:, None], u[:, 1:]
-            a, b, c = self.scene.triangles[side.first + k].swapaxes(0, 1)
+            triangles = self.scene.triangles[side.first + k]
+            a, b, c = triangles.swapaxes(0, 1)
             position = (1 - root) * a + root * ((1 - v) * b + v * c)
-            normal = self._normals[side.first + k]
+            normal = unit_normals(triangles)
             density = self.triangle_density[side.first + k]
             if self._varies[side.shape]:
                 b = np.concatenate([root * (1 - v), root * v], axis=1)

@@ -26,7 +26,7 @@ from glpath.scene.model import Float64, Scene
 # first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
-_CHUNK = 1024  # of points at once, 12 MB
+_CHUNK = 4096  # of points at once, 16 MB
 
 
 class LookupTable(NamedTuple):
@@ -66,10 +66,17 @@ def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
     samples = lighting.samples(u)
     on_shapes = samples.kind == LIGHT_KINDS.index("area")
     points, scale = samples.position[on_shapes], np.pi * samples.density[on_shapes]
+    if not len(points):
+        return closeness
+    # |r - p|^2 as a product of matrices, which is quicker; from the middle of the lamps, for its last digits.
+    middle = points.mean(axis=0)
+    p, r = points - middle, receivers - middle
+    of_points = np.concatenate([-2.0 * p, np.einsum("pi,pi->p", p, p)[:, None], np.ones((len(p), 1))], axis=1)
+    of_points *= scale[:, None]
+    of_receivers = np.concatenate([r, np.ones((len(r), 1)), np.einsum("ni,ni->n", r, r)[:, None]], axis=1)
     for start in range(0, len(receivers), _CHUNK):
-        apart = receivers[start : start + _CHUNK, None] - points
-        square = np.einsum("npi,npi->np", apart, apart) * scale
-        closeness[start : start + _CHUNK] = 1.0 / np.maximum(square.min(axis=1, initial=np.inf), 1e-9)
+        square = (of_receivers[start : start + _CHUNK] @ of_points.T).min(axis=1)
+        closeness[start : start + _CHUNK] = 1.0 / np.maximum(square, 1e-9)
     return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import binary_erosion
 
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.shafts.rays import nearest, rays_of
@@ -115,6 +114,8 @@ class EyeHits:
 
 def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
     """The pixels whose neighbours are among them: a render's rays go nearer to a pixel's edge than those here."""
+    from scipy.ndimage import binary_erosion  # slow to import
+
     return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))
 
 

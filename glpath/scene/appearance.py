@@ -4,7 +4,7 @@
 and the elements of radiosity.
 
 Cost:     a look-up of N points is a dozen numpy calls; a mean over a triangle takes 16 to 4096 points, by how many
-          texels the triangle covers.
+          texels the triangle covers, and fewer where there are many such triangles: 0.2 us a point.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ Int64 = NDArray[np.int64]
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 # Points of a mean lie in parts of a triangle whose edges are in so many: as fine as texels, within bounds.
 _PARTS = (4, 8, 16, 32, 64)
+# So many points at most, unless all have the fewest. In `parlour` 256 of a triangle instead of 4096 change its mean
+# by 0.6 %, and that of the room by 0.05 %, which is far below what a solution's particles leave.
+_ALL_POINTS = 1 << 21
 _TOGETHER = 1 << 16  # points looked up at once, whose arrays are no larger than a cache
 
 
@@ -282,7 +285,12 @@ class Appearance:
                 size = np.prod(texture.scale) * texture.image.shape[0] * texture.image.shape[1]
                 texels[own] = np.maximum(texels[own], 0.5 * np.abs(x0 * y1 - x1 * y0) * size)
         steps = np.array(_PARTS)
-        return steps[np.minimum(np.searchsorted(steps**2, texels), len(steps) - 1)]
+        found = np.minimum(np.searchsorted(steps**2, texels), len(steps) - 1)
+        for largest in range(len(steps) - 1, 0, -1):
+            below = np.minimum(found, largest)
+            if (steps[below] ** 2).sum() <= _ALL_POINTS:
+                return steps[below]
+        return np.full(len(found), steps[0])
 
 
 def has_colours(shape: Shape) -> bool:

@@ -163,10 +163,14 @@ class Material:
         return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
 
     @property
+    def is_smooth(self) -> bool:
+        """Its microfacets, where it has some, are a mirror, or glass that one can see through."""
+        return self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
+
+    @property
     def is_thin_dielectric(self) -> bool:
         """Glass that light goes straight through."""
-        smooth = self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
-        return smooth and self.transmission > 0 and self.thin
+        return self.is_smooth and self.transmission > 0 and self.thin
 
     @property
     def dielectric(self) -> tuple[Float64, float]:

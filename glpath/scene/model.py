@@ -50,6 +50,7 @@ __all__ = [
 #: Of `Scene.add`: the scene, the shape, its material and more fields of its table, to a scene.
 ShapeBuilder = Callable[["Scene", object, "str | Mapping[str, object] | None", Mapping[str, object]], "Scene"]
 LightKind = Literal["point", "spot", "directional"]
+_CHUNK = 1 << 14
 _WORDS = {"stream": "streamed triangle"}
 
 
@@ -172,7 +173,11 @@ class Scene:
     @property
     def areas(self) -> Float64:
         """(T,) float64 triangle areas, scene units squared."""
-        return np.asarray(np.linalg.norm(_area_vectors(self.triangles), axis=1))
+        areas = np.empty(len(self.triangles))
+        # Some at a time: intermediate results take as much memory as the triangles.
+        for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
+            areas[part] = np.linalg.norm(_area_vectors(self.triangles[part]), axis=1)
+        return areas
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:

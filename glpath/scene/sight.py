@@ -1,9 +1,12 @@
 """Geometry for `check`: what lies in a camera's view, hidden or not, and what encloses a point.
 
-All exact up to rounding, in numpy over all primitives: a few passes over the triangles.
+All exact up to rounding, in numpy over all primitives: a few passes over the triangles, so many of them at a time
+that what is made of them stays in the processor's cache.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +14,7 @@ from numpy.typing import NDArray
 from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape, Stream, sphere_extent
 from glpath.scene.tessellate import box
 
+_CHUNK = 1 << 14
 # Of the size of the scene: nearer than this, the camera stands in the surface.
 _TOUCHING = 1e-6
 
@@ -111,6 +115,15 @@ def sees_triangles(camera: Camera, triangles: Float64) -> bool:
     """triangles: (T, 3, 3). One reaches into the pyramid when an edge of it does, or an edge of the pyramid goes
     through its inside.
     """
+    return any(_sees_some(camera, part) for part in _chunks(triangles))
+
+
+def _chunks(triangles: Float64) -> Iterator[Float64]:
+    for first in range(0, len(triangles), _CHUNK):
+        yield triangles[first : first + _CHUNK]
+
+
+def _sees_some(camera: Camera, triangles: Float64) -> bool:
     right, up, forward = camera.frame()
     tan_right, tan_up = camera.extent
     points = triangles - camera.position
@@ -164,8 +177,10 @@ def touched_shape(scene: Scene) -> Shape | None:
     away, gradient = _from_surface(scene.spheres[about], eye)
     if (hits := about[np.abs(away) <= margin * gradient]).size:
         return owner("sphere", hits[0])
-    if (hits := _touched_triangles(scene.triangles - eye, margin)).size:
-        return owner("triangle", hits[0])
+    for index in _shapes_about(scene, eye, 2 * margin):
+        of_shape = scene.triangles[scene.shapes.ranges[index]]
+        if any(_touched_triangles(part - eye, margin).size for part in _chunks(of_shape)):
+            return scene.shapes[int(index)]
     return None
 
 
@@ -196,19 +211,16 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
     sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
     around[scene.shapes.primitive_shape("sphere")[within]] = sign
     for index in _shapes_about(scene, point):
-        turns = _solid_angle(scene.triangles[scene.shapes.ranges[index]] - point) / (4 * np.pi)
+        of_shape = scene.triangles[scene.shapes.ranges[index]]
+        turns = sum(_solid_angle(part - point) for part in _chunks(of_shape)) / (4 * np.pi)
         around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
     return around
 
 
-def _shapes_about(scene: Scene, point: Float64) -> list[int]:
-    indices = [i for i, shape in enumerate(scene.shapes) if shape.primitive == "triangle" and shape.count]
-    if not indices:
-        return []
-    first = [scene.shapes.ranges[i].start for i in indices]
-    lower = np.minimum.reduceat(scene.triangles.min(axis=1), first)
-    upper = np.maximum.reduceat(scene.triangles.max(axis=1), first)
-    return [indices[i] for i in np.flatnonzero(((lower <= point) & (upper >= point)).all(axis=1))]
+def _shapes_about(scene: Scene, point: Float64, margin: float = 0.0) -> NDArray[np.intp]:
+    """The shapes of triangles whose boxes, so much wider, hold a point."""
+    lower, upper = scene.shapes.boxes
+    return np.flatnonzero(((lower - margin <= point) & (upper + margin >= point)).all(axis=1))
 
 
 def _solid_angle(corners: Float64) -> float:
@@ -222,7 +234,9 @@ def _solid_angle(corners: Float64) -> float:
 
 def _touched_triangles(corners: Float64, margin: float) -> NDArray[np.intp]:
     """Which triangles (T, 3, 3) the origin lies on."""
-    about = np.flatnonzero(((corners.min(axis=1) <= margin) & (corners.max(axis=1) >= -margin)).all(axis=1))
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    about = np.flatnonzero(((lower <= margin) & (upper >= -margin)).all(axis=1))
     corners = corners[about]
     edges = np.roll(corners, -1, axis=1) - corners
     normals = np.cross(edges[:, 0], edges[:, 1])

@@ -1,6 +1,7 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
-// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_SHEEN, HAS_GLASS: where materials have them
+// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_SHEEN, HAS_GLASS, HAS_ROUGH_TRANSMISSION: where
+//         materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
@@ -97,7 +98,11 @@ float base_transmittance(Bsdf b, float cosine)
 
 float coat_reflects(Bsdf b, float cosine)
 {
+#ifdef HAS_COAT
     return b.coat * (COAT_REFLECTS + (1.0 - COAT_REFLECTS) * schlick(cosine));
+#else
+    return 0.0;
+#endif
 }
 
 #ifdef HAS_SHEEN
@@ -195,7 +200,9 @@ vec3 mirrored(Bsdf b, float cosine)
     vec3 share = b.mirror;
 #ifdef HAS_MICROFACETS
     if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * under_layers(b, cosine);
+#ifdef HAS_COAT
     if (b.coat_alpha < SMOOTH) share += coat_reflects(b, cosine);
+#endif
 #endif
     return share;
 }
@@ -266,6 +273,7 @@ bool is_unbent(Bsdf b)
     return abs(b.eta - 1.0) < 1e-3;
 }
 
+#ifdef HAS_ROUGH_TRANSMISSION
 bool is_rough_transmission(Bsdf b)
 {
     float largest = max(b.transmission.r, max(b.transmission.g, b.transmission.b));
@@ -288,15 +296,20 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif
+#endif
 
 Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
+#ifdef HAS_COAT
     if (b.coat <= 0.0 || b.coat_alpha < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     vec3 m = normalize(wo + wi);
     vec2 alpha = vec2(b.coat_alpha);
     float D = ggx(m, alpha), seen = ggx_seen(wo, alpha);
     float f = PI * D * seen * ggx_seen(wi, alpha) / (4.0 * wo.z * wi.z);
     return Lobe(vec3(coat_reflects(b, dot(wo, m)) * f), seen * D / (4.0 * wo.z));
+#else
+    return Lobe(vec3(0.0), 0.0);
+#endif
 }
 #endif
 

@@ -1,6 +1,6 @@
 // lobes.glsl: in which lobe of its surface a path continues, and where in it. Each lobe has its own share of the light,
 // and its own density beside the light samples'.
-// Needs:  path_vertex.glsl, light_sample.glsl
+// Needs:  path_vertex.glsl, light_sample.glsl; HAS_THIN_DIELECTRICS, HAS_VARYING_THIN_DIELECTRICS
 // Frame:  world.
 
 // Density of a direction that no light sample finds.
@@ -58,14 +58,17 @@ void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, ou
 #ifdef HAS_MICROFACETS
     mat3 axes = mirroring_axes(v);
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
-    Lobe base = microfacet_lobe(v.bsdf, wo, wi), coat = coat_lobe(v.bsdf, wo, wi);
-    vec3 f = base.f * mis_weight(direct.pdf, q.microfacets * base.pdf)
-           + coat.f * mis_weight(direct.pdf, q.coat * coat.pdf);
+    Lobe base = microfacet_lobe(v.bsdf, wo, wi);
+    vec3 f = base.f * mis_weight(direct.pdf, q.microfacets * base.pdf);
+#ifdef HAS_COAT
+    Lobe coat = coat_lobe(v.bsdf, wo, wi);
+    f += coat.f * mis_weight(direct.pdf, q.coat * coat.pdf);
+#endif
     others = f * direct.light * (max(wi.z, 0.0) / max(cosine, 1e-6));
 #endif
 }
 
-#ifdef HAS_GLASS
+#ifdef HAS_ROUGH_TRANSMISSION
 // Of a light sample on the other side.
 vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 {
@@ -95,7 +98,11 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
     BsdfSample d = BsdfSample(mirrored, b.mirror / max(q.mirror, 1e-9), DELTA_LOBE, false, false);
 #ifdef HAS_MICROFACETS
     if (chosen >= q.mirror) {
+#ifdef HAS_COAT
         bool coat = chosen < q.mirror + q.coat;
+#else
+        const bool coat = false;
+#endif
         vec2 alpha = coat ? vec2(b.coat_alpha) : b.alpha;
         bool smooth_one = max(alpha.x, alpha.y) < SMOOTH;
         mat3 axes = mirroring_axes(v);
@@ -111,7 +118,9 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
             d.straight = b.eta == THIN_DIELECTRIC;
+#ifdef HAS_ROUGH_TRANSMISSION
             if (!smooth_one && !unbent) d.pdf = chance * through_lobe(b, wo, wi).pdf;
+#endif
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
@@ -131,13 +140,22 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 
 #ifdef HAS_THIN_DIELECTRICS
 // ray: along it, of any length.
-vec3 thin_transmittance(int triangle, vec3 position, vec3 ray)
+vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 {
     vec4 plane = facet_texel(triangle, FACET_PLANE);
+    vec3 position = origin + (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, ray) * ray;
+#ifdef HAS_VARYING_THIN_DIELECTRICS
     Surface s = surface_of_triangle(triangle, position, plane);
+#else
+    Surface s = surface_of_shape(int(face_texel(triangle, FACE_CORNERS).w), position, plane.xyz);
+#endif
     vec3 wo = -normalize(ray);
     bool front = front_hit(plane.xyz, ray);
+#ifdef HAS_VARYING_THIN_DIELECTRICS
     Bsdf b = bsdf_at(s, front);
+#else
+    Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
+#endif
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
     return b.transmission * (base_transmittance(b, cosine) * under_layers(b, cosine));

@@ -37,7 +37,7 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     {
         vec4 plane = facet_texel(triangle, FACET_PLANE);
         float along = max(0.0, (plane.w - dot(plane.xyz, start)) / dot(plane.xyz, direction));
-        vec3 passes = thin_transmittance(triangle, start + along * direction, direction);
+        vec3 passes = thin_transmittance(triangle, start, direction);
         if (max(passes.r, max(passes.g, passes.b)) <= 0.0) break;
         through *= passes;
         start += along * direction;

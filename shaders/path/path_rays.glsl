@@ -292,7 +292,7 @@ void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
     light_lobes(s.v, s.lobes, direct, diffuse, others);
     vec3 lit = reflected * diffuse + path.beta * others;
     bool ends = !path.continues && !beyond;
-#ifdef HAS_GLASS
+#ifdef HAS_ROUGH_TRANSMISSION
     if (is_rough_transmission(s.v.bsdf) && !beyond) {
         LightSample other;
         DirectLight behind = direct_light(path.at, s.v.surface.position, -s.v.normal, 0, other);

@@ -142,11 +142,13 @@ int next_item(inout Walk walk, Ray ray, float tmax)
     return item;
 }
 
-// The distance to an item's triangle, NO_HIT where it is missed or excluded.
-float meet_item(Ray ray, int item, int exclude, out int triangle)
+// The distance to an item's triangle, NO_HIT where it is missed or excluded. flags: ITEM_ALPHA, ITEM_THIN_DIELECTRIC.
+float meet_item(Ray ray, int item, int exclude, out int triangle, out uint flags)
 {
     uvec4 of_corner = ray_slot_texel(item, RAY_SLOT_X), of_ab = ray_slot_texel(item, RAY_SLOT_Y);
-    vec3 ab = uintBitsToFloat(of_ab.xyz), ac = uintBitsToFloat(ray_slot_texel(item, RAY_SLOT_Z).xyz);
+    uvec4 of_ac = ray_slot_texel(item, RAY_SLOT_Z);
+    vec3 ab = uintBitsToFloat(of_ab.xyz), ac = uintBitsToFloat(of_ac.xyz);
+    flags = of_ac.w;
     int one = int(of_corner.w), other = of_ab.w == NO_TRIANGLE ? -1 : int(of_ab.w);
     vec3 s = ray.origin - uintBitsToFloat(of_corner.xyz), p = cross(ray.direction, ac), q = cross(s, ab);
     float scale = 1.0 / dot(ab, p);
@@ -158,18 +160,8 @@ float meet_item(Ray ray, int item, int exclude, out int triangle)
     return hit ? uvt.z : NO_HIT;
 }
 
-#ifdef HAS_ALPHA
-bool item_lets_through(int item, int triangle, vec3 position)
-{
-    return (ray_slot_texel(item, RAY_SLOT_Z).w & ITEM_ALPHA) != 0u && lets_through(triangle, position);
-}
-#endif
-
-#ifdef HAS_THIN_DIELECTRICS
-// Share of the light that a thin dielectric lets through, and what all thin dielectrics between a ray's start and a light let.
-vec3 thin_transmittance(int triangle, vec3 position, vec3 direction);
-vec3 passed_thin_dielectrics;
-#endif
+// Opacity and glass are looked at outside of the loop over items: llvmpipe does all that stands in a loop in each of its steps,
+// whether lanes want it or not.
 
 // exclude: the triangle that the ray starts on, -1 for none. Where there is HAS_ALPHA, opacity_key is set before.
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
@@ -178,43 +170,114 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
     Walk walk = walk_from_root();
     float t = NO_HIT;
     int nearest = -1;
+#ifdef HAS_ALPHA
+    do
+    {
+        float at;
+        int triangle;
+        bool asks;
+        do
+        {
+            int item = next_item(walk, ray, t);
+            uint flags = 0u;
+            at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle, flags);
+            asks = at < t && (flags & ITEM_ALPHA) != 0u;
+            if (at < t && !asks) {
+                t = at;
+                nearest = triangle;
+            }
+        } while (!asks && walk_continues(walk));
+        if (asks && !lets_through(triangle, origin + at * direction)) {
+            t = at;
+            nearest = triangle;
+        }
+    } while (walk_continues(walk));
+#else
     do
     {
         int item = next_item(walk, ray, t), triangle;
-        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle);
-#ifdef HAS_ALPHA
-        if (at < t && item_lets_through(item, triangle, origin + at * direction)) at = NO_HIT;
-#endif
+        uint flags;
+        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle, flags);
         if (at < t) {
             t = at;
             nearest = triangle;
         }
     } while (walk_continues(walk));
+#endif
     return nearest;
 }
+
+#ifdef HAS_THIN_DIELECTRICS
+// Share of the light that a thin dielectric lets through, and what all thin dielectrics between a ray's start and a light let.
+vec3 thin_transmittance(int triangle, vec3 origin, vec3 direction);
+vec3 passed_thin_dielectrics;
+
+// thin_ones: those that a ray went through, -1 beyond the last.
+void pass_thin_dielectrics(ivec4 thin_ones, vec3 origin, vec3 direction)
+{
+    do
+    {
+        if (thin_ones.x >= 0) passed_thin_dielectrics *= thin_transmittance(thin_ones.x, origin, direction);
+        thin_ones = ivec4(thin_ones.yzw, -1);
+    } while (thin_ones.x >= 0);
+}
+#endif
 
 bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
 {
     Ray ray = ray_along(origin, direction);
     bool blocked = false;
+    Walk walk = walk_from_root();
+#if defined(HAS_ALPHA) || defined(HAS_THIN_DIELECTRICS)
 #ifdef HAS_THIN_DIELECTRICS
     passed_thin_dielectrics = vec3(1.0);
 #endif
-    Walk walk = walk_from_root();
     do
     {
-        int item = next_item(walk, ray, tmax), triangle;
-        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle);
-        blocked = at < tmax;
+        float at;
+        int triangle;
+        uint flags = 0u;
+        bool is_thin = false, asks = false;
+        ivec4 thin_ones = ivec4(-1);
+        do
+        {
+            int item = next_item(walk, ray, tmax);
+            at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle, flags);
+            blocked = at < tmax;
 #ifdef HAS_ALPHA
-        blocked = blocked && !item_lets_through(item, triangle, origin + at * direction);
+            asks = blocked && (flags & ITEM_ALPHA) != 0u;
 #endif
 #ifdef HAS_THIN_DIELECTRICS
-        if (blocked && (ray_slot_texel(item, RAY_SLOT_Z).w & ITEM_THIN_DIELECTRIC) != 0u) {
-            passed_thin_dielectrics *= thin_transmittance(triangle, origin + at * direction, direction);
+            is_thin = blocked && !asks && (flags & ITEM_THIN_DIELECTRIC) != 0u;
+            thin_ones = is_thin ? ivec4(triangle, thin_ones.xyz) : thin_ones;
+            blocked = blocked && !is_thin;
+#endif
+        } while (!blocked && thin_ones.w < 0 && walk_continues(walk));
+#ifdef HAS_ALPHA
+        if (asks) {
+            blocked = !lets_through(triangle, origin + at * direction);
+#ifdef HAS_THIN_DIELECTRICS
+            is_thin = blocked && (flags & ITEM_THIN_DIELECTRIC) != 0u;
+            thin_ones = is_thin ? ivec4(triangle, thin_ones.xyz) : thin_ones;
+            blocked = blocked && !is_thin;
+#endif
+        }
+#endif
+#ifdef HAS_THIN_DIELECTRICS
+        if (!blocked) {
+            pass_thin_dielectrics(thin_ones, origin, direction);
             blocked = max(passed_thin_dielectrics.r, max(passed_thin_dielectrics.g, passed_thin_dielectrics.b)) <= 0.0;
         }
 #endif
     } while (!blocked && walk_continues(walk));
+#else
+    do
+    {
+        int item = next_item(walk, ray, tmax), triangle;
+        uint flags;
+        float at = item < 0 ? NO_HIT : meet_item(ray, item, exclude, triangle, flags);
+        blocked = at < tmax;
+    } while (!blocked && walk_continues(walk));
+#endif
     return blocked;
 }

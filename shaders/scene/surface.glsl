@@ -259,15 +259,12 @@ float transmission_factor(Surface s)
 #endif
 }
 
-// What a surface does with light on the side that is seen.
-Bsdf bsdf_at(Surface s, bool front)
+// What a surface does with light on the side that is seen; the factors are those of textures.
+Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float transmission_factor)
 {
     vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE);
     float reflects = front || diffuse.w != 0.0 ? 1.0 : 0.0;
-    vec3 base = diffuse.rgb;
-#if defined(HAS_TEXTURES) || defined(HAS_VERTEX_COLOURS)
-    base *= base_colour(s).rgb;
-#endif
+    vec3 base = diffuse.rgb * colour;
     Bsdf b = lambertian(base * reflects);
 #ifdef HAS_HIGHLIGHTS
     vec4 phong = material_texel(s.material, MATERIAL_SPECULAR);
@@ -280,12 +277,12 @@ Bsdf bsdf_at(Surface s, bool front)
 #ifdef HAS_MICROFACETS
     vec4 surface = material_texel(s.material, MATERIAL_SURFACE);
     if (surface.x >= 0.0) {
-        vec4 layer = material_texel(s.material, MATERIAL_LAYER), coat = material_texel(s.material, MATERIAL_COAT);
-        surface.xy *= roughness_metallic(s);
+        vec4 layer = material_texel(s.material, MATERIAL_LAYER);
+        surface.xy *= roughness_metallic;
         float metal = surface.y, transmission = 0.0;
 #ifdef HAS_GLASS
         vec4 glass = material_texel(s.material, MATERIAL_GLASS);
-        transmission = (1.0 - metal) * glass.x * transmission_factor(s);
+        transmission = (1.0 - metal) * glass.x * transmission_factor;
         // The back of glass is its inside.
         if (transmission > 0.0) reflects = 1.0;
         b.transmission = base * transmission;
@@ -301,8 +298,11 @@ Bsdf bsdf_at(Surface s, bool front)
 #ifdef HAS_ANISOTROPY
         b.tangent = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
 #endif
+#ifdef HAS_COAT
+        vec4 coat = material_texel(s.material, MATERIAL_COAT);
         b.coat = coat.x * reflects;
         b.coat_alpha = coat.y * coat.y;
+#endif
 #ifdef HAS_SHEEN
         vec4 sheen = material_texel(s.material, MATERIAL_SHEEN);
         b.sheen = sheen.rgb * reflects;
@@ -314,6 +314,11 @@ Bsdf bsdf_at(Surface s, bool front)
     }
 #endif
     return b;
+}
+
+Bsdf bsdf_at(Surface s, bool front)
+{
+    return bsdf_of(s, front, base_colour(s).rgb, roughness_metallic(s), transmission_factor(s));
 }
 
 // Radiance that a surface emits to the side that is seen; `pdf_area` per area of a light sample there, 0 without light.

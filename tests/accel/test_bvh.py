@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from glpath.accel.bvh import BINS, build_bvh
+from glpath.accel import bvh
+from glpath.accel.bvh import BINS, build_bvh, build_in_threads
 from glpath.accel.nodes import Bvh
 from glpath.errors import UsageError
 from tests.support.box_trees import boxes, check, coordinates, random_boxes
@@ -72,6 +73,27 @@ def test_it_is_the_same_every_time() -> None:
     a, b = build_bvh(*corners), build_bvh(*corners)
     for name in ("lower", "upper", "skip", "first", "count", "order"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, 8])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_threads_build_the_same_tree(monkeypatch: pytest.MonkeyPatch, threads: int, dtype: type) -> None:
+    monkeypatch.setattr(bvh, "_ALONE", 50)  # or a single thread would build so few
+    rng = np.random.default_rng(4)
+    # On a grid many centroids coincide, and boxes without extent are among them.
+    lower = np.concatenate([rng.random((3000, 3)), rng.integers(0, 3, (500, 3))])
+    boxes = np.concatenate([lower, lower + rng.integers(0, 2, lower.shape)], axis=1).astype(dtype)
+    found, wanted = build_in_threads(boxes.copy(), threads), build_bvh(boxes[:, :3], boxes[:, 3:], 1)
+    check(found, boxes[:, :3], boxes[:, 3:], 1)
+    assert found.lower.dtype == dtype
+    for name in ("lower", "upper", "skip", "first", "count", "order"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_threads_build_trees_of_no_and_of_few_items(count: int) -> None:
+    lower, upper = random_boxes(count)
+    check(build_in_threads(np.concatenate([lower, upper], axis=1), 2), lower, upper, 1)
 
 
 def test_it_visits_far_fewer_nodes_than_halving_in_the_given_order() -> None:

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from glpath.accel.bvh import build_bvh
 from glpath.accel.nodes import Bvh
 from glpath.accel.sweep import sweep_bvh
 from glpath.accel.wide import WIDTH, WideBvh, collapse, depth_first
+from glpath.accel.wide_kernels import collapse_compiled, octant_orders
 from tests.support.box_trees import boxes, random_boxes
 
 
@@ -35,6 +37,35 @@ def test_the_children_of_a_node_hold_its_items_and_no_others(corners: tuple[np.n
     for node, children in zip(roots(wide), wide.children, strict=True):
         held = np.concatenate([tree.items(child) for child in children[children >= 0]])
         assert sorted(held.tolist()) == sorted(tree.items(node).tolist())
+
+
+@given(boxes().filter(lambda corners: len(corners[0]) > 1))
+def test_compiled_code_finds_the_same_nodes(corners: tuple[np.ndarray, np.ndarray]) -> None:
+    same(sweep_bvh(*corners))
+
+
+@pytest.mark.parametrize("size", [0.0, 0.02, 0.5])
+def test_compiled_code_finds_the_same_nodes_of_a_large_tree(size: float) -> None:
+    same(build_bvh(*random_boxes(5000, size), leaf_size=1))
+
+
+def same(tree: Bvh) -> None:
+    plain, compiled = collapse(tree), collapse_compiled(tree)
+    np.testing.assert_array_equal(compiled.children, plain.children)
+    np.testing.assert_array_equal(compiled.roots, plain.roots)
+    assert compiled.stack == plain.stack
+    orders = octant_orders(compiled)
+    for octant in range(8):
+        word = (plain.order(octant) << (2 * np.arange(WIDTH))).sum(axis=1)
+        np.testing.assert_array_equal(orders[:, octant], word)
+
+
+def test_fewer_nodes_where_each_costs_cost_rays_little() -> None:
+    tree = build_bvh(*random_boxes(5000, 0.02), leaf_size=1)
+    area, items = areas(tree), np.median(areas(tree)[tree.count > 0])
+    plain, fuller = collapse_compiled(tree), collapse_compiled(tree, 4.0 * float(items))
+    assert len(fuller) < 0.97 * len(plain)
+    assert area[plain.roots].sum() < area[fuller.roots].sum() < 1.01 * area[plain.roots].sum()
 
 
 @pytest.mark.parametrize("seed", range(6))

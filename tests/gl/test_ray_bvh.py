@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from glpath.accel.bvh import build_bvh
 from glpath.accel.nodes import Bvh
 from glpath.accel.sweep import sweep_bvh
-from glpath.gl import program, ray_bvh
+from glpath.gl import program, ray_bvh, ray_bvh_kernels
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass
@@ -23,6 +26,7 @@ from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
 from tests.reference.numpy_path_tracer import nearest_hits
 from tests.support.box_trees import boxes, check, random_boxes
+from tests.support.repository import ROOT
 
 Float64 = NDArray[np.float64]
 SKY = {"zenith": 1.0, "horizon": 1.0}
@@ -95,11 +99,14 @@ def cast(
     return found[:, 0].astype(np.int64), found[:, 1] > 0.5
 
 
+@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("far_nodes", [False, True])
 @pytest.mark.parametrize("make", [lambda: soup(400), lambda: path_traceable(load_scene("cornell-box-36"))])
 def test_rays_find_what_every_triangle_asked_finds(
-    make: Any, far_nodes: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    make: Any, far_nodes: bool, compiled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    if compiled:
+        monkeypatch.setattr(ray_bvh, "_MANY", 0)
     if far_nodes:
         monkeypatch.setattr(ray_bvh, "_NEAR_GROUPS", 0)
     scene = path_traceable(make())
@@ -136,6 +143,85 @@ def test_no_ray_leaves_a_closed_room(away: float, monkeypatch: pytest.MonkeyPatc
     assert (triangle >= 0).all()
 
 
+@pytest.mark.parametrize("name", ["room", "parlour"])
+def test_compiled_code_makes_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of scenes with pairs of triangles, with alpha and with thin dielectrics, from a tree of the same builder."""
+    monkeypatch.setattr(ray_bvh, "SWEPT", 0)
+    monkeypatch.setattr(ray_bvh_kernels, "_FILLING", 0)
+    scene = DeviceScene(get_context().gl, path_traceable(load_scene(name)))
+    paths = np.zeros(scene.triangle_count, np.int64)
+    paths[::9] = 1  # those move apart from their neighbours
+    plain, compiled = ray_bvh._interpreted(scene, paths), ray_bvh._compiled(scene, paths)
+    np.testing.assert_array_equal(compiled.items, plain.items)
+    np.testing.assert_array_equal(compiled.wide.tree.lower, plain.wide.tree.lower)
+    assert compiled.table.shape == plain.table.shape
+    half = len(plain.table[:]) // 8 * 4
+    for part in (slice(0, half), slice(half, None)):
+        np.testing.assert_array_equal(compiled.table[part], plain.table[part])
+
+
+def test_what_moves_is_moved_in_the_compiled_tree_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ray_bvh, "SWEPT", 0)
+    monkeypatch.setattr(ray_bvh_kernels, "_FILLING", 0)
+    motion = [{"time": 0.0}, {"time": 1.0, "transform": [{"translate": [2, 0, 1]}]}]
+    boxes = [{"type": "box", "min": [x, 0, 0], "max": [x + 1, 1, 1]} for x in (0, 3, 6)]
+    boxes[1]["motion"] = motion
+    camera = {"position": [0, 0, 9], "target": [0, 0, 0], "shutter": [0, 1]}
+    scene = path_traceable(scene_from_dict({"camera": camera, "shapes": boxes, "sky": SKY}))
+    contents = []
+    for many in (0, 1000):
+        monkeypatch.setattr(ray_bvh, "_MANY", many)
+        device = DeviceScene(get_context().gl, scene)
+        bvh = RayBvh(get_context().gl, device)
+        before = bvh.textures["ray_bvh"].read()
+        device.move_to(0.9)
+        assert device.moving is not None
+        bvh.move_to(device.moving.corners())
+        contents.append((before, bvh.textures["ray_bvh"].read()))
+    assert contents[0] == contents[1]
+    assert contents[0][0] != contents[0][1]
+
+
+BYTES = """
+import numpy as np
+from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.ray_bvh import RayBvh
+from glpath.io import load_scene
+from glpath.scene.geometry import Mesh
+from glpath.system.machine import peak_resident_bytes
+
+def terrain(side):
+    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, side)], indexing="ij")
+    z = np.random.default_rng(1).uniform(0, 1 / side, x.shape)
+    i = np.add.outer(side * np.arange(side - 1), np.arange(side - 1)).ravel()
+    faces = np.concatenate([[i, i + 1, i + side], [i + side + 1, i + side, i + 1]], axis=1).T
+    return load_scene("cornell-box").add(Mesh(np.stack([x, y, z], axis=-1).reshape(-1, 3), faces.astype(np.int32)))
+
+def built(side):
+    device = DeviceScene(get_context().gl, terrain(side))
+    with open("/proc/self/statm") as statm:
+        resident = int(statm.read().split()[1]) * 4096
+    with open("/proc/self/clear_refs", "w") as peak:
+        peak.write("5")  # begins again
+    return RayBvh(get_context().gl, device), (peak_resident_bytes() - resident) / device.triangle_count
+
+small, _ = built(330)  # what compiled code takes
+large, each = built(710)
+print(each, 16 * large.textures["ray_bvh"].width * large.textures["ray_bvh"].height / (2 * 709**2))
+"""
+
+
+def test_a_million_triangles_take_little_memory() -> None:
+    """Bytes a triangle beside the scene and what the device has of it: the most, and those that stay."""
+    if not os.access("/proc/self/clear_refs", os.W_OK):
+        pytest.skip("needs Linux's /proc")
+    result = subprocess.run([sys.executable, "-c", BYTES], cwd=ROOT, capture_output=True, text=True, check=True)
+    peak, kept = map(float, result.stdout.split())
+    assert kept < 100
+    assert peak < 180
+
+
 def test_parallelograms_are_pairs_of_triangles_and_no_others() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     pair = square[[[0, 1, 2], [0, 2, 3]]]
@@ -154,6 +240,6 @@ def test_numbers_of_triangles_are_integers() -> None:
     """A float would have lost the last digits from 2**24 on."""
     number = (1 << 24) + 1
     triangles = np.broadcast_to(np.eye(3), (number + 1, 3, 3))
-    table = _item_table(triangles, np.array([[number, -1, 0]]))
+    table = _item_table(triangles, np.array([[number, -1, 0]]), np.zeros(number + 1, np.uint8))
     assert table[0, 0, 3] == number
     assert table[0, 1, 3] == 0xFFFFFFFF

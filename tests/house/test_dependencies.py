@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 
 from tests.support.repository import ROOT
 
-# Imported for us by others: trimesh reads what is not UTF-8 with the one, imageio writes PNGs with the other.
+# Imported for us by others: trimesh reads what is not UTF-8 with the one, imageio reads PNGs with the other.
 FOR_LIBRARIES = {"charset-normalizer", "pillow"}
 
 

@@ -202,6 +202,26 @@ def test_a_solver_knows_what_each_triangle_reflects_and_each_element_sends() -> 
     assert (sides.emission[:, 0] * areas).sum() == pytest.approx(np.pi * 5 * 0.4 * 4, rel=0.01)
 
 
+def test_many_triangles_with_fine_textures_have_fewer_points_and_the_same_means(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fine = np.kron(random_image(16, 16), np.ones((16, 16, 1), np.uint8))
+    scene = front(replace(WHITE, texture=TextureSlot(0)), Texture("fine", fine, srgb=True))
+    exact = scene.side_reflectance[0]
+    monkeypatch.setattr("glpath.scene.appearance._ALL_POINTS", 256 * len(exact))
+    look_up, points = texture_at, []
+
+    def counted(texture: Texture, uv: Float64) -> Float64:
+        points.append(len(uv))
+        return look_up(texture, uv)
+
+    monkeypatch.setattr("glpath.scene.appearance.texture_at", counted)
+    found = replace(scene).side_reflectance[0]
+    print(len(exact), exact, found, points)
+    assert max(points) <= 256 * len(exact)
+    np.testing.assert_allclose(found, exact, rtol=0.02)
+
+
 def test_what_sides_reflect_is_found_once_in_a_gather(monkeypatch: pytest.MonkeyPatch) -> None:
     """Solver, guides and look-ups ask for it, and it takes seconds of a room with textures."""
     asked = []

@@ -5,7 +5,9 @@
 #define HAS_HIGHLIGHTS 1
 #define HAS_MIRRORS 1
 #define HAS_MICROFACETS 1
+#define HAS_COAT 1
 #define HAS_GLASS 1
+#define HAS_ROUGH_TRANSMISSION 1
 #define HAS_ANISOTROPY 1
 #define HAS_SHEEN 1
 #include "bsdf/bsdf.glsl"

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from glpath.cli import scenes
 from glpath.errors import SceneError
 from glpath.io import load_scene, scene_from_dict
-from glpath.scene import Camera, Scene, check_camera, check_scene, path_traceable
+from glpath.scene import Camera, Scene, check_camera, check_scene, model, path_traceable, sight
 from glpath.scene.sight import sees_anything, sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))
@@ -117,6 +117,23 @@ def test_a_light_beside_a_closed_shape_is_outside_of_it():
     assert warnings_of(turned, lights=[{**LAMP, "position": [1.2, 1.2, 0]}]) == []
     open_box = {"type": "quad", "corners": [[-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1]]}
     assert warnings_of(open_box, lights=[{**LAMP, "position": [0, 0, 0.01]}]) == []
+
+
+def test_of_many_triangles_none_is_overlooked(monkeypatch: pytest.MonkeyPatch):
+    """They are looked at some at a time: here five of the twelve of a box."""
+    monkeypatch.setattr(sight, "_CHUNK", 5)
+    monkeypatch.setattr(model, "_CHUNK", 5)
+    (warning,) = warnings_of(BOX, GROUND, lights=[LAMP, {**LAMP, "position": [0.3, 0.4, 0.5]}])
+    assert "stands inside the shape" in warning
+    box = scene(type="box", min=[-1, -1, -1], max=[1, 1, 1], radius=None, subdivisions=None)
+    assert box.areas.tolist() == [2.0] * 12
+    for number in (0, 4, 5, 11):
+        (warning,) = check_scene(box.with_camera(position=box.triangles[number].mean(axis=0)))
+        assert "exactly on a surface" in warning
+        behind = np.full((12, 3, 3), [0.0, 0, 9])
+        assert not sees_triangles(CAMERA, behind)
+        behind[number] = [0, 0, 0], [1, 0, 0], [0, 1, 0]
+        assert sees_triangles(CAMERA, behind)
 
 
 def test_a_light_below_the_ground_is_warned_of():

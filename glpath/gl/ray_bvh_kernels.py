@@ -1,0 +1,213 @@
+"""What `glpath.gl.ray_bvh` does, compiled by numba, in the same numbers: for so many triangles that this pays.
+
+The slots are never all in memory beside the device's: they are made a range at a time, as they are written to it.
+
+Cost:     building it, a second for two million triangles on two cores; 150 bytes a triangle until it is built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.accel.bvh import build_in_threads
+from glpath.accel.wide import WIDTH, WideBvh
+from glpath.accel.wide_kernels import collapse_compiled, octant_orders
+from glpath.system.kernels import inner_kernel, kernel
+from glpath.system.machine import core_count
+
+if TYPE_CHECKING:
+    from glpath.gl.ray_bvh import Grid
+
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+
+# What a node costs beside its area, in areas of an item's box: this saves a tenth of the memory, and the nodes that
+# rays visit are at most 0.5 % more.
+_FILLING = 2.0
+# Items whose boxes are asked for their areas.
+_ASKED = 1 << 16
+# Triangles that a thread takes at a time.
+_CHUNK = 1 << 16
+
+
+def compiled_items(vertices: Float32, faces: Int32, paths: NDArray[np.int64] | None) -> Int32:
+    """(N, 3): as `ray_bvh.items_of`, of faces (T, 3) of vertices (V, 3)."""
+    lacks = np.empty(len(faces), np.int8)
+    moves = np.zeros(0, np.int64) if paths is None else paths
+    _in_threads(len(faces), lambda begin, end: _lacking(vertices, faces, moves, begin, end, lacks))
+    items = np.empty((len(faces), 3), np.int32)
+    return items[: _items(lacks, items)]
+
+
+def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
+    """The tree over items, with boxes of 32 bits: those of corners of 32 bits are exact."""
+    boxes = np.empty((len(items), 6), np.float32)
+    _in_threads(len(items), lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
+    tree = build_in_threads(boxes)
+    x, y, z = (boxes[:: max(1, len(boxes) // _ASKED), 3:] - boxes[:: max(1, len(boxes) // _ASKED), :3]).T
+    return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
+
+
+class CompiledSlots:
+    """The slots of a tree as `ray_bvh.Slots.table` has them, made when they are asked for, by ranges.
+
+    nodes : (W, 4, 4), the slots of the wide nodes
+    lanes : (W, 4), of each their children: a node's number, -2 - an item's, -1 for none
+
+    geometry : vertices (V, 3), faces (T, 3), items (N, 3)
+    flags    : (T,) uint8, of each triangle
+
+    The tree is not kept.
+    """
+
+    def __init__(
+        self, wide: WideBvh, grid: Grid, geometry: tuple[Float32, Int32, Int32], flags: NDArray[np.uint8]
+    ) -> None:
+        self._geometry, self._flags = geometry, flags
+        self._nodes, self._lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
+        tree, steps = wide.tree, np.stack([grid.lower, grid.step, grid.pad])
+        shape = (tree.lower, tree.upper, tree.first, tree.count, tree.order)
+        rest = (wide.children, wide.number, octant_orders(wide), steps, self._nodes, self._lanes)
+        _in_threads(len(wide), lambda begin, end: _fill_nodes(*shape, *rest, begin, end))
+        self.shape = (WIDTH * (len(wide) + 1), 4, 4)
+
+    def __getitem__(self, which: slice) -> NDArray[np.uint32]:
+        """A range of whole groups."""
+        begin, end, step = which.indices(self.shape[0])
+        assert (step, begin % WIDTH, end % WIDTH) == (1, 0, 0), "whole groups"
+        slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
+        rest = (*self._geometry, self._flags, slots, slots.view(np.float32))
+        _fill(self._nodes, self._lanes, *rest, begin // WIDTH)
+        return slots
+
+
+def _in_threads(count: int, work: Callable[[int, int], Any]) -> None:
+    """Call `work` with ranges that make up 0 to `count`."""
+    with ThreadPoolExecutor(core_count()) as pool:
+        list(pool.map(lambda begin: work(begin, min(begin + _CHUNK, count)), range(0, count, _CHUNK)))
+
+
+@kernel
+def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-untyped-def]
+    """Of triangles begin to end: which corner the next one lacks where both are a parallelogram, else -1."""
+    for i in range(begin, end):
+        lacks[i] = -1
+        if i + 1 == len(faces) or (len(paths) and paths[i] != paths[i + 1]):
+            continue
+        size = 0.0
+        for axis in range(3):
+            a, b, c = (
+                np.float64(vertices[faces[i, 0], axis]),
+                np.float64(vertices[faces[i, 1], axis]),
+                np.float64(vertices[faces[i, 2], axis]),
+            )
+            size = max(size, max(a, b, c) - min(a, b, c))
+        for k in range(3):
+            p, s1, s2 = faces[i, k], faces[i, (k + 1) % 3], faces[i, (k + 2) % 3]
+            # Bits: which of the wanted corners the next triangle has, and which of its own are wanted.
+            wanted, own = 0, 0
+            for corner in range(3):
+                q = faces[i + 1, corner]
+                first = second = fourth = True
+                for axis in range(3):
+                    x, y = np.float64(vertices[s1, axis]), np.float64(vertices[s2, axis])
+                    at = np.float64(vertices[q, axis])
+                    first = first and bool(abs(x - at) <= 1e-6 * size)
+                    second = second and bool(abs(y - at) <= 1e-6 * size)
+                    fourth = fourth and bool(abs(x + y - vertices[p, axis] - at) <= 1e-6 * size)
+                wanted |= first | second << 1 | fourth << 2
+                own |= (first or second or fourth) << corner
+            if wanted == 7 and own == 7:
+                lacks[i] = k
+
+
+@kernel
+def _items(lacks, items):  # type: ignore[no-untyped-def]
+    """Fill the items, return how many there are. In a run of pairs every other one is taken."""
+    count, i = 0, 0
+    while i < len(lacks):
+        pair = lacks[i] >= 0
+        items[count, 0], items[count, 1], items[count, 2] = i, i + 1 if pair else -1, lacks[i] if pair else 0
+        i += 2 if pair else 1
+        count += 1
+    return count
+
+
+@kernel
+def _item_boxes(vertices, faces, items, begin, end, boxes):  # type: ignore[no-untyped-def]
+    for i in range(begin, end):
+        for axis in range(3):
+            boxes[i, axis], boxes[i, axis + 3] = np.inf, -np.inf
+        for half in range(2):
+            triangle = items[i, half]
+            if triangle < 0:
+                continue
+            for corner in range(3):
+                for axis in range(3):
+                    x = vertices[faces[triangle, corner], axis]
+                    boxes[i, axis], boxes[i, axis + 3] = min(boxes[i, axis], x), max(boxes[i, axis + 3], x)
+
+
+@kernel
+def _fill_nodes(  # type: ignore[no-untyped-def]
+    lower, upper, first, count, order, children, number, orders, steps, nodes, lanes, begin, end
+):
+    """Fill nodes and lanes begin to end."""
+    for wide in range(begin, end):
+        bits = 0
+        for lane in range(WIDTH):
+            child = children[wide, lane]
+            if child < 0:
+                lanes[wide, lane] = -1
+                continue
+            if count[child]:
+                bits |= 16 << lane
+                lanes[wide, lane] = -2 - order[first[child]]
+            else:
+                bits |= 1 << lane
+                lanes[wide, lane] = number[child]
+            for axis in range(3):
+                low = np.floor((lower[child, axis] - steps[0, axis]) / steps[1, axis] - steps[2, axis])
+                high = np.ceil((upper[child, axis] - steps[0, axis]) / steps[1, axis] + steps[2, axis])
+                low, high = min(max(low, 0.0), 65535.0), min(max(high, 0.0), 65535.0)
+                nodes[wide, axis, lane] = int(low) | int(high) << 16
+        nodes[wide, 3, 0] = 256 * (wide + 1) + bits
+        for half in range(2):
+            word = 0
+            for i in range(4):
+                word |= orders[wide, 4 * half + i] << (8 * i)
+            nodes[wide, 3, 1 + half] = word
+
+
+@kernel
+def _fill(nodes, lanes, vertices, faces, items, flags, slots, floats, group):  # type: ignore[no-untyped-def]
+    """Fill slots, the first of which is the first of a group; floats: the same memory."""
+    for at in range(len(slots)):
+        # Of group 0 the first is the root; all others are children of wide nodes.
+        parent = group + at // WIDTH - 1
+        child = lanes[parent, at % WIDTH] if parent >= 0 else (0 if at == 0 else -1)
+        if child >= 0:
+            for i in range(4):
+                for j in range(4):
+                    slots[at, i, j] = nodes[child, i, j]
+        elif child < -1:
+            item = -2 - child
+            _fill_item(vertices, faces, items[item, 0], items[item, 1], items[item, 2], flags, at, slots, floats)
+
+
+@inner_kernel
+def _fill_item(vertices, faces, one, other, k, flags, at, slots, floats):  # type: ignore[no-untyped-def]
+    a, b, c = faces[one, k], faces[one, (k + 1) % 3], faces[one, (k + 2) % 3]
+    for axis in range(3):
+        corner = np.float64(vertices[a, axis])
+        floats[at, 0, axis] = corner
+        floats[at, 1, axis] = vertices[b, axis] - corner
+        floats[at, 2, axis] = vertices[c, axis] - corner
+    slots[at, 0, 3] = one
+    slots[at, 1, 3] = np.uint32(0xFFFFFFFF) if other < 0 else np.uint32(other)
+    slots[at, 2, 3] = flags[one] | (flags[other] if other >= 0 else np.uint8(0))
