@@ -43,7 +43,7 @@ def export(
         int | None,
         typer.Option(
             metavar="N",
-            help=f"Vertices of a path, as of `glpath render`: {MAX_DEPTH} by default.",
+            help=f"Vertices of a path, as of `glpath render`: {MAX_DEPTH}, all bounces, by default.",
             show_default=False,
             rich_help_panel=_FOR_MITSUBA,
         ),

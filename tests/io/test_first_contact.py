@@ -130,7 +130,7 @@ def test_make_render_says_that_it_renders_with_the_path_buffer_and_does(
     commands = [shlex.split(line) for line in lines if line.startswith(".venv/bin/glpath render")]
     monkeypatch.chdir(tmp_path)
     for command, integrator in zip(commands, ("path-buffer", "gather"), strict=True):
-        result = CliRunner().invoke(app, [*command[1:], "--resolution", "16x16", "--stats", "stats.json"])
+        result = CliRunner().invoke(app, [*command[1:], "--resolution", "97x96", "--stats", "stats.json"])
         assert result.exit_code == 0, result.output
         assert f'"integrator": "{integrator}"' in (tmp_path / "stats.json").read_text()
     for name in ("cornell-box.png", "cornell-box.exr", "cornell-box-default.png"):

@@ -14,8 +14,8 @@ from glpath.io.library import load_scene
 from glpath.scene.model import Scene
 from glpath.system.files import is_stream
 
-#: `glpath.render`'s default: the XML asks Mitsuba for the same light.
-MAX_DEPTH = 5
+#: `glpath.render`'s default, all bounces: the XML asks Mitsuba for the same light, which ends paths by roulette.
+MAX_DEPTH = 1000
 SPP = 64
 _MITSUBA, _GLTF = ".xml", ".glb"
 
@@ -41,7 +41,8 @@ def export(
                  Khronos extensions that they need, lights, the camera; the axis nearest to the camera's up is
                  turned to y
     parameters : of a generated scene
-    max_depth  : of .xml: vertices of a path as in `glpath.render`, 1 is direct light only; 5 by default
+    max_depth  : of .xml: vertices of a path as in `glpath.render`, 1 is direct light only; by
+                 default 1000, all bounces
     spp        : of .xml: samples per pixel; 64 by default
 
     Raises UsageError for another suffix or a number out of range, SceneError for a scene that cannot be read or
