@@ -180,7 +180,12 @@ def test_no_box_that_reaches_into_what_is_seen_is_left_out(projection):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"integrator": "gather"}, {"integrator": "gather", "cast": "path-buffer"}, {"integrator": "t-buffer"}],
+    [
+        {"integrator": "path"},
+        {"integrator": "gather"},
+        {"integrator": "gather", "cast": "path-buffer"},
+        {"integrator": "t-buffer"},
+    ],
     ids=["path", "gather", "gather by scans", "t-buffer"],
 )
 def test_engines_that_want_all_triangles_in_memory_say_so(options: Any):
@@ -299,7 +304,7 @@ def test_a_budget_without_room_for_a_chunk_is_refused_with_what_is_needed():
 
 def test_a_budget_is_an_option_of_scans_alone():
     with pytest.raises(glpath.UsageError, match="geometry_budget: 8 with the integrator"):
-        glpath.render("cornell-box-36", spp=1, geometry_budget=8)
+        glpath.render("cornell-box-36", integrator="path", spp=1, geometry_budget=8)
 
 
 @pytest.mark.evidence

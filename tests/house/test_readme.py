@@ -71,7 +71,7 @@ def test_the_first_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_the_lightmap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    run_commands(blocks("A lightmap for three.js", "sh"))
+    run_commands(blocks("A lightmap for three.js", "sh"), "--size", "128", "--spp", "8")
     assert (tmp_path / "baked-0.lightmap.exr").is_file()
     # `tests/bake/test_lightmap_seen.py` runs the lines for three.js, which stand on the page of lightmaps, too.
     assert blocks("A lightmap for three.js", "js") in (ROOT / "docs/lightmaps.md").read_text(encoding="utf-8")

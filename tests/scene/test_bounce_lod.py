@@ -119,7 +119,7 @@ def test_the_deviation_is_that_of_points_from_triangles():
 
 def test_what_is_no_share_or_has_own_rays_is_refused(monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(glpath.UsageError, match=r'bounce_lod: 0.5 with the integrator "path"'):
-        glpath.render("cornell-box-36", spp=1, bounce_lod=0.5)
+        glpath.render("cornell-box-36", integrator="path", spp=1, bounce_lod=0.5)
     for share in (0, 1.5):
         with pytest.raises(glpath.UsageError, match="bounce_lod"):
             glpath.render("cornell-box-36", spp=1, integrator="path-buffer", bounce_lod=share)

@@ -259,7 +259,7 @@ def test_streamed_patches_are_the_same_triangles_shaded_flat(tmp_path: Path):
         glpath.render(streamed, **options).mean, glpath.render(flat_scene, **options).mean
     )
     with pytest.raises(glpath.SceneError, match="streams triangles"):
-        glpath.render(streamed, spp=1)
+        glpath.render(streamed, integrator="path", spp=1)
 
 
 def test_pixels_follow_the_camera_of_the_file(tmp_path: Path):
