@@ -23,7 +23,7 @@ from tests.conftest import Spoil
 
 SIDE = 32
 NOT_THE_NEAREST = ("scene/ray_bvh.glsl", "if (at < t)", "if (at < NO_HIT)")
-NO_SHADOWS = ("scene/ray_bvh.glsl", "blocked = at < tmax", "blocked = false && at < tmax")
+NO_SHADOWS = ("scene/ray_bvh.glsl", "return blocked;", "return false;")
 BRIGHT = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 A_TENTH_BRIGHTER = ("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 1.1 * l.radiance *")
 BLACK_LOOK_UP = (

@@ -70,7 +70,7 @@ def scaled(direct: float, indirect: float) -> Callable:
     return lambda found: replace(found, elements=parts * found.elements, vertices=parts * found.vertices)
 
 
-NO_Z0 = shader("path_buffer/path_scan.frag", "greaterThan(t, vec4(min_t))", "greaterThan(abs(t), vec4(0.0))")
+NO_Z0 = shader("path_buffer/scan_cell.glsl", "greaterThan(t, vec4(min_t))", "greaterThan(abs(t), vec4(0.0))")
 BRIGHT = shader("lights/light_sample.glsl", "found.light = l.radiance *", "found.light = 2.0 * l.radiance *")
 NO_SHADOWS = shader(
     "lights/direct.glsl",
