@@ -195,7 +195,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
     noise = "" if error is None else f", error about {percent(error)}"
     if m.stop_rule in (NOISE, TIME_LIMIT):
         bound = "" if m.error_bound is None else f"; at 95 % confidence it is below {percent(m.error_bound)}"
-        noise += f"{bound}; ended by --{m.stop_rule.replace(' ', '-')}"
+        noise += bound + ("; so it ended" if m.stop_rule == NOISE else "; ended by --time-limit")
     yield f"{film.path_sets} path sets of {width} x {height} in {duration(m.elapsed_s)}{noise}"
     solved = m.statistics.get("radiosity_s", 0.0)
     tracing = m.elapsed_s - solved

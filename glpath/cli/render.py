@@ -209,7 +209,8 @@ def render(
                     f"{asked.integrator.integrator}: it has no noise for a denoiser to remove.",
                     "Render more path sets, or take --integrator path, path-buffer or gather.",
                 )
-            asked = running.denoisable(asked)
+        if picture.denoise or picture.missing or run.clean is not None:
+            asked = running.denoisable(asked)  # without a denoiser, too: another machine may resume it
         if spp is None and not run.ends_by_rule:
             run = run.until_clean(asked.integrator.noisy, picture)
             spp = None if run.ends_by_rule else asked.spp

@@ -121,7 +121,7 @@ def test_the_command_line_says_what_ended_it_and_how_good_it_is(tmp_path: Path) 
     film = Film.load(tmp_path / "a.npz")
     assert film.metadata.stop_rule == "noise"
     assert "at 95 % confidence it is below " in result.stderr
-    assert "; ended by --noise" in result.stderr
+    assert "; so it ended" in result.stderr
     stats = json.loads((tmp_path / "s.json").read_text())
     assert (stats["stop_rule"], stats["error_bound"]) == ("noise", film.metadata.error_bound)
     result = render("-o", tmp_path / "b.npz", "--time-limit", "0.3s", "--progress", "json")
