@@ -202,13 +202,12 @@ def render(
         options = {"integrator": integrator, "spp": run.options().spp(spp), **first, **options}
         asked = running.job_of_scene(loaded, None if crop is None else read_crop(crop), options)
         picture = picture.of_film(asked.integrator.noisy, out)
-        if picture.denoise or run.clean is not None:
-            if not asked.integrator.noisy:
-                raise UsageError(
-                    f"{'--denoise' if picture.denoise else '--clean'} with --integrator "
-                    f"{asked.integrator.integrator}: it has no noise for a denoiser to remove.",
-                    "Render more path sets, or take --integrator path, path-buffer or gather.",
-                )
+        if (picture.denoise or run.clean is not None) and not asked.integrator.noisy:
+            raise UsageError(
+                f"{'--denoise' if picture.denoise else '--clean'} with --integrator "
+                f"{asked.integrator.integrator}: it has no noise for a denoiser to remove.",
+                "Render more path sets, or take --integrator path, path-buffer or gather.",
+            )
         if picture.denoise or picture.missing or run.clean is not None:
             asked = running.denoisable(asked)  # without a denoiser, too: another machine may resume it
         if spp is None and not run.ends_by_rule:
