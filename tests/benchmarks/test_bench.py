@@ -257,7 +257,6 @@ def test_a_small_gather_bench_without_mitsuba_measures_and_claims_nothing(monkey
         raise GlpathError("Mitsuba 3 cannot be imported.", "pip install")
 
     monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
-    monkeypatch.setattr(gather, "PATH_DEPTH", 3)
     monkeypatch.setattr(gather, "AGREEMENT", ())  # with the picture below, which lacks bounces
     monkeypatch.setattr(factory, "GATHER_PATCHES", 50)
     monkeypatch.setenv(other_python.PYTHON, sys.executable)
@@ -284,17 +283,16 @@ def test_a_small_bench_of_denoised_pictures_without_mitsuba_measures_and_claims_
         raise GlpathError("Mitsuba 3 cannot be imported.", "pip install")
 
     monkeypatch.setattr(mitsuba_peer, "load_mitsuba", absent)
-    monkeypatch.setattr(gather, "PATH_DEPTH", 3)
-    monkeypatch.setattr(denoise, "AGREEMENT", ())  # with the picture below, which lacks bounces
+    monkeypatch.setattr(denoise, "AGREEMENT", ())  # with the picture below, which has noise
     monkeypatch.setattr(factory, "GATHER_PATCHES", 50)
     path = tmp_path / "reference.exr"
     scene = load_scene(gather.SCENE).with_camera(resolution=(64, 64))
-    glpath.render(scene, spp=64, max_depth=3).save(path)
+    glpath.render(scene, integrator="path", spp=256).save(path)
     report = denoise.bench_denoise(seeds=1, reference=path, scene=scene, most=16)
     measured = report.measured
     assert (report.holds, {row["program"] for row in report.rows}) == (None, {"gather", "path"})
     assert [row["samples"] for row in report.rows] == [4, 8, 16, 4, 8, 16]
-    raw = glpath.render(scene, spp=16, max_depth=3)
+    raw = glpath.render(scene, integrator="path", spp=16, seed=1)
     assert measured["path_relmse_16"] < 0.5 * relative_mse(raw.mean, glpath.read_image(path))
     first = report.rows[0]
     before = measured["denoise_s"] + measured["solver_s"] + measured["guide_s"]
