@@ -86,7 +86,10 @@ class Film:
     before_shown: Callable[[], None] | None = field(default=None, init=False)
     # The result of `denoised`, and its path sets.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
-    # What it goes by, likewise.
+    # The two halves that `variance_of_denoised` compares, and what `denoised` goes by, likewise.
+    _halves: tuple[tuple[tuple[int, int], ...], tuple[float, list[Float64]]] | None = field(
+        default=None, init=False
+    )
     _guides: tuple[tuple[tuple[int, int], ...], open_image_denoise.Guides] | None = field(default=None, init=False)
 
     @classmethod
@@ -282,7 +285,8 @@ class Film:
         """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
         used = self.batch_counts > 0
         sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
-        return {**vars(self), "radiance_sums": sums, "_denoised": None, "_guides": None, "before_shown": None}
+        kept = dict.fromkeys(("_denoised", "_guides", "_halves", "before_shown"))
+        return {**vars(self), "radiance_sums": sums, **kept}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -344,14 +348,21 @@ class Film:
         return variance
 
     def _denoised_halves(self) -> tuple[float, list[Float64]]:
-        """The share of the path sets in the first half, and both denoised."""
+        """The share of the path sets in the first half, and both denoised, soon."""
+        if self._halves is None or self._halves[0] != self.ranges:
+            self._halves = self.ranges, self._denoise_halves()
+        return self._halves[1]
+
+    def _denoise_halves(self) -> tuple[float, list[Float64]]:
         used = self._batches_to_compare()
         ends = np.cumsum(self.batch_counts[used])
         middle = 1 + int(np.argmin(np.abs(2 * ends[:-1] - ends[-1])))
         means = (
             _mean(self.radiance_sums[half], self.batch_counts[half]) for half in (used[:middle], used[middle:])
         )
-        return float(ends[middle - 1] / ends[-1]), [self._denoise(mean).astype(np.float64) for mean in means]
+        albedo, normal = self.aov("albedo"), self.aov("normal")
+        soon = open_image_denoise.soon_denoised
+        return float(ends[middle - 1] / ends[-1]), [soon(mean, albedo, normal).astype(np.float64) for mean in means]
 
     def _batches_to_compare(self) -> NDArray[np.intp]:
         used = np.flatnonzero(self.batch_counts)

@@ -19,7 +19,7 @@ from glpath.sensors.sensor import CameraSensor
 from glpath.system.heartbeat import heartbeat
 
 #: Path sets, and the longer side of their picture in pixels: of fewer the error is larger than the bias.
-SETS, SIDE = 32, 64
+SETS, SIDE = 16, 64
 _PARTS = 1 << 20
 #: Path sets of a film from which on its bias is measured: of fewer, noise hides it.
 MIN_FILM_SETS = 16

@@ -58,7 +58,7 @@ def test_a_film_of_a_gather_keeps_what_unbiased_paths_found(tmp_path) -> None:
     assert Film.load(tmp_path / "a.npz").bias() == bias
     more = glpath.render("cornell-box-36", first_path_set=16, **GATHER)
     merged = film.merge(more)
-    assert merged.metadata.statistics[UNBIASED]["sets"] == 64
+    assert merged.metadata.statistics[UNBIASED]["sets"] == 32
     assert merged.bias().mean_error < bias.mean_error
 
 
