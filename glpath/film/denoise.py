@@ -74,7 +74,7 @@ class Guides:
 
 
 def soon_denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
-    """As `denoised`, by a smaller network and guides as they are: in a third of the time, with 3 to 8 % more error."""
+    """As `denoised`, by a smaller network and guides as they are: a third of the time, 3 to 8 % more error."""
     oidn = require_denoiser()
     images = {
         oidn.OIDN_IMAGE_COLOR: radiance,
