@@ -174,9 +174,11 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Few paths that only roulette ends have more vertices.
+        # Few paths that only roulette ends have more vertices. llvmpipe ends no draw that takes long, and shares out
+        # squares of 64 x 64: a draw of one would be one core's.
         vertices = min(settings.path_length, _USUAL_DEPTH)
-        self._areas = draw_areas(self._size, self._branches * vertices * _TESTS_A_VERTEX)
+        tests = self._branches * vertices * _TESTS_A_VERTEX
+        self._areas = draw_areas(self._size, tests) if hardware else [(0, 0, *self._size)]
         # llvmpipe runs both on all cores, and sooner as pixels.
         make = self._dispatch if hardware else self._pass
         self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))

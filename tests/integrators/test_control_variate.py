@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
+from glpath.gl.context import get_context
+from glpath.gl.passes import run_in_areas
 from glpath.integrators.settings import DEEPEST
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import factory
@@ -126,3 +128,18 @@ def test_parts_of_a_render_add_up_to_its_bits() -> None:
         glpath.render("cornell-box-36", first_path_set=first, spp=spp, **options) for first, spp in ((0, 2), (2, 4))
     ]
     assert np.array_equal(parts[0].merge(parts[1]).mean, whole.mean)
+
+
+def test_software_draws_all_of_a_set_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """llvmpipe shares out squares of 64 x 64: draws of one kept all cores but one idle, half of the speed of two."""
+    drawn = []
+
+    def seen(of_pass, areas, uniforms):
+        drawn.append(list(areas))
+        run_in_areas(of_pass, areas, uniforms)
+
+    monkeypatch.setattr("glpath.integrators.ray_paths.run_in_areas", seen)
+    glpath.render("cornell-box-36", integrator="path", spp=1, resolution=(160, 128))
+    if get_context().info.hardware:
+        pytest.skip("a graphics card may end a draw that takes long")
+    assert drawn == [[(0, 0, 160, 128)]]
