@@ -62,7 +62,7 @@ SCENE = "cornell-box-36"
 #: Mitsuba's, for all bounces; what is missing after so many is less than a float can hold beside the rest.
 DEPTH = 64
 _GATHER_SETS = (16, 32, 64, 128)
-_PATH_SETS = (32, 64, 128)
+_PATH_SETS = (16, 32, 64, 128)
 _SAMPLES = (64, 169)
 AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.02) for name in ("gather", "path", "mitsuba"))
 RULE = (*AGREEMENT, Condition("vs_path", ">", 1.0), Condition("vs_mitsuba", ">", 1.0))

@@ -174,8 +174,8 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Few paths that only roulette ends have more vertices. llvmpipe ends no draw that takes long, and shares out
-        # squares of 64 x 64: a draw of one would be one core's.
+        # Few paths that only roulette ends have more vertices. llvmpipe ends no draw that takes long, and shares
+        # out squares of 64 x 64: a draw of one would be one core's.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         tests = self._branches * vertices * _TESTS_A_VERTEX
         self._areas = draw_areas(self._size, tests) if hardware else [(0, 0, *self._size)]

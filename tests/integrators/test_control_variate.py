@@ -131,7 +131,7 @@ def test_parts_of_a_render_add_up_to_its_bits() -> None:
 
 
 def test_software_draws_all_of_a_set_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """llvmpipe shares out squares of 64 x 64: draws of one kept all cores but one idle, half of the speed of two."""
+    """llvmpipe shares out squares of 64 x 64: draws of one kept all cores but one idle."""
     drawn = []
 
     def seen(of_pass, areas, uniforms):
