@@ -25,6 +25,7 @@ from glpath.cli import picture
 from glpath.cli.main import Commands, app
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
+from glpath.film.aovs import DENOISER_AOVS
 from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
 from glpath.integrators.settings import GatherSettings, PathBufferSettings, PathSettings, TBufferSettings
@@ -340,6 +341,7 @@ def test_render_hands_on_what_was_asked_for(renderer: Renderer, tmp_path: Path) 
         light_resolution=128,
         ambient=(0.5, 0.5, 0.5),
         roulette=3,
+        aovs=DENOISER_AOVS,
     )
     assert callable(options.on_progress)
     expected = RunOptions(backend="egl", device=1, require_gpu=True, progress="auto")
@@ -350,7 +352,9 @@ def test_render_hands_on_what_a_gather_was_asked_for(renderer: Renderer, tmp_pat
     options = "--integrator gather --radiosity solution.npz --radiosity-lookup constant"
     run("render", "furnace", "-o", tmp_path / "a.png", *options.split())
     ((job, _, _),) = renderer.calls
-    assert job.integrator == GatherSettings(radiosity=Path("solution.npz"), radiosity_lookup="constant")
+    assert job.integrator == GatherSettings(
+        radiosity=Path("solution.npz"), radiosity_lookup="constant", aovs=DENOISER_AOVS
+    )
 
 
 def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp_path: Path) -> None:

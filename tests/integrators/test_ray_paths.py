@@ -46,7 +46,7 @@ def test_a_compute_shader_has_the_bits_of_the_fragment_shader(
         monkeypatch.setattr(context, "info", replace(context.info, hardware=hardware))
         engine = RayPathEngine(gl, DeviceScene(gl, scene), settings, WINDOW, radiosity=radiosity).prepare()
         assert type(engine._paths.now) is kind
-        assert (len(engine._areas) > 1) is (tests > 1000)
+        assert (len(engine._areas) > 1) is (hardware and tests > 1000)
         for index in range(3):
             engine.trace_path_set(index)
         taken.append(engine.take())
