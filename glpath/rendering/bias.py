@@ -14,6 +14,7 @@ from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.integrators.engine import Engine
 from glpath.rendering.factory import Plan
+from glpath.rendering.interrupts import Flag
 from glpath.scene import Scene
 from glpath.sensors.sensor import CameraSensor
 from glpath.system.heartbeat import heartbeat
@@ -26,11 +27,18 @@ MIN_FILM_SETS = 16
 
 
 def measured_bias(
-    film: Film, plan: Plan, engine: Engine, context: Context, scene: Scene, sensor: CameraSensor
+    film: Film,
+    plan: Plan,
+    engine: Engine,
+    context: Context,
+    scene: Scene,
+    sensor: CameraSensor,
+    interrupted: Flag,
 ) -> dict[str, Any]:
     """`statistics["unbiased"]` of a film; empty where its engine has no bias, or the film is but a part.
 
     scene, sensor : traceable, and relative to its origin
+    interrupted   : when it is set, nothing is measured any more
     """
     width, height = sensor.resolution
     whole = film.metadata.window == (0, 0, width, height) and film.path_sets >= MIN_FILM_SETS
@@ -49,6 +57,8 @@ def measured_bias(
         first = film.ranges[0][0] // BLOCK % _PARTS * SETS
         with unbiased.prepare():
             for index in range(first, first + SETS):
+                if interrupted:
+                    return {}
                 unbiased.trace_path_set(index)
                 heartbeat.beat()
                 sets.append(block_means(unbiased.take()))

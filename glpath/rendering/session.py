@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import ContextError, UsageError, warn
+from glpath.errors import ContextError, SceneError, UsageError, warn
 from glpath.film.aovs import DENOISER_AOVS, ID_AOVS
 from glpath.film.bias import UNBIASED
 from glpath.film.denoise import require_denoiser
@@ -18,7 +18,7 @@ from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
 from glpath.rendering.bias import measured_bias
 from glpath.rendering.factory import Plan, plan_of, sensor_in
-from glpath.rendering.interrupts import RenderInterrupted
+from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
 from glpath.rendering.resume import check_same_render
@@ -120,8 +120,14 @@ class Session:
             return
         seen = sensor_in(self._traced, sensor, scene)
         assert isinstance(seen, CameraSensor), "of the same kind"
-        found = measured_bias(film, self._plan, engine, self._context, self._traced, seen)
-        film.metadata = replace(film.metadata, statistics={**film.metadata.statistics, **found})
+        found: dict[str, Any] = {}
+        with interrupt_as_flag() as interrupted:
+            # The film is whole: where there is no room beside it, its bias is not known.
+            with suppress(ContextError, SceneError, MemoryError, KeyboardInterrupt):
+                found = measured_bias(film, self._plan, engine, self._context, self._traced, seen, interrupted)
+            film.metadata = replace(film.metadata, statistics={**film.metadata.statistics, **found})
+        if interrupted:
+            raise RenderInterrupted(film, interrupted.signal)
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
         """Whether the engine can continue with this job, of the same integrator; the scene has its camera."""

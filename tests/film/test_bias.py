@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import glpath
 from glpath.compare.picture import Picture
 from glpath.compare.statistical import stat
-from glpath.errors import ImageError
+from glpath.errors import ContextError, ImageError
 from glpath.film.bias import BLOCKS, UNBIASED, bias_of, block_means, summed
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
@@ -110,3 +111,24 @@ def test_a_comparison_by_noise_names_the_bias_of_a_gather() -> None:
     assert not verdict.passed
     assert "the picture, of a gather, has a bias of" in verdict.summary
     assert "has a bias" not in stat(traced, traced).summary
+
+
+def test_an_interrupt_while_the_bias_is_measured_leaves_the_whole_film(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("glpath.rendering.bias.block_means", interrupted)
+    with pytest.raises(glpath.rendering.RenderInterrupted) as caught:
+        glpath.render("cornell-box-36", **GATHER)
+    assert caught.value.film.path_sets == 16
+    assert caught.value.film.bias() is None
+
+
+def test_where_there_is_no_room_beside_the_film_its_bias_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise ContextError("no room")
+
+    monkeypatch.setattr("glpath.rendering.bias.block_means", full)
+    film = glpath.render("cornell-box-36", **GATHER)
+    assert film.path_sets == 16
+    assert film.bias() is None
