@@ -11,7 +11,7 @@ from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import RunRequest
-from glpath.film.aovs import DENOISER_AOVS
+from glpath.film.aovs import guides_denoiser
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import percent
 from glpath.system.terminal import say
@@ -58,7 +58,7 @@ def merge(
         check_writable(path)
     picture = Picture.of_options(exposure, tonemap, denoise)
     film, repeated = merge_shards(films)
-    picture = picture.of_film(film.metadata.noisy and set(DENOISER_AOVS) <= set(film.metadata.aovs), out)
+    picture = picture.of_film(film.metadata.noisy and guides_denoiser(film.metadata.aovs), out)
     saves = picture.saves(film, out, film.exposure_stops(picture.exposure))
     written, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
     if not run.quiet:

@@ -26,7 +26,7 @@ from glpath.cli.values import crop as read_crop
 from glpath.cli.values import resolution as read_resolution
 from glpath.cli.values import sample_range as read_range
 from glpath.errors import UsageError
-from glpath.film.aovs import DENOISER_AOVS
+from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.integrators.settings import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
 from glpath.system.files import check_writable
@@ -216,8 +216,8 @@ def render(
         start = running.of_scene(asked, loaded)
     else:
         asked = RenderJob.load(job)
-        picture = picture.of_film(asked.integrator.noisy and running.has_denoiser_aovs(asked), out)
-        if picture.denoise and not running.has_denoiser_aovs(asked):
+        picture = picture.of_film(asked.integrator.noisy and guides_denoiser(asked.integrator.aovs), out)
+        if picture.denoise and not guides_denoiser(asked.integrator.aovs):
             raise UsageError(
                 f"--denoise beside --job: {job} asks for no AOVs albedo and normal, which a denoiser needs.",
                 f"Make the job with aovs={DENOISER_AOVS!r}.",

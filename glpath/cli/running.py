@@ -79,10 +79,6 @@ def denoisable(job: RenderJob) -> RenderJob:
     return replace(job, integrator=replace(job.integrator, aovs=aovs))
 
 
-def has_denoiser_aovs(job: RenderJob) -> bool:
-    return set(DENOISER_AOVS) <= set(job.integrator.aovs)
-
-
 @contextmanager
 def workers_of(address: str | None) -> Iterator[Workers | None]:
     """The cluster of --cluster; None: this process renders."""

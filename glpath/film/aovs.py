@@ -31,7 +31,7 @@ Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Re
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -54,6 +54,13 @@ Aov = Literal[
 AOVS: tuple[Aov, ...] = get_args(Aov)
 #: Those that a denoiser uses.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
+
+
+def guides_denoiser(aovs: Collection[str]) -> bool:
+    """Whether a denoiser has all of these AOVs to go by."""
+    return set(DENOISER_AOVS) <= set(aovs)
+
+
 #: Those made from counts of the shapes that samples have hit.
 ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.noise import standard_error
+from glpath.film.noise import FLOOR, standard_error
 
 Float64 = NDArray[np.float64]
 
@@ -23,8 +23,6 @@ Float64 = NDArray[np.float64]
 UNBIASED = "unbiased"
 #: Blocks along each side of the picture.
 BLOCKS = 8
-#: Squared radiance that relative errors of dark blocks are held against, as in `compare.relative_mse`.
-_FLOOR = 0.01
 
 
 @dataclass(frozen=True)
@@ -64,13 +62,18 @@ def summed(sets: Sequence[Float64], across: float) -> dict[str, Any]:
 
     The last of each list is of the whole picture.
     """
-    each = np.stack([np.append(means, means.mean()) for means in sets])
+    each = _with_the_whole(sets)
     return {
         "sets": len(sets),
         "across_sum": across * len(sets),
         "sum": [float(f"{one:.9g}") for one in each.sum(axis=0)],
         "square": [float(f"{one:.9g}") for one in (each**2).sum(axis=0)],
     }
+
+
+def _with_the_whole(sets: Sequence[Float64]) -> Float64:
+    """(N, BLOCKS² + 1) of N means of blocks, and of all of them last."""
+    return np.stack([np.append(means, means.mean()) for means in sets])
 
 
 def check_unbiased(found: object) -> None:
@@ -95,12 +98,11 @@ def bias_of(radiance_sums: Float64, batch_counts: NDArray[np.int64], unbiased: M
     across = unbiased["across_sum"] / count
     light = np.array(unbiased["sum"]) / count
     spread = np.maximum(np.array(unbiased["square"]) / count - light**2, 0.0) / (count - 1)
-    of_batches = [block_means(radiance_sums[batch], across) for batch in used]
-    whole = np.stack([np.append(means, means.mean() if np.ndim(means) else means) for means in of_batches])
+    whole = _with_the_whole([block_means(radiance_sums[batch], across) for batch in used])
     found = whole.sum(axis=0) / batch_counts[used].sum()
     variance = spread + standard_error(whole, batch_counts[used]) ** 2
     difference = found - light
-    weight = 1.0 / (light[:-1] ** 2 + _FLOOR)
+    weight = 1.0 / (light[:-1] ** 2 + FLOOR)
     by_noise = float(np.mean(variance[:-1] * weight))
     square = float(np.mean(difference[:-1] ** 2 * weight)) - by_noise
     middle = max(float(light[-1]), 1e-12)

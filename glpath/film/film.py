@@ -36,6 +36,7 @@ from glpath.film.aovs import (
     ID_AOVS,
     SHAPES,
     add_aov,
+    guides_denoiser,
     min_depths,
 )
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
@@ -218,7 +219,7 @@ class Film:
     @property
     def is_shown_denoised(self) -> bool:
         """Whether a notebook shows `denoised`: of a film with noise, with the AOVs and the denoiser for it."""
-        there = self.metadata.noisy and set(DENOISER_AOVS) <= set(self.metadata.aovs)
+        there = self.metadata.noisy and guides_denoiser(self.metadata.aovs)
         return there and self.path_sets > 0 and open_image_denoise.can_denoise()
 
     def denoised(self) -> Float32:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 #: Of fewer batches no error is estimated.
 MIN_BATCHES = 4
 #: Squared radiance that relative errors of dark pixels are held against, as in `compare.relative_mse`.
-_FLOOR = 0.01
+FLOOR = 0.01
 
 
 def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence: float) -> float:
@@ -49,7 +49,7 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
     spread = np.empty((batches, mean.size))
     for row, one, count in zip(spread, sums, counts, strict=True):
         others = (all_sums - one) / (total - count)
-        row[:] = (np.sqrt(count) * (one / count - mean) / np.sqrt(others * others + _FLOOR)).ravel()
+        row[:] = (np.sqrt(count) * (one / count - mean) / np.sqrt(others * others + FLOOR)).ravel()
     gram = spread @ spread.T
     freedom = batches - 1
     trace = float(np.trace(gram)) / freedom

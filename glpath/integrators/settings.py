@@ -312,8 +312,7 @@ class PathSettings(PathSetSettings):
 
 def _completed(settings: PathSettings | PathBufferSettings) -> dict[str, Any]:
     """Of paths of all bounces, the vertex from which on chance ends them."""
-    endless = settings.max_depth == DEEPEST and settings.roulette is None
-    return {"roulette": _ROULETTE} if endless else {}
+    return {"roulette": _ROULETTE} if settings.max_depth == DEEPEST and settings.roulette is None else {}
 
 
 @dataclass(frozen=True)
@@ -368,6 +367,10 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
         return self.max_depth
 
     @property
+    def endless(self) -> bool:
+        return self.roulette is not None and self.max_depth == DEEPEST
+
+    @property
     def by_path_buffer(self) -> bool:
         return True
 
@@ -375,7 +378,7 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
         """Those that decide something: memory does not."""
         given = super().recorded()
         del given["geometry_budget"]
-        if self.roulette is not None and self.max_depth == DEEPEST:
+        if self.endless:
             del given["max_depth"]
         if self.bounce_lod is None:
             del given["bounce_lod"]

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from glpath.errors import ContextError, SceneError, UsageError, warn
-from glpath.film.aovs import DENOISER_AOVS, ID_AOVS
+from glpath.film.aovs import DENOISER_AOVS, ID_AOVS, guides_denoiser
 from glpath.film.bias import UNBIASED
 from glpath.film.denoise import require_denoiser
 from glpath.film.film import Film
@@ -201,7 +201,7 @@ def begin(
 
 def _check_denoisable(job: RenderJob) -> None:
     """Raise UsageError for a film that cannot be denoised, GlpathError where the denoiser is missing."""
-    if not set(DENOISER_AOVS) <= set(job.integrator.aovs):
+    if not guides_denoiser(job.integrator.aovs):
         raise UsageError(
             "clean: of a film without the AOVs albedo and normal, by which pictures are denoised.",
             f"Render with aovs={DENOISER_AOVS!r}, or end by `noise`.",
