@@ -85,7 +85,8 @@ def material_table(materials: Sequence[Material]) -> Float64:
             ],
             [*m.dielectric[0], m.dielectric[1]],
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
-            [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
+            # What lets nothing through is no solid of glass, by whose formula it would reflect then.
+            [m.transmission, m.ior, m.transmission > 0 and not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],
             *_sheen(m),
         ]

@@ -12,7 +12,7 @@ import glpath
 from glpath import GlpathError, load_scene
 from glpath.io.load import scene_from_dict
 from glpath.scene.material import SMOOTH
-from glpath.scene.model import Float64, Material, Scene
+from glpath.scene.model import Float64, Material, Scene, Shapes
 from tests.support.engines import coarse
 from tests.support.uniform_sky import furnace, plane_under_the_sky
 
@@ -63,6 +63,20 @@ def test_a_surface_under_a_uniform_sky_sends_back_what_a_quadrature_finds(
     found = glpath.render(scene, spp=256, max_depth=2).mean.mean(axis=(0, 1))
     expected = directional_albedo(cosine, roughness, np.full(3, 0.04), base, metallic)
     assert found == pytest.approx(expected, rel=0.01)
+
+
+def test_glass_elsewhere_changes_no_opaque_surface() -> None:
+    """By Fresnel's equations, in place of Schlick's formula, a ninth more would be reflected over the base."""
+    plastic = Material("plastic", GREY, roughness=0.15, thin=False)
+    scene = plane_under_the_sky(plastic, 0.5)
+    behind = {"type": "quad", "corners": [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1]]}
+    pane = scene_from_dict({"camera": {"position": [0, 0, 4], "target": [0, 0, 0]}, "shapes": [behind]}).shapes[0]
+    glass = Material("glass", np.ones(3), roughness=0.0, transmission=1.0)
+    both = replace(
+        scene, materials=(plastic, glass), shapes=Shapes([*scene.shapes, replace(pane, name="pane", material=1)])
+    )
+    alone, beside = (glpath.render(each, spp=64, max_depth=2).mean.mean() for each in (scene, both))
+    assert beside == pytest.approx(alone, rel=1e-3)
 
 
 def test_the_last_vertex_of_a_path_has_the_light_that_only_its_mirror_finds() -> None:
