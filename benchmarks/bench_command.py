@@ -42,6 +42,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "a path set of 100,000 triangles with textures and smooth normals, beside the same plain",
         ("--rounds", "--scale"),
     ),
+    "defaults": (
+        "pictures without options: seconds of the whole process and the error, beside Cycles with its own",
+        ("--rounds", "--scale"),
+    ),
     "t-buffer": (
         "what the eye sees of 1e3 to 1e6 objects, beside Embree, and frames with kept shadow-buffers",
         ("--rounds", "--scale"),
@@ -106,15 +110,16 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of which the "
-            "median counts; 7.",
+            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of "
+            "which the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: below 1, less work; 1.",
+            help="gather, defaults, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: below 1, "
+            "less work; 1.",
         ),
     ] = None,
     output: Annotated[
@@ -183,6 +188,10 @@ def _measure(
         from benchmarks.benches.denoise import bench_denoise
 
         return bench_denoise(seeds, reference, scene, progress)
+    if name == "defaults":
+        from benchmarks.benches.defaults import bench_defaults
+
+        return bench_defaults(rounds, scale, progress)
     if name == "t-buffer":
         from benchmarks.benches.t_buffer import bench_t_buffer
 

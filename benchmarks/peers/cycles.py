@@ -25,7 +25,7 @@ from glpath.film.film import read_image
 from glpath.scene.model import Float64, Scene
 
 #: What of its sampling depends on the scene: lights chosen by a tree, and the bounce from which roulette is played.
-CANDIDATES: tuple[dict[str, bool | int], ...] = tuple(
+CANDIDATES: tuple[dict[str, bool | float], ...] = tuple(
     {"use_light_tree": tree, "min_light_bounces": bounces} for tree in (True, False) for bounces in (0, 3, 8)
 )
 _WORKER = Path(__file__).with_name("cycles_worker.py")
@@ -111,7 +111,8 @@ class Cycles:
         #: Of its process, after the last picture.
         self.peak_bytes = 0
         self.version = self._answer()["version"]
-        self.settings = CANDIDATES[0]
+        #: What is set of `scene.cycles`.
+        self.settings: dict[str, bool | float] = dict(CANDIDATES[0])
 
     def tune(self, error: Callable[[Float64], float], spp: int = 16, rounds: int = 2) -> None:
         """Take those settings of `CANDIDATES` whose error times time is the least, all tried in turns.

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 import glpath
 from benchmarks.__main__ import app
 from benchmarks.bench_command import BENCHES
-from benchmarks.benches import denoise, gather, jobs, path_buffer, shaft, start_up, t_buffer
+from benchmarks.benches import defaults, denoise, gather, jobs, path_buffer, shaft, start_up, t_buffer
 from benchmarks.benches.equal_error import line_to_target, samples_to_target
 from benchmarks.benches.start_up import bench_start_up
 from benchmarks.peers import cycles as cycles_peer
@@ -67,6 +67,7 @@ def test_list_names_every_bench() -> None:
         "gather",
         "denoise",
         "textures",
+        "defaults",
         "t-buffer",
         "shaft",
         "shaft-options",
@@ -341,3 +342,14 @@ def test_films_of_workers_that_are_not_the_same_are_a_fault(monkeypatch) -> None
     workers = SimpleNamespace(render=of_other_path_sets)
     monkeypatch.setattr(jobs, "Cluster", lambda address: nullcontext(workers))
     assert any("other bits" in fault for fault in jobs.bench_jobs(scale=0.01, rounds=1).faults)
+
+
+def test_the_error_beside_a_noisy_reference_is_the_pictures_own() -> None:
+    """Two films of a seed each are twice as far apart as each is from the truth."""
+    one, other = (
+        glpath.render("cornell-box-36", resolution=(32, 32), integrator="path", spp=64, seed=seed)
+        for seed in (1, 2)
+    )
+    own = one.variance_of_mean() / (other.mean**2 + 1e-2)
+    assert defaults.error_beside(one.mean, other) == pytest.approx(own.mean(), rel=0.5)
+    assert relative_mse(one.mean, other.mean) > 1.5 * own.mean()

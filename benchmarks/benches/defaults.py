@@ -1,0 +1,164 @@
+"""What a person gets who says nothing but which scene and where to: seconds of the whole process, and the error.
+
+`glpath render SCENE -o a.png`, warm, processes in turns, of which the median counts; then once more to a film,
+which is denoised and compared with unbiased paths, kept in the cache folder. The error is without the worst
+thousandth of the pixels, and without the reference's own.
+
+Beside it Cycles with Blender's defaults (noise threshold 0.01, at most 4,096 samples, its denoiser) but all bounces
+of light, where it can have the scene: the seconds of a picture, its start and the building of its tree left out;
+and with larger thresholds, as it is to be compared at the error that glpath leaves.
+
+measured, for each scene:
+    SCENE_s, SCENE_relmse            : of glpath's picture
+    SCENE_cycles_s, .._cycles_relmse : of the quickest of Cycles' whose error is no larger, else of its best
+    SCENE_vs_cycles                  : how many times as fast glpath is
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import glpath
+from benchmarks.peers import cycles as cycles_peer
+from benchmarks.peers.mitsuba import comparable
+from benchmarks.references.kept import reference_folder
+from benchmarks.timing import in_turns, seconds_of
+from benchmarks.verdict import Condition, Report, judge, machine
+from glpath.errors import GlpathError
+from glpath.film.film import Film
+from glpath.gl.context import get_context
+from glpath.integrators.settings import DEEPEST
+from glpath.io import load_scene
+from glpath.scene.model import Scene
+from glpath.system.versions import versions
+
+Say = Callable[[str], None]
+
+#: Seconds and error that are the aim.
+AIMS = {"cornell-box": (4.0, 5e-4), "room": (12.0, 1.5e-3), "parlour": (15.0, 2.5e-3)}
+#: Path sets of the unbiased picture.
+SETS = 512
+#: Of Cycles; the first is Blender's default.
+THRESHOLDS = (0.01, 0.03, 0.1)
+_CYCLES_SAMPLES = 4096
+_WORST = 1e-3
+RULE = tuple(
+    condition
+    for name, (seconds, error) in AIMS.items()
+    for condition in (Condition(f"{name}_s", "<=", seconds), Condition(f"{name}_relmse", "<=", error))
+)
+
+
+def bench_defaults(rounds: int = 3, scale: float = 1.0, progress: Say = lambda text: None) -> Report:
+    """Time the processes, and take their errors.
+
+    scale : below 1, that much of the reference's path sets
+    Raises GlpathError where a render fails; Cycles is left out where it is not installed.
+    """
+    measured: dict[str, float] = {}
+    rows: list[dict[str, float | str]] = []
+    notes: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        picture, film = str(Path(folder, "a.png")), Path(folder, "a.npz")
+        for name in AIMS:
+            progress(f"{name}, once to fill its caches")
+            _render(name, picture)
+        seconds = in_turns(
+            {name: partial(seconds_of, partial(_render, name, picture)) for name in AIMS}, max(rounds, 1)
+        )
+        for name in AIMS:
+            scene = load_scene(name)
+            reference = _reference(scene, max(16, round(SETS * scale)), progress)
+            _render(name, str(film), "--denoise")
+            error = error_beside(Film.load(film).denoised(), reference)
+            measured |= {f"{name}_s": seconds[name], f"{name}_relmse": error}
+            rows.append({"scene": name, "program": "glpath", "seconds": seconds[name], "relmse": error})
+            try:
+                found = _by_cycles(scene, reference, progress)
+            except GlpathError as left_out:
+                notes.append(f"without Cycles: {str(left_out).splitlines()[0]}")
+                continue
+            rows += [
+                {"scene": name, "program": f"Cycles at {each.threshold:g}", "seconds": each.seconds}
+                | {"relmse": each.relmse}
+                for each in found
+            ]
+            as_good = [each for each in found if each.relmse <= error]
+            best = min(as_good, key=lambda each: each.seconds) if as_good else min(found, key=lambda e: e.relmse)
+            measured |= {f"{name}_cycles_s": best.seconds, f"{name}_cycles_relmse": best.relmse}
+            measured[f"{name}_vs_cycles"] = best.seconds / seconds[name]
+    claim, holds = judge("pictures without options, the whole process", RULE, measured)
+    return Report(
+        "defaults",
+        claim,
+        measured,
+        holds,
+        rows=rows,
+        machine=machine(get_context().info.renderer),
+        versions=versions("glpath", "moderngl", "numpy", "pyoidn"),
+        notes=notes,
+    )
+
+
+class ByCycles(NamedTuple):
+    """A picture of Cycles'."""
+
+    threshold: float
+    seconds: float
+    relmse: float
+
+
+def _render(scene: str, output: str, *more: str) -> None:
+    command = [sys.executable, "-m", "glpath", "render", scene, "--quiet", "-o", output, *more]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True)
+    if done.returncode:
+        word = (done.stderr.decode(errors="replace").strip().splitlines() or ["no word"])[-1]
+        raise GlpathError(f"bench defaults: glpath render {scene} failed: {word}", "See `glpath doctor`.")
+
+
+def _reference(scene: Scene, sets: int, say: Say) -> Film:
+    """Unbiased paths, of a seed that no default has; kept, and gone on with where there were fewer."""
+    width, height = scene.camera.resolution
+    path = reference_folder() / f"{scene.name}-{width}x{height}-paths-{scene.digest()[:16]}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kept = Film.load(path) if path.exists() else None
+    if kept is None or kept.path_sets < sets:
+        say(f"{scene.name}: the unbiased picture of {sets} path sets, kept in {path}")
+        kept = glpath.render(scene, integrator="path", spp=sets, seed=1_000_000, film=kept)
+        kept.save(path)
+    return kept
+
+
+def error_beside(picture: ArrayLike, reference: Film) -> float:
+    """relMSE of what is not the worst thousandth, the reference's own error taken off."""
+    expected = reference.mean
+    own = reference.variance_of_mean()
+    weight = expected**2 + 1e-2
+    errors = ((np.asarray(picture, float) - expected) ** 2 / weight).mean(axis=2).ravel()
+    keep = np.argsort(errors)[: round((1.0 - _WORST) * len(errors))]
+    return float(errors[keep].mean() - (own / weight).mean(axis=2).ravel()[keep].mean())
+
+
+def _by_cycles(scene: Scene, reference: Film, say: Say) -> list[ByCycles]:
+    flat, _ = comparable(scene)
+    found = []
+    with cycles_peer.cycles(flat, DEEPEST) as program:
+        for threshold in THRESHOLDS:
+            say(f"{scene.name}: Cycles {program.version}, noise threshold {threshold:g}")
+            program.settings = {
+                "use_adaptive_sampling": True,
+                "adaptive_threshold": threshold,
+                "use_denoising": True,
+            }
+            seconds, picture = program.render(_CYCLES_SAMPLES, 1)
+            found.append(ByCycles(threshold, seconds, error_beside(picture, reference)))
+    return found
