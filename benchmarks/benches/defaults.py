@@ -87,11 +87,9 @@ def bench_defaults(rounds: int = 3, scale: float = 1.0, progress: Say = lambda t
             except GlpathError as left_out:
                 notes.append(f"without Cycles: {str(left_out).splitlines()[0]}")
                 continue
-            rows += [
-                {"scene": name, "program": f"Cycles at {each.threshold:g}", "seconds": each.seconds}
-                | {"relmse": each.relmse}
-                for each in found
-            ]
+            for each in found:
+                program = f"Cycles at {each.threshold:g}"
+                rows.append({"scene": name, "program": program, "seconds": each.seconds, "relmse": each.relmse})
             as_good = [each for each in found if each.relmse <= error]
             best = min(as_good, key=lambda each: each.seconds) if as_good else min(found, key=lambda e: e.relmse)
             measured |= {f"{name}_cycles_s": best.seconds, f"{name}_cycles_relmse": best.relmse}
