@@ -504,7 +504,8 @@ import sys, time
 import numpy as np
 from glpath import rendering
 from glpath.cli.main import run
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 from glpath.rendering import calls
 
 def run_job(job, scene, options):
