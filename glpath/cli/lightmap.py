@@ -20,7 +20,7 @@ from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
-from glpath.integrators.settings import AUTO
+from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import duration, percent

@@ -27,7 +27,7 @@ from glpath.system.reporting import duration
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
     from glpath.film.film import Film
-    from glpath.integrators.settings import Integrator
+    from glpath.integrators.by_name import Integrator
     from glpath.rendering.points import Irradiance, Receiver
     from glpath.rendering.run_options import RunOptions
     from glpath.rendering.uniformity import Estimate, Spread

@@ -24,7 +24,7 @@ from glpath.system.reporting import duration
 if TYPE_CHECKING:
     from glpath.bake.probes import Probes
     from glpath.film.film import Film
-    from glpath.integrators.settings import Integrator
+    from glpath.integrators.by_name import Integrator
     from glpath.rendering.run_options import RunOptions
 
 _GRID = "Grid"

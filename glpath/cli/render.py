@@ -27,7 +27,7 @@ from glpath.cli.values import resolution as read_resolution
 from glpath.cli.values import sample_range as read_range
 from glpath.errors import UsageError
 from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
-from glpath.integrators.settings import AUTO, Integrator
+from glpath.integrators.by_name import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
 from glpath.system.files import check_writable
 

@@ -14,17 +14,14 @@ from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.engine import Engine
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from glpath.integrators.ray_paths import CEILING
-from glpath.integrators.settings import (
-    GatherSettings,
-    IntegratorSettings,
-    PathBufferSettings,
-    PathSettings,
-    WhittedSettings,
-)
+from glpath.integrators.settings import IntegratorSettings
 from glpath.integrators.solution_lookup import device_radiosity, solution_digest
+from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors.sensor import CameraSensor, Sensor
