@@ -16,13 +16,16 @@ from glpath.system.kernels import inner_kernel, kernel
 
 
 class Nodes(NamedTuple):
-    """The arrays of a `Bvh` for kernels, as they are, where `glpath.accel.nodes.Tree` has a copy of its boxes."""
+    """The arrays of a `Bvh` for kernels, as they are, where `glpath.accel.nodes.Tree` has a copy of its boxes.
+
+    items : its `count`
+    """
 
     lower: NDArray[Any]
     upper: NDArray[Any]
     skip: NDArray[np.int32]
     first: NDArray[np.int32]
-    count: NDArray[np.int32]
+    items: NDArray[np.int32]
     order: NDArray[np.int32]
 
     @classmethod
@@ -57,7 +60,7 @@ def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
 @kernel
 def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-def]
     """Fill parts (N, 5), of the inner nodes alone; costs: of subtrees whose parents are yet to come, a stack."""
-    lower, upper, skip, first, count = tree.lower, tree.upper, tree.skip, tree.first, tree.count
+    lower, upper, skip, first, count = tree.lower, tree.upper, tree.skip, tree.first, tree.items
     top = 0
     for node in range(len(skip) - 1, -1, -1):
         if count[node]:
@@ -104,7 +107,7 @@ def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped
 
     pending : nodes that are yet to come, and how many groups wait while a ray is there
     """
-    skip, first, count = tree.skip, tree.first, tree.count
+    skip, first, count = tree.skip, tree.first, tree.items
     pending[0, 0], pending[0, 1] = 0, 0
     waiting, wide, stack = 1, 0, 0
     while waiting:
@@ -134,7 +137,7 @@ def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped
 @inner_kernel
 def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no-untyped-def]
     """Put a subtree of a wide node, in up to `budget` parts, into its lanes from `lane` on."""
-    skip, first, count = tree.skip, tree.first, tree.count
+    skip, first, count = tree.skip, tree.first, tree.items
     # Up to three parts: the left one of two, the right one, and this once more for the larger of both.
     for _ in range(WIDTH):
         if count[node]:

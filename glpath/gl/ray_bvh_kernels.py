@@ -171,7 +171,7 @@ def _item_boxes(vertices, faces, items, begin, end, boxes):  # type: ignore[no-u
 @kernel
 def _fill_nodes(tree, wide_nodes, steps, nodes, lanes, begin, end):  # type: ignore[no-untyped-def]
     """Fill nodes and lanes begin to end; steps: the grid's lower corner, step and pad."""
-    lower, upper, first, count, order = tree.lower, tree.upper, tree.first, tree.count, tree.order
+    lower, upper, first, count, order = tree.lower, tree.upper, tree.first, tree.items, tree.order
     children, number, orders = wide_nodes.children, wide_nodes.number, wide_nodes.orders
     for wide in range(begin, end):
         bits = 0
