@@ -37,7 +37,16 @@ _PREVIEW = 1024
 
 @dataclass(eq=False, repr=False)
 class Film(FilmErrors):
-    """Sums of radiance over path sets, in batches, and the pictures of them; the fields are those of `FilmSums`."""
+    """Sums of radiance over path sets, in batches, and the pictures of them.
+
+    radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
+                    at the top
+    batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
+    ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
+    metadata      : what made it
+    aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
+    shape_counts  : how many samples of each pixel have hit which shape, where `metadata.counts_shapes`
+    """
 
     #: Called when a notebook is about to show the film, to remove a picture of it that stands there.
     before_shown: Callable[[], None] | None = field(default=None, init=False)

@@ -33,22 +33,13 @@ Float64 = NDArray[np.float64]
 
 @dataclass(eq=False, repr=False)
 class FilmSums:
-    """Sums of radiance over path sets, in batches.
+    """Sums of radiance over path sets, in batches; `Film` says what each field is."""
 
-    radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
-                    at the top
-    batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
-    ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
-    metadata      : what made it
-    aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
-    shape_counts  : how many samples of each pixel have hit which shape, where `metadata.counts_shapes`
-    """
-
-    radiance_sums: Float64
-    batch_counts: NDArray[np.int64]
+    radiance_sums: Float64  # (BATCHES, H, W, 3)
+    batch_counts: NDArray[np.int64]  # (BATCHES,)
     ranges: tuple[tuple[int, int], ...]
     metadata: FilmMetadata
-    aov_sums: dict[str, Float64] = field(default_factory=dict)
+    aov_sums: dict[str, Float64] = field(default_factory=dict)  # (H, W, n) each
     shape_counts: ShapeCounts | None = None
 
     @classmethod
