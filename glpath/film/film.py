@@ -212,6 +212,7 @@ def read_image(path: str | Path) -> Float64:
 
     .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
     .exr : channels R, G, B or Y; of a crop its own pixels only
+    .hdr : Radiance's RGBE
     .npz : a film's mean, or the array `radiance`
     .npy : (H, W, 3) or (H, W)
 

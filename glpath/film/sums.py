@@ -4,9 +4,7 @@ Sums, never means, so that resuming a render and merging two are additions. What
 multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
 0..32 merged with 32..64, bit for bit, in whatever order they came.
 
-Sums are kept apart in batches, since the paths of a set may share directions or points of a sequence: neighbouring
-pixels err together, and the error of an image can only be seen between sets. Which batch a set belongs to follows
-from its number, so any ranges merge.
+They are kept apart in batches (`glpath.film.batches`), as the error of an image can only be seen between sets.
 
 Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
 """
