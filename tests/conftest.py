@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from glpath.film.batches import blocks
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 
 # A project of its own; `test_pytest_plugin` runs it.
 collect_ignore = ["example_project"]

@@ -47,10 +47,12 @@ from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.film.aovs import Aov
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather_settings import Cast, GatherSettings
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.path_settings import PathSettings
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import Cast, GatherSettings, PathSetSettings, PathSettings
+from glpath.integrators.settings import PathSetSettings
 from glpath.integrators.solution_lookup import device_radiosity
 from glpath.io import load_scene
 from glpath.radiosity.solution import RadiositySolution

@@ -50,7 +50,8 @@ from benchmarks.benches.gather import compiled_engine, guiding_seconds, solve
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.gl.context import Context, get_context
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import PathBufferSettings, PathSetSettings, PathSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
+from glpath.integrators.settings import PathSetSettings
 from glpath.io import load_scene
 from glpath.scene.model import Scene
 from glpath.system.versions import versions

@@ -30,8 +30,8 @@ from glpath.errors import GlpathError
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.settings import TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
+from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.io import load_scene
 from glpath.scene.model import Camera, Material, Mesh, Scene, Shape, Shapes
 from glpath.sensors.sensor import CameraSensor

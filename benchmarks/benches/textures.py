@@ -24,7 +24,7 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import PathSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.model import Material, Mesh, Shape, Shapes, Texture, TextureSlot

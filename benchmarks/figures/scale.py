@@ -32,7 +32,8 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import PathBufferSettings, PathSetSettings, PathSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
+from glpath.integrators.settings import PathSetSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Shape, Shapes

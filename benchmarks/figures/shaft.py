@@ -31,7 +31,7 @@ from benchmarks.figures.style import drawings
 from benchmarks.verdict import Condition
 from glpath.accel.nodes import Bvh
 from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
-from glpath.notebook.polyhedron import box_corners, box_planes, faces, farthest_gap, shaft_planes, volume
+from glpath.notebook.polyhedron import box_corners, box_planes, faces, shaft_planes
 from glpath.radiosity import Containment, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.shaft import FACES
 
@@ -71,6 +71,38 @@ def _shaft_rows(shaft: Shaft, name: str, a: str = "emitter", b: str = "receiver"
 def _edge(plane: Float64) -> str:
     """The culled edge of a plane, such as "MIN_X--MAX_Y": its normal points there."""
     return "--".join(f"{'MAX' if plane[k] > 0 else 'MIN'}_{AXES[k]}" for k in range(3) if plane[k])
+
+
+def volume(planes: Float64) -> float:
+    """The volume inside of all planes, by pyramids from the origin over each face."""
+    total = 0.0
+    for plane, face in zip(planes, faces(planes), strict=True):
+        if len(face):
+            normal = plane[:3] / np.linalg.norm(plane[:3])
+            area = 0.5 * abs(normal @ np.cross(face, np.roll(face, -1, axis=0)).sum(axis=0))
+            total += area * float(normal @ face[0]) / 3
+    return total
+
+
+def farthest_gap(points: Float64, centres: Float64, steps: int = 400) -> Float64:
+    """(N,) how far each centre (N, 3) is from the convex hull of points (P, 3), from below; 0 inside.
+
+    A point of the hull comes nearer step by step [Gilbert 1966]. The vector between the two gives a plane that
+    has all of the hull on one side: the distance of the centre from the best such plane is what is returned, so it
+    is never too large.
+    """
+    nearest = np.repeat(points.mean(axis=0, keepdims=True), len(centres), axis=0)
+    best = np.zeros(len(centres))
+    for _ in range(steps):
+        to_centre = centres - nearest
+        length = np.maximum(np.linalg.norm(to_centre, axis=1), 1e-300)
+        along = to_centre @ points.T
+        support = points[along.argmax(axis=1)]
+        best = np.maximum(best, ((centres - support) * to_centre).sum(axis=1) / length)
+        step = support - nearest
+        share = (to_centre * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
+        nearest = nearest + np.clip(share, 0, 1)[:, None] * step
+    return best
 
 
 def _too_large(shaft: Shaft, count: int, seed: int = 1) -> float:

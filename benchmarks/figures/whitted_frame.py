@@ -13,8 +13,8 @@ from benchmarks.timing import seconds_of
 from glpath.film.image import tonemap
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.settings import ClassicSettings, Shadows, TBufferSettings
 from glpath.integrators.whitted import WhittedTracer
+from glpath.integrators.whitted_settings import ClassicSettings, Shadows, TBufferSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 

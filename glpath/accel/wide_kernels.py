@@ -5,12 +5,33 @@ Cost:     a quarter of a second for a million boxes, on one core; 20 bytes a box
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.accel.nodes import Bvh
 from glpath.accel.wide import WIDTH, WideBvh
 from glpath.system.kernels import inner_kernel, kernel
+
+
+class Nodes(NamedTuple):
+    """The arrays of a `Bvh` for kernels, as they are, where `glpath.accel.nodes.Tree` has a copy of its boxes.
+
+    items : its `count`
+    """
+
+    lower: NDArray[Any]
+    upper: NDArray[Any]
+    skip: NDArray[np.int32]
+    first: NDArray[np.int32]
+    items: NDArray[np.int32]
+    order: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, tree: Bvh) -> Nodes:
+        """The nodes of a tree."""
+        return cls(tree.lower, tree.upper, tree.skip, tree.first, tree.count, tree.order)
 
 
 def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
@@ -23,25 +44,23 @@ def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
     # Pages of memory that nothing is written to are never had.
     parts, roots = np.zeros((items, WIDTH + 1), np.int8), np.empty(items, np.int32)
     children = np.empty((items, WIDTH), np.int32)
-    shape = (tree.lower, tree.upper, tree.skip, tree.first, tree.count)
-    _min_cost_parts(*shape, node_cost, parts, np.empty((items + 1, WIDTH)))
-    size, stack = np.zeros(1, np.int64), np.zeros(1, np.int64)
-    pending = np.empty((items, 2), np.int32)
-    _collapse(tree.skip, tree.first, tree.count, parts, pending, children, roots, size, stack)
-    return WideBvh(tree, children[: size[0]], roots[: size[0]], int(stack[0]))
+    nodes = Nodes.of(tree)
+    _min_cost_parts(nodes, node_cost, parts, np.empty((items + 1, WIDTH)))
+    size, stack = _collapse(nodes, parts, np.empty((items, 2), np.int32), children, roots)
+    return WideBvh(tree, children[:size], roots[:size], stack)
 
 
 def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
     """(W, 8): by octant of directions, `WideBvh.order` with two bits a child, the first in the lowest."""
-    tree = wide.tree
     orders, splits = np.empty((len(wide), 8), np.uint8), np.empty((WIDTH - 1, 4), np.int64)
-    _octant_orders(tree.lower, tree.upper, tree.skip, wide.children, wide.roots, orders, splits)
+    _octant_orders(Nodes.of(wide.tree), wide.children, wide.roots, orders, splits)
     return orders
 
 
 @kernel
-def _min_cost_parts(lower, upper, skip, first, count, node_cost, parts, costs):  # type: ignore[no-untyped-def]
+def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-def]
     """Fill parts (N, 5), of the inner nodes alone; costs: of subtrees whose parents are yet to come, a stack."""
+    lower, upper, skip, first, count = tree.lower, tree.upper, tree.skip, tree.first, tree.items
     top = 0
     for node in range(len(skip) - 1, -1, -1):
         if count[node]:
@@ -83,14 +102,14 @@ def _min_cost_parts(lower, upper, skip, first, count, node_cost, parts, costs): 
 
 
 @kernel
-def _collapse(skip, first, count, parts, pending, children, roots, size, stack):  # type: ignore[no-untyped-def]
-    """Fill children (W, 4) and roots (W,), depth first.
+def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped-def]
+    """Fill children (W, 4) and roots (W,), depth first; return W and `WideBvh.stack`.
 
-    size, stack : (1,) each, how many nodes there are, and `WideBvh.stack`
     pending : nodes that are yet to come, and how many groups wait while a ray is there
     """
+    skip, first, count = tree.skip, tree.first, tree.items
     pending[0, 0], pending[0, 1] = 0, 0
-    waiting, wide = 1, 0
+    waiting, wide, stack = 1, 0, 0
     while waiting:
         waiting -= 1
         root, later = pending[waiting, 0], pending[waiting, 1]
@@ -98,26 +117,27 @@ def _collapse(skip, first, count, parts, pending, children, roots, size, stack):
         for lane in range(WIDTH):
             children[wide, lane] = -1
         part = parts[root - first[root], 0]
-        _assign(root + 1, part, 0, wide, skip, first, count, parts, children)
-        _assign(skip[root + 1], WIDTH - part, part, wide, skip, first, count, parts, children)
+        _assign(tree, parts, children, wide, root + 1, part, 0)
+        _assign(tree, parts, children, wide, skip[root + 1], WIDTH - part, part)
         inner = 0
         for lane in range(WIDTH):
             child = children[wide, lane]
             inner += child >= 0 and count[child] == 0
         if inner:
-            stack[0] = max(stack[0], later)
+            stack = max(stack, later)
         for lane in range(WIDTH - 1, -1, -1):
             child = children[wide, lane]
             if child >= 0 and count[child] == 0:
                 pending[waiting, 0], pending[waiting, 1] = child, later + (inner > 1)
                 waiting += 1
         wide += 1
-    size[0] = wide
+    return wide, stack
 
 
 @inner_kernel
-def _assign(node, budget, lane, wide, skip, first, count, parts, children):  # type: ignore[no-untyped-def]
+def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no-untyped-def]
     """Put a subtree of a wide node, in up to `budget` parts, into its lanes from `lane` on."""
+    skip, first, count = tree.skip, tree.first, tree.items
     # Up to three parts: the left one of two, the right one, and this once more for the larger of both.
     for _ in range(WIDTH):
         if count[node]:
@@ -139,12 +159,13 @@ def _assign(node, budget, lane, wide, skip, first, count, parts, children):  # t
 
 
 @kernel
-def _octant_orders(lower, upper, skip, children, roots, orders, splits):  # type: ignore[no-untyped-def]
+def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-untyped-def]
     """Fill orders (W, 8).
 
     roots  : (W,) the binary node of each wide one
     splits : (3, 4) room for the nodes between a wide one and its children
     """
+    lower, upper, skip = tree.lower, tree.upper, tree.skip
     for wide in range(len(roots)):
         # All words begin with the order of the binary tree; a node that is swapped exchanges the children below it.
         word, found = 0, 0
@@ -178,25 +199,31 @@ def _octant_orders(lower, upper, skip, children, roots, orders, splits):  # type
             orders[wide, octant] = word
         for i in range(count - 1, -1, -1):
             left = splits[i, 0] + 1
-            _exchange(lower, upper, left, skip[left], splits[i, 1], splits[i, 3], splits[i, 2], orders, wide)
+            axis, apart = _apart(lower, upper, left, skip[left])
+            if apart != 0.0:
+                _exchange(orders, wide, axis, apart < 0.0, splits[i, 1], splits[i, 3], splits[i, 2])
 
 
 @inner_kernel
-def _exchange(lower, upper, left, right, begin, middle, end, orders, wide):  # type: ignore[no-untyped-def]
-    """Of two nodes, with children `begin` to `middle` and `middle` to `end`, in the words of those octants whose
-    directions hit the second one first."""
+def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
+    """The axis along which the middles of two nodes are furthest apart, and how far the second is along it."""
     axis, far = 0, 0.0
     for k in range(3):
         apart = 0.5 * (np.float64(lower[right, k]) + upper[right, k])
         apart -= 0.5 * (np.float64(lower[left, k]) + upper[left, k])
         if abs(apart) > abs(far):
             axis, far = k, apart
-    if far == 0.0:
-        return
+    return axis, far
+
+
+@inner_kernel
+def _exchange(orders, wide, axis, negative, begin, middle, end):  # type: ignore[no-untyped-def]
+    """Exchange children `begin` to `middle` with `middle` to `end` in the words of those octants whose directions
+    hit the second ones first, which lie before the first ones along the axis where `negative`."""
     first, second = 2 * (middle - begin), 2 * (end - middle)
     mask = (1 << first + second) - 1
     for octant in range(8):
-        if (octant >> axis & 1) != (far < 0.0):
+        if (octant >> axis & 1) != negative:
             word = int(orders[wide, octant])
             both = word >> 2 * begin & mask
             turned = both >> first | (both << second & mask)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.overlaps import overlapping
+from glpath.bake.pieces import pieces
 from glpath.bake.steps import corners_in_steps, points_in_steps, power_of_two, rounded
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
@@ -458,25 +459,12 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
-    chart = _hanging_together(scene, triangle, texels)
+    # A chart has faces that share corners in space and on the page.
+    corners = np.concatenate([scene.triangles[triangle], np.round(texels, 4)], axis=2)
+    chart = np.unique(pieces(corners), return_inverse=True)[1].astype(np.int64)
     atlas = Atlas(triangle, side, np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)
     _check_apart(scene, atlas, scene_name)
     return atlas
-
-
-def _hanging_together(scene: Scene, triangle: Int64, uv: Float64) -> Int64:
-    """(F,): the number of the chart, of faces that share corners in space and on the page."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    rows = np.concatenate([scene.triangles[triangle], np.round(uv, 4)], axis=2).reshape(-1, 5)
-    _, which = np.unique(rows, axis=0, return_inverse=True)
-    which = which.reshape(-1, 3)
-    count = int(which.max()) + 1
-    ends = np.concatenate([which[:, :2], which[:, 1:]])
-    graph = coo_array((np.ones(len(ends), np.int8), tuple(ends.T)), shape=(count, count))
-    _, chart = np.unique(connected_components(graph, directed=False)[1][which[:, 0]], return_inverse=True)
-    return np.asarray(chart, np.int64)
 
 
 def _check_apart(scene: Scene, atlas: Atlas, scene_name: str) -> None:

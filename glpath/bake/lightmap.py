@@ -29,7 +29,8 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
-from glpath.integrators.settings import AUTO, IntegratorKeywords, IntegratorSettings
+from glpath.integrators.by_name import AUTO, IntegratorKeywords
+from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.radiosity.memory import require_memory

@@ -35,7 +35,8 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
 from glpath.film.units import Unit, symbol
-from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.integrators.by_name import Integrator
+from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.rendering.options import RenderKeywords, whole_numbers, with_options

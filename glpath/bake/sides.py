@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.bake.pieces import pieces
 from glpath.bake.solids import inside_solids
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
@@ -146,7 +147,9 @@ def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int)
     A walk ends where something that shines is hit, or seen from there. Pieces of which few walks do are asked again
     with more of them, as small lamps and far windows are seldom hit.
     """
-    piece = _pieces(scene)
+    # What of a shape shares corners is one piece.
+    shape = np.broadcast_to(scene.triangle_shape[:, None, None], (len(scene.triangles), 3, 1))
+    piece = pieces(np.concatenate([scene.triangles, shape], axis=2))
     count = int(piece.max()) + 1
     order = np.argsort(piece, kind="stable")
     first = np.searchsorted(piece[order], np.arange(count + 1))
@@ -267,21 +270,6 @@ def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> B
     """(N,): whether rays that meet `hit` get to what `_shining_points` says; never to a lamp's back."""
     behind = (target >= 0) & ~np.isfinite(length)
     return np.asarray(~behind & ((hit < 0) | (hit == target) | (distance > length)))
-
-
-def _pieces(scene: Scene) -> Int64:
-    """(T,): the number of the piece of a shape that a triangle is of; what shares corners is one."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    shape = np.broadcast_to(scene.triangle_shape[:, None, None], (len(scene.triangles), 3, 1))
-    corners = np.concatenate([scene.triangles, shape], axis=2)
-    _, which = np.unique(corners.reshape(-1, 4), axis=0, return_inverse=True)
-    which = which.reshape(-1, 3)
-    number = int(which.max()) + 1
-    ends = np.concatenate([which[:, :2], which[:, 1:]])
-    graph = coo_array((np.ones(len(ends), np.int8), tuple(ends.T)), shape=(number, number))
-    return np.asarray(connected_components(graph, directed=False)[1][which[:, 0]], np.int64)
 
 
 def cast(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glpath.radiosity.shafts.rays import Rays
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
 
 Int64 = NDArray[np.int64]
@@ -143,17 +144,6 @@ def _inhabited(scene: Scene, found: Closed, solid: Bools, points: Float64, own: 
                 corners = scene.triangles[order[first[number] : first[number + 1]]]
                 inhabited[number] = abs(winding_number(corners, point)) > 0.25  # 0 or 1, but for what is on it
     return inhabited
-
-
-def winding_number(triangles: Float64, point: Float64) -> float:
-    """How often a surface of triangles (T, 3, 3) is around a point: the solid angle that it fills, over 4 pi.
-
-    A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
-    """
-    a, b, c = np.moveaxis(triangles - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    dots = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-    return float(2.0 * np.arctan2((a * np.cross(b, c)).sum(1), dots).sum() / (4.0 * np.pi))
 
 
 @kernel

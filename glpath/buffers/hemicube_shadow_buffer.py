@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.frame import frame_about
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.geometry_stream import Kept, StreamedScan, before_planes
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
@@ -97,8 +97,7 @@ class HemicubeShadowBuffer(Owner):
                 self._pass.target,
                 depth=True,
                 clip_distances=5 if full else 4,
-                records=records,
-                seen=self.texture,
+                kept=Kept(records, self.texture),
             )
 
     def frame(

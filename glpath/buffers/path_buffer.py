@@ -31,7 +31,7 @@ from glpath.buffers.frame import tight_frame
 from glpath.errors import UsageError
 from glpath.gl.constants import DEPTH_BASE, INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.geometry_stream import Kept, StreamedScan, before_planes
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
@@ -308,8 +308,7 @@ class PathBuffer(Owner):
                 target,
                 blend=blend,
                 clip_distances=2,
-                records=records,
-                paths=self.paths,
+                kept=None if records is None else Kept(records, paths=self.paths),
                 words=self._words,
             )
         return _Stage(small, drawn, streamed)

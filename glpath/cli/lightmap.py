@@ -13,14 +13,14 @@ from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.point_options import POINT_INTEGRATORS
-from glpath.cli.run_request import OF_FILMS, RunRequest
+from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.unattended import checkpointed
-from glpath.cli.values import check_choice
+from glpath.cli.values import check_choice, check_spp
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
-from glpath.integrators.settings import AUTO
+from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import duration, percent
@@ -51,12 +51,9 @@ def register(app: typer.Typer) -> None:
         everyday="scene out texels size uv materials exposure denoise spp integrator noise time_limit checkpoint "
         "resume max_depth seed radiosity device parameters quiet",
     )
-    app.command(
-        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
-        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
-        "130 interrupted (what there is, is written).",
-        **help,
-    )(with_options(lightmap, OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS))
+    app.command(epilog=f"{EXIT_CODES}.", **help)(
+        with_options(lightmap, OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS)
+    )
 
 
 def lightmap(
@@ -167,8 +164,7 @@ def lightmap(
         raise UsageError("--moz-lightmap: is light for materials that are kept.", "Add --materials keep.")
     if materials == "keep" and exposure is not None:
         raise UsageError("--exposure: irradiance is written as it is.", "Leave it out, or --materials keep.")
-    if spp is not None and spp < 1:
-        raise UsageError(f"--spp {spp}: must be at least 1.")
+    check_spp(spp)
     stops = read_exposure(exposure)
     given = {
         "texels": texels, "size": size, "uv": uv, "denoise": denoise, "integrator": integrator,

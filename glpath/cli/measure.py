@@ -13,11 +13,11 @@ from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
-from glpath.cli.run_request import OF_FILMS, RunRequest
+from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.unattended import checkpointed
-from glpath.cli.values import check_choice, vector
+from glpath.cli.values import check_choice, check_spp, vector
 from glpath.errors import UsageError
 from glpath.film.units import EFFICACY
 from glpath.io.completed import aside
@@ -27,7 +27,7 @@ from glpath.system.reporting import duration
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
     from glpath.film.film import Film
-    from glpath.integrators.settings import Integrator
+    from glpath.integrators.by_name import Integrator
     from glpath.rendering.points import Irradiance, Receiver
     from glpath.rendering.run_options import RunOptions
     from glpath.rendering.uniformity import Estimate, Spread
@@ -45,12 +45,9 @@ def register(app: typer.Typer) -> None:
         everyday="scene out plane spacing area margin points normal receiver white_sky integrator spp noise "
         "time_limit max_depth resume seed device parameters quiet",
     )
-    app.command(
-        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
-        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
-        "130 interrupted (what there is, is written).",
-        **help,
-    )(with_options(measure, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS))
+    app.command(epilog=f"{EXIT_CODES}.", **help)(
+        with_options(measure, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
+    )
 
 
 def measure(
@@ -160,8 +157,7 @@ def measure(
     for option, value in (("--spacing", spacing), ("--area", area), ("--margin", margin)):
         if value is not None and plane is None:
             raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
-    if spp is not None and spp < 1:
-        raise UsageError(f"--spp {spp}: must be at least 1.")
+    check_spp(spp)
     pictures = [path for path in out if path.suffix.lower() == ".png"]
     if pictures and plane is None:
         raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")

@@ -16,7 +16,8 @@ from glpath.cli.completion import words
 from glpath.cli.run_request import RunRequest, declared
 from glpath.cli.values import check_choice, colour
 from glpath.errors import UsageError
-from glpath.integrators.settings import INTEGRATORS, Rgb
+from glpath.integrators.by_name import INTEGRATORS
+from glpath.integrators.settings import Rgb
 from glpath.rendering.options import Option, options
 
 #: The panel of the help with what all integrators have.

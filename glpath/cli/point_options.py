@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from glpath.cli.completion import words
-from glpath.integrators.settings import INTEGRATORS, PathSetSettings
+from glpath.integrators.by_name import INTEGRATORS
+from glpath.integrators.settings import PathSetSettings
 
 #: Integrators whose paths may start at points.
 POINT_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))

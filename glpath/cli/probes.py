@@ -11,11 +11,11 @@ import typer
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
-from glpath.cli.run_request import OF_FILMS, RunRequest
+from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.unattended import checkpointed
-from glpath.cli.values import check_choice, numbers
+from glpath.cli.values import check_choice, check_spp, numbers
 from glpath.errors import UsageError
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
@@ -24,7 +24,7 @@ from glpath.system.reporting import duration
 if TYPE_CHECKING:
     from glpath.bake.probes import Probes
     from glpath.film.film import Film
-    from glpath.integrators.settings import Integrator
+    from glpath.integrators.by_name import Integrator
     from glpath.rendering.run_options import RunOptions
 
 _GRID = "Grid"
@@ -39,12 +39,9 @@ def register(app: typer.Typer) -> None:
         everyday="scene out grid bounds white_sky integrator spp noise time_limit max_depth resume seed device "
         "parameters quiet",
     )
-    app.command(
-        epilog="Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, "
-        "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
-        "130 interrupted (what there is, is written).",
-        **help,
-    )(with_options(probes, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS))
+    app.command(epilog=f"{EXIT_CODES}.", **help)(
+        with_options(probes, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
+    )
 
 
 def probes(
@@ -93,8 +90,7 @@ def probes(
     check_choice("--integrator", integrator, POINT_INTEGRATORS)
     counts = numbers("--grid", grid.lower(), "NxNxN", [3], int, "x")
     corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], float)
-    if spp is not None and spp < 1:
-        raise UsageError(f"--spp {spp}: must be at least 1.")
+    check_spp(spp)
     options = option_values(integrator, options)
     with aside("camera", "light"):
         loaded = read_scene(scene, parameters)

@@ -18,25 +18,20 @@ from glpath.cli.frames import Frames, FramesToRender
 from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.picture import IMAGE, DenoiseOption, ExposureOption, Picture, TonemapOption
-from glpath.cli.run_request import OF_RENDERS, RunRequest
+from glpath.cli.run_request import EXIT_CODES, OF_RENDERS, RunRequest
 from glpath.cli.scene import HELP, Scenes, parameters_option
 from glpath.cli.unattended import checkpointed
-from glpath.cli.values import check_choice
+from glpath.cli.values import check_choice, check_spp
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import resolution as read_resolution
 from glpath.cli.values import sample_range as read_range
 from glpath.errors import UsageError
 from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
-from glpath.integrators.settings import AUTO, Integrator
+from glpath.integrators.by_name import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
 from glpath.system.files import check_writable
 
 _INTEGRATORS = get_args(Integrator)
-_EXIT_CODES = (
-    "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
-    "SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), 130 interrupted (what there "
-    "is, is written), 134 ended by --hang-limit."
-)
 
 
 def register(app: typer.Typer) -> None:
@@ -48,7 +43,7 @@ def register(app: typer.Typer) -> None:
         everyday="scene out resolution exposure tonemap denoise parameters spp integrator seed aovs max_depth "
         "camera_position camera_target camera_fov device resume noise time_limit quiet",
     )
-    app.command(epilog=_EXIT_CODES, **help)(with_options(render, OF_RENDERS))
+    app.command(epilog=f"{EXIT_CODES}, 134 ended by --hang-limit.", **help)(with_options(render, OF_RENDERS))
 
 
 def render(
@@ -165,8 +160,7 @@ def render(
     for path in out:
         check_suffix(path)
     check_choice("--integrator", integrator, _INTEGRATORS)
-    if spp is not None and spp < 1:
-        raise UsageError(f"--spp {spp}: must be at least 1.")
+    check_spp(spp)
     first = {}
     if sample_range is not None:
         if spp is not None:

@@ -236,6 +236,12 @@ class RunRequest:
 #: of view factors, whose rows are kept as often as that takes no time.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
 OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("verbose", "clean"))
+#: Of those that render.
+EXIT_CODES = (
+    "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
+    "SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), 130 interrupted (what there "
+    "is, is written)"
+)
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))

@@ -20,6 +20,12 @@ def check_choice(option: str, found: str, allowed: Sequence[str]) -> None:
         raise UsageError(f"{option} {found}: there is no such choice. Allowed: {', '.join(allowed)}.")
 
 
+def check_spp(spp: int | None) -> None:
+    """1 or more, where it is given."""
+    if spp is not None and spp < 1:
+        raise UsageError(f"--spp {spp}: must be at least 1.")
+
+
 def numbers(
     option: str, text: str, form: str, counts: Sequence[int], kind: Callable[[str], float], separator: str = ","
 ) -> list[Any]:

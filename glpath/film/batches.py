@@ -1,7 +1,7 @@
 """Which path sets a film holds, and in which of its batches: by their numbers alone.
 
-Sums are kept apart in batches, since the paths of a set may share directions or points of a sequence. Which batch
-a set belongs to follows from its number, so that any ranges merge.
+Sums are kept apart in batches, since the paths of a set may share directions or points of a sequence: neighbouring
+pixels err together. Which batch a set belongs to follows from its number, so that any ranges merge.
 """
 
 from __future__ import annotations

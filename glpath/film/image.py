@@ -242,16 +242,7 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
 
 
 def read_image(path: str | Path) -> Float64:
-    """Read an image as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
-
-    .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
-    .exr : channels R, G, B or Y; of a crop its own pixels only
-    .hdr : Radiance's RGBE
-    .npz : the array `radiance`; a film's is read by `glpath.film.film.read_image`
-    .npy : (H, W, 3) or (H, W)
-
-    Raises ImageError for a file that is missing, broken, or of another kind.
-    """
+    """Read an image as `glpath.film.film.read_image` does, whatever is no film."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READABLE:

@@ -21,7 +21,7 @@ from glpath.system.npz import open_npz
 
 
 class FilmParts(NamedTuple):
-    """The fields of `glpath.film.film.Film`, in their order."""
+    """The fields of `glpath.film.sums.FilmSums`, in their order."""
 
     radiance_sums: NDArray[np.float64]
     batch_counts: NDArray[np.int64]

@@ -202,16 +202,28 @@ class GeometryStream(Owner):
             texture.write(table, viewport=(0, row, WIDTH, rows))
 
 
+class Kept(NamedTuple):
+    """Which of the streamed triangles that a scan meets are kept, to be shaded.
+
+    records : where they are kept, from `stream.records`
+    seen    : the buffer of triangle numbers + 1 that names them, or None for what a scan of the path-buffer finds
+              for each path
+    paths   : of such a scan, (columns, rows) of its paths
+    """
+
+    records: moderngl.Texture
+    seen: moderngl.Texture | None = None
+    paths: tuple[int, int] | None = None
+
+
 class StreamedScan:
     """A pass over the resident triangles, then over the streamed ones.
 
     name, target, state : of the `Pass` for a chunk, which clears nothing
     shaders  : its vertex and fragment shader, compiled with STREAMED_CHUNK
     parts    : what they include
-    records  : where the triangles that `seen` names are kept, from `stream.records`; None where they are not shaded
-    seen     : the buffer of triangle numbers + 1, or None for what a scan of the path-buffer finds for each path
-    paths    : of such a scan, (columns, rows) of its paths
-    words    : of such a scan, what its paths have found of small triangles; None where all are drawn
+    kept     : the triangles that are shaded; None for none
+    words    : of a scan of the path-buffer, what its paths have found of small triangles; None where all are drawn
     """
 
     def __init__(
@@ -222,9 +234,7 @@ class StreamedScan:
         parts: ProgramParts,
         target: moderngl.Framebuffer,
         *,
-        records: moderngl.Texture | None = None,
-        seen: moderngl.Texture | None = None,
-        paths: tuple[int, int] | None = None,
+        kept: Kept | None = None,
         words: moderngl.Buffer | None = None,
         **state: object,
     ) -> None:
@@ -248,15 +258,15 @@ class StreamedScan:
         )
         self._pass = Pass(name, stream.gl, program, target, textures=self._textures, **state)  # type: ignore[arg-type]
         self._record = None
-        if records is not None:
-            of = {"OF_PATHS": 1} if seen is None else {}
+        if kept is not None:
+            of = {"OF_PATHS": 1} if kept.seen is None else {}
             program = load_program(
                 stream.gl, compute="scene/stream_record.comp", generated=generated, defines=plain | of
             )
-            self._record_textures = {**parts.textures, "kept_records": records}
-            if seen is not None:
-                self._record_textures["seen_buffer"] = seen
-            size = paths if seen is None else seen.size
+            self._record_textures = {**parts.textures, "kept_records": kept.records}
+            if kept.seen is not None:
+                self._record_textures["seen_buffer"] = kept.seen
+            size = kept.paths if kept.seen is None else kept.seen.size
             assert size is not None, "either paths or what is seen"
             self._record = PixelDispatch(
                 f"{name}: records",

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.accel.bvh import build_in_threads
 from glpath.accel.wide import WIDTH, WideBvh
-from glpath.accel.wide_kernels import collapse_compiled, octant_orders
+from glpath.accel.wide_kernels import Nodes, collapse_compiled, octant_orders
 from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
 
@@ -53,6 +53,23 @@ def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
     return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
 
 
+class _WideNodes(NamedTuple):
+    """A `WideBvh` for the kernels: its children and `number`, and orders (W, 8) of `octant_orders`."""
+
+    children: NDArray[Any]
+    number: Int32
+    orders: NDArray[np.uint8]
+
+
+class _Geometry(NamedTuple):
+    """vertices (V, 3), faces (T, 3), items (N, 3), and of each triangle flags (T,)."""
+
+    vertices: Float32
+    faces: Int32
+    items: Int32
+    flags: NDArray[np.uint8]
+
+
 class CompiledSlots:
     """The slots of a tree as `ray_bvh.Slots.table` has them, made when they are asked for, by ranges.
 
@@ -68,12 +85,11 @@ class CompiledSlots:
     def __init__(
         self, wide: WideBvh, grid: Grid, geometry: tuple[Float32, Int32, Int32], flags: NDArray[np.uint8]
     ) -> None:
-        self._geometry, self._flags = geometry, flags
+        self._geometry = _Geometry(*geometry, flags)
         self._nodes, self._lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
         tree, steps = wide.tree, np.stack([grid.lower, grid.step, grid.pad])
-        shape = (tree.lower, tree.upper, tree.first, tree.count, tree.order)
-        rest = (wide.children, wide.number, octant_orders(wide), steps, self._nodes, self._lanes)
-        _in_threads(len(wide), lambda begin, end: _fill_nodes(*shape, *rest, begin, end))
+        nodes = Nodes.of(tree), _WideNodes(wide.children, wide.number, octant_orders(wide))
+        _in_threads(len(wide), lambda begin, end: _fill_nodes(*nodes, steps, self._nodes, self._lanes, begin, end))
         self.shape = (WIDTH * (len(wide) + 1), 4, 4)
 
     def __getitem__(self, which: slice) -> NDArray[np.uint32]:
@@ -81,8 +97,7 @@ class CompiledSlots:
         begin, end, step = which.indices(self.shape[0])
         assert (step, begin % WIDTH, end % WIDTH) == (1, 0, 0), "whole groups"
         slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
-        rest = (*self._geometry, self._flags, slots, slots.view(np.float32))
-        _fill(self._nodes, self._lanes, *rest, begin // WIDTH)
+        _fill(self._nodes, self._lanes, self._geometry, slots, slots.view(np.float32), begin // WIDTH)
         return slots
 
 
@@ -154,10 +169,10 @@ def _item_boxes(vertices, faces, items, begin, end, boxes):  # type: ignore[no-u
 
 
 @kernel
-def _fill_nodes(  # type: ignore[no-untyped-def]
-    lower, upper, first, count, order, children, number, orders, steps, nodes, lanes, begin, end
-):
-    """Fill nodes and lanes begin to end."""
+def _fill_nodes(tree, wide_nodes, steps, nodes, lanes, begin, end):  # type: ignore[no-untyped-def]
+    """Fill nodes and lanes begin to end; steps: the grid's lower corner, step and pad."""
+    lower, upper, first, count, order = tree.lower, tree.upper, tree.first, tree.items, tree.order
+    children, number, orders = wide_nodes.children, wide_nodes.number, wide_nodes.orders
     for wide in range(begin, end):
         bits = 0
         for lane in range(WIDTH):
@@ -185,7 +200,7 @@ def _fill_nodes(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(nodes, lanes, vertices, faces, items, flags, slots, floats, group):  # type: ignore[no-untyped-def]
+def _fill(nodes, lanes, geometry, slots, floats, group):  # type: ignore[no-untyped-def]
     """Fill slots, the first of which is the first of a group; floats: the same memory."""
     for at in range(len(slots)):
         # Of group 0 the first is the root; all others are children of wide nodes.
@@ -196,12 +211,13 @@ def _fill(nodes, lanes, vertices, faces, items, flags, slots, floats, group):  #
                 for j in range(4):
                     slots[at, i, j] = nodes[child, i, j]
         elif child < -1:
-            item = -2 - child
-            _fill_item(vertices, faces, items[item, 0], items[item, 1], items[item, 2], flags, at, slots, floats)
+            _fill_item(geometry, -2 - child, at, slots, floats)
 
 
 @inner_kernel
-def _fill_item(vertices, faces, one, other, k, flags, at, slots, floats):  # type: ignore[no-untyped-def]
+def _fill_item(geometry, item, at, slots, floats):  # type: ignore[no-untyped-def]
+    vertices, faces, items, flags = geometry.vertices, geometry.faces, geometry.items, geometry.flags
+    one, other, k = items[item, 0], items[item, 1], items[item, 2]
     a, b, c = faces[one, k], faces[one, (k + 1) % 3], faces[one, (k + 2) % 3]
     for axis in range(3):
         corner = np.float64(vertices[a, axis])

@@ -6,9 +6,6 @@ which `shaders/scene/surface.glsl` and its neighbours build. Triangles are three
 Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. A
 kind is then a range, and a loop over a kind fetches only what that kind needs. Engines that know triangles alone
 get a scene of triangles alone (`path_traceable`); their primitives' numbers are the triangles'.
-
-Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
-          are any. 64 to 112 bytes a sphere; 16 a texel of an environment map; colours of vertices 16 a vertex.
 """
 
 from __future__ import annotations

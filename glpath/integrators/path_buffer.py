@@ -15,7 +15,7 @@ import moderngl
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.engine import Uniforms, Window
 from glpath.integrators.path_buffer_stages import PathBufferStages
-from glpath.integrators.settings import PathBufferSettings
+from glpath.integrators.path_settings import PathBufferSettings
 from glpath.lights.lighting import Lighting
 from glpath.sensors.sensor import Sensor
 

@@ -28,8 +28,8 @@ from glpath.buffers.path_buffer import Scan
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.engine import Uniforms, Window
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_buffer_stages import PathBufferStages, SetLight
-from glpath.integrators.settings import GatherSettings
 from glpath.sampling.points import PathSetSample
 from glpath.sensors.sensor import Sensor
 

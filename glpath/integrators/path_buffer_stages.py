@@ -42,8 +42,9 @@ from glpath.gl.program import Program, load_program
 from glpath.gl.program_parts import Part, ProgramParts
 from glpath.gl.uniforms import vectors
 from glpath.integrators.engine import Uniforms, Window
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import GatherSettings, PathBufferSettings
+from glpath.integrators.path_settings import PathBufferSettings
 from glpath.lights.samples import NO_LIGHT, LightSample
 from glpath.sampling.points import (
     PathSetSample,

@@ -21,7 +21,7 @@ from glpath.gl.camera import (
 )
 from glpath.gl.constants import DROPPED_SHIFT
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.geometry_stream import StreamedScan, before_planes
+from glpath.gl.geometry_stream import Kept, StreamedScan, before_planes
 from glpath.gl.lanes import fragments_of_pixels
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
@@ -233,8 +233,7 @@ class PathSetEngine(Engine):
                 ProgramParts.of(scene),
                 self._eye_pass.target,
                 depth=True,
-                records=self._hit_records,
-                seen=self._eye_buffer,
+                kept=Kept(self._hit_records, self._eye_buffer),
             )
             self._hit_textures = {"hit_records": self._hit_records}
 

@@ -40,9 +40,10 @@ from glpath.gl.sums import Sums
 from glpath.gl.variants import defined
 from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
 from glpath.integrators.engine import Uniforms, Window
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_guide import PathGuide
 from glpath.integrators.path_set_engine import PathSetEngine
-from glpath.integrators.settings import GatherSettings, PathSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LightSamples
 from glpath.lights.tree import others, positional

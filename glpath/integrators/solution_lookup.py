@@ -9,7 +9,9 @@ import moderngl
 import numpy as np
 
 from glpath.gl.device_radiosity import DeviceRadiosity
-from glpath.integrators.settings import GatherSettings, Lookup, PathSettings
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathSettings
+from glpath.integrators.settings import Lookup
 from glpath.scene.model import Scene
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ from glpath.gl.sums import PixelSums, Readback
 from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
-from glpath.integrators.settings import WhittedSettings
+from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import LIGHT_KINDS
 from glpath.sampling.points import PathSetSampler, counter_hash, pixel_sample

@@ -21,7 +21,6 @@ import resource
 import subprocess
 import sys
 import time
-from types import TracebackType
 
 from glpath.system.heartbeat import heartbeat
 
@@ -89,9 +88,7 @@ class Watchdog:
             self._core_limit = resource.getrlimit(resource.RLIMIT_CORE)
             resource.setrlimit(resource.RLIMIT_CORE, (0, self._core_limit[1]))
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         heartbeat.listener = None
         if self._core_limit is not None:
             faulthandler.disable()

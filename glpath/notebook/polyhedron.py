@@ -60,35 +60,3 @@ def _face(unit: Float64, i: int) -> Float64:
     apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-7
     corners = corners[apart]
     return corners if len(corners) >= 3 else np.zeros((0, 3))
-
-
-def volume(planes: Float64) -> float:
-    """The volume inside of all planes, by pyramids from the origin over each face."""
-    total = 0.0
-    for plane, face in zip(planes, faces(planes), strict=True):
-        if len(face):
-            normal = plane[:3] / np.linalg.norm(plane[:3])
-            area = 0.5 * abs(normal @ np.cross(face, np.roll(face, -1, axis=0)).sum(axis=0))
-            total += area * float(normal @ face[0]) / 3
-    return total
-
-
-def farthest_gap(points: Float64, centres: Float64, steps: int = 400) -> Float64:
-    """(N,) how far each centre (N, 3) is from the convex hull of points (P, 3), from below; 0 inside.
-
-    A point of the hull comes nearer step by step [Gilbert 1966]. The vector between the two gives a plane that
-    has all of the hull on one side: the distance of the centre from the best such plane is what is returned, so it
-    is never too large.
-    """
-    nearest = np.repeat(points.mean(axis=0, keepdims=True), len(centres), axis=0)
-    best = np.zeros(len(centres))
-    for _ in range(steps):
-        to_centre = centres - nearest
-        length = np.maximum(np.linalg.norm(to_centre, axis=1), 1e-300)
-        along = to_centre @ points.T
-        support = points[along.argmax(axis=1)]
-        best = np.maximum(best, ((centres - support) * to_centre).sum(axis=1) / length)
-        step = support - nearest
-        share = (to_centre * step).sum(axis=1) / np.maximum((step * step).sum(axis=1), 1e-300)
-        nearest = nearest + np.clip(share, 0, 1)[:, None] * step
-    return best

@@ -31,7 +31,8 @@ from glpath.errors import SceneError, UsageError
 from glpath.film import image
 from glpath.film.film import Film
 from glpath.gl.context import open_context
-from glpath.integrators.settings import Integrator, IntegratorKeywords, IntegratorSettings
+from glpath.integrators.by_name import Integrator, IntegratorKeywords
+from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.notebook.live import LiveImage
 from glpath.notebook.orbit import nearer, shifted, turned

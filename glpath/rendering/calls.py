@@ -12,7 +12,8 @@ from typing import Any, Unpack
 from glpath.errors import UsageError, warn
 from glpath.film.film import Film
 from glpath.gl.context import Context
-from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.integrators.by_name import Integrator
+from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
 from glpath.rendering.options import RenderKeywords, check_word, with_options
@@ -50,7 +51,7 @@ def render(
                      all bounces is gathered at what the eye sees; "t-buffer", Whitted's ray tracing with the
                      T-buffer, for spheres, planes, point lights, textures and mirrors; "classic", the same image
                      by the classical algorithm, every ray against every object. Or an instance of its settings out
-                     of `glpath.integrators.settings`
+                     of `glpath.integrators.by_name`
     spp            : path sets, that is samples per pixel;
                      default {default_spp}; no end to them with `time_limit` or `noise`.
                      Samples of a ray tracer differ only in their position in the pixel: a single one goes through

@@ -18,15 +18,11 @@ from typing import Any
 import numpy as np
 
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.integrators.settings import (
-    AUTO,
-    INTEGRATORS,
-    GatherSettings,
-    IntegratorSettings,
-    PathBufferSettings,
-    PathSettings,
-    TBufferSettings,
-)
+from glpath.integrators.by_name import AUTO, INTEGRATORS
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
+from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering.options import options, settings_of
 from glpath.scene import Scene, path_traceable
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from glpath.errors import UsageError
 from glpath.film.batches import BLOCK
 from glpath.film.film import Film
-from glpath.integrators.settings import Solution
+from glpath.integrators.gather_settings import Solution
 from glpath.io import AnyScene
 from glpath.rendering.calls import render
 

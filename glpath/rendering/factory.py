@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,17 +15,14 @@ from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.engine import Engine
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from glpath.integrators.ray_paths import CEILING
-from glpath.integrators.settings import (
-    GatherSettings,
-    IntegratorSettings,
-    PathBufferSettings,
-    PathSettings,
-    WhittedSettings,
-)
+from glpath.integrators.settings import IntegratorSettings
 from glpath.integrators.solution_lookup import device_radiosity, solution_digest
+from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors.sensor import CameraSensor, Sensor
@@ -82,19 +80,21 @@ class Counts(Protocol):
         """What was counted so far."""
 
 
-class Plan(Protocol):
-    """An integrator with its options, for any scene."""
+@dataclass(frozen=True)
+class Plan(ABC):
+    """An integrator with its options, for any scene; without a method of its own, as most are."""
 
-    @property
-    def settings(self) -> IntegratorSettings:
-        """The options."""
+    settings: IntegratorSettings
 
     def recorded(self) -> dict[str, Any]:
         """What decides the image besides the scene, as a film's metadata has it."""
+        return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
         """What a scene has that this integrator hardly renders as it is meant."""
+        return []
 
+    @abstractmethod
     def traceable(self, scene: Scene) -> Scene:
         """The scene as the engine knows it, relative to its `origin`. Raises SceneError for what it is not for."""
 
@@ -103,7 +103,9 @@ class Plan(Protocol):
 
         say : called now and then with what is done
         """
+        return self
 
+    @abstractmethod
     def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
         """The engine for a traceable scene, which has the sensor's camera; it is not prepared, the plan is.
 
@@ -115,15 +117,19 @@ class Plan(Protocol):
 
         It is not prepared, and looks at all of the sensor. None: there is none, or its pictures have no bias.
         """
+        return None
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         """Continue with another scene, traceable and with a camera of its own. Raises SceneError."""
+        _move_camera(engine, scene)
 
     def remarks(self, film: Film) -> list[str]:
         """Warnings about a film that is done."""
+        return []
 
     def solution_error(self) -> float | None:
-        """Of a plan that is prepared, `FilmMetadata.solution_error` of the camera's picture."""
+        """Of a prepared plan, `FilmMetadata.solution_error` of the camera's picture; None without a bias."""
+        return None
 
 
 def sensor_in(traced: Scene, sensor: Sensor, scene: Scene) -> Sensor:
@@ -137,21 +143,15 @@ def plan_of(settings: IntegratorSettings) -> Plan:
 
 
 @dataclass(frozen=True)
-class _Paths:
+class _Paths(Plan):
     """What is particular to "path".
 
-    solution : of the prepared plan, where paths are guided
+    solution : of the prepared plan, where paths are guided. It is not recorded: pictures by any one add up, as
+               paths are unbiased
     """
 
     settings: PathSettings
     solution: RadiositySolution | None = None
-
-    def recorded(self) -> dict[str, Any]:
-        # Not the solution: pictures by any one add up, as paths are unbiased.
-        return self.settings.recorded()
-
-    def warnings(self, scene: Scene) -> list[str]:
-        return []
 
     def traceable(self, scene: Scene) -> Scene:
         return path_traceable(_posed(scene))
@@ -167,39 +167,21 @@ class _Paths:
     ) -> PathSetEngine:
         return _engine_with_solution(self, context, scene, sensor, window, timings)
 
-    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> None:
-        return None
-
-    def change_scene(self, engine: Engine, scene: Scene) -> None:
-        _move_camera(engine, scene)
-
     def remarks(self, film: Film) -> list[str]:
         return _cut(film)
 
-    def solution_error(self) -> float | None:
-        return None  # paths have no bias
-
 
 @dataclass(frozen=True)
-class _PathBuffer:
+class _PathBuffer(Plan):
     """What is particular to "path-buffer"."""
 
     settings: PathBufferSettings
-
-    def recorded(self) -> dict[str, Any]:
-        return self.settings.recorded()
-
-    def warnings(self, scene: Scene) -> list[str]:
-        return []
 
     def traceable(self, scene: Scene) -> Scene:
         scene = _posed(scene)
         if self.settings.bounce_lod is not None:
             check_simplifiable(scene)
         return path_traceable(scene, streams=True)
-
-    def prepared(self, scene: Scene, say: Say) -> Plan:
-        return self
 
     def engine(
         self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
@@ -213,17 +195,8 @@ class _PathBuffer:
             timings=timings,
         )
 
-    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> None:
-        return None
-
-    def change_scene(self, engine: Engine, scene: Scene) -> None:
-        _move_camera(engine, scene)
-
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film)
-
-    def solution_error(self) -> float | None:
-        return None  # paths have no bias
 
 
 def _engine_with_solution(
@@ -291,7 +264,7 @@ def _cut(film: Film) -> list[str]:
 
 
 @dataclass(frozen=True)
-class _Gathering:
+class _Gathering(Plan):
     """What is particular to the gather from a radiosity solution.
 
     solution : of the prepared plan: the one that is given, its file's, or the scene's, which is solved then
@@ -360,9 +333,6 @@ class _Gathering:
         found.share_bvh(engine)
         return found
 
-    def change_scene(self, engine: Engine, scene: Scene) -> None:
-        _move_camera(engine, scene)
-
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film)
 
@@ -374,13 +344,10 @@ class _Gathering:
 
 
 @dataclass(frozen=True)
-class _Whitted:
+class _Whitted(Plan):
     """What is particular to the ray tracers."""
 
     settings: WhittedSettings
-
-    def recorded(self) -> dict[str, Any]:
-        return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
         if scene.lights or np.any(scene.ambient > 0):
@@ -412,9 +379,6 @@ class _Whitted:
             )
         return _posed(scene).centred
 
-    def prepared(self, scene: Scene, say: Say) -> Plan:
-        return self
-
     def engine(
         self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
     ) -> WhittedTracer:
@@ -429,20 +393,11 @@ class _Whitted:
             timings=timings,
         )
 
-    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> None:
-        return None
-
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         from glpath.integrators.whitted import WhittedTracer
 
         assert isinstance(engine, WhittedTracer), f"an engine of another plan: {engine!r}"
         engine.change_scene(scene)
-
-    def remarks(self, film: Film) -> list[str]:
-        return []
-
-    def solution_error(self) -> float | None:
-        return None
 
 
 #: The plan of each integrator, by its name.

@@ -25,7 +25,8 @@ from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import AUTO, INTEGRATORS, IntegratorKeywords, IntegratorSettings
+from glpath.integrators.by_name import AUTO, INTEGRATORS, IntegratorKeywords
+from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
 from glpath.io.completed import aside
 from glpath.io.convert import decode_json
@@ -105,7 +106,7 @@ class RenderJob:
     """What one render does; equal jobs make equal films on one device.
 
     scene      : where the scene comes from, and its digest
-    integrator : the integrator, which is its options: an instance out of `glpath.integrators.settings`
+    integrator : the integrator, which is its options: an instance out of `glpath.integrators.by_name`
     sensor     : where paths start: the camera and its resolution, or points
     window     : (x, y, width, height): the pixels of the whole image that are rendered, y from the top
     path_sets  : (start, stop), half-open: which path sets; one is a path for every pixel

@@ -1,4 +1,4 @@
-"""The options of a render, derived from the fields of the integrators' settings (`glpath.integrators.settings`).
+"""The options of a render, derived from the fields of the integrators' settings (`glpath.integrators.by_name`).
 
 From each field come the parameter of `render` and its line in the docstring (`with_options`), the check of a value
 (`settings_of`) and, in `glpath.cli.options`, the option of the command line. With them come those of a run
@@ -23,14 +23,9 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.integrators.settings import (
-    INTEGRATORS,
-    Integrator,
-    IntegratorKeywords,
-    IntegratorSettings,
-    Rgb,
-    Solution,
-)
+from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywords
+from glpath.integrators.gather_settings import Solution
+from glpath.integrators.settings import IntegratorSettings, Rgb
 from glpath.rendering.run_options import RunKeywords, RunOptions
 
 Function = TypeVar("Function", bound=Callable[..., Any])

@@ -19,7 +19,8 @@ from glpath.film.film import Film
 from glpath.film.image import luminance
 from glpath.film.noise import standard_error
 from glpath.film.units import Unit, conversion
-from glpath.integrators.settings import Integrator, IntegratorSettings
+from glpath.integrators.by_name import Integrator
+from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside, uniform_sky
 from glpath.io.values import LARGEST

@@ -203,7 +203,7 @@ def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
 def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
     """(number of shapes,) int: 1 for a shape that is closed around the point, fronts outward, -1 inward, else 0.
 
-    Of triangles it is the winding number: their solid angle over 4 pi [Van Oosterom and Strackee 1983].
+    Of triangles it is the winding number.
     """
     around = np.zeros(len(scene.shapes), np.int64)
     about = np.flatnonzero(_near_spheres(scene.spheres, point))
@@ -212,7 +212,7 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
     around[scene.shapes.primitive_shape("sphere")[within]] = sign
     for index in _shapes_about(scene, point):
         of_shape = scene.triangles[scene.shapes.ranges[index]]
-        turns = sum(_solid_angle(part - point) for part in _chunks(of_shape)) / (4 * np.pi)
+        turns = winding_number(of_shape, point)
         around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
     return around
 
@@ -221,6 +221,14 @@ def _shapes_about(scene: Scene, point: Float64, margin: float = 0.0) -> NDArray[
     """The shapes of triangles whose boxes, so much wider, hold a point."""
     lower, upper = scene.shapes.boxes
     return np.flatnonzero(((lower - margin <= point) & (upper + margin >= point)).all(axis=1))
+
+
+def winding_number(triangles: Float64, point: Float64) -> float:
+    """How often a surface of triangles (T, 3, 3) is around a point: the solid angle that it fills, over 4 pi.
+
+    A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
+    """
+    return sum(_solid_angle(part - point) for part in _chunks(triangles)) / (4 * np.pi)
 
 
 def _solid_angle(corners: Float64) -> float:

@@ -25,7 +25,6 @@ import socket
 import struct
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from glpath.errors import GlpathError, ImageError
@@ -72,9 +71,7 @@ class Lock:
         self._depth += 1
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._depth -= 1
         if self._depth == 0 and self._descriptor is not None:
             descriptor, self._descriptor = self._descriptor, None
@@ -174,10 +171,8 @@ class Locked:
         self._lock.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._lock.__exit__(kind, error, trace)
+    def __exit__(self, *exception: object) -> None:
+        self._lock.__exit__(*exception)
 
 
 def _lock(descriptor: int, start: int, length: int, wait: bool = False) -> None:

@@ -33,65 +33,79 @@ void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
 }
 #endif
 
+#ifdef HAS_SPHERES
+void complete_sphere(inout Surface s, int sphere)
+{
+    vec4 ball = sphere_texel(sphere, SPHERE_BALL);
+    vec3 out_of = normalize(s.position - ball.xyz);
+    // Back onto the sphere, as t of a far one has lost the last digits of the position.
+    s.position = ball.xyz + abs(ball.w) * out_of;
+    s.normal = s.smooth_normal = ball.w < 0.0 ? -out_of : out_of;
+    mat3 rows = mat3(
+        unit_texel(sphere, UNIT_ROW0).xyz, unit_texel(sphere, UNIT_ROW1).xyz, unit_texel(sphere, UNIT_ROW2).xyz);
+    vec3 unit = normalize(to_unit(rows, out_of));
+    s.uv = sphere_uv(unit);
+#ifdef HAS_NORMAL_MAPS
+    map_normal_of_sphere(s, rows, unit);
+#endif
+}
+#endif
+
+#ifdef HAS_ELLIPSOIDS
+void complete_ellipsoid(inout Surface s, int primitive)
+{
+    vec4 row0 = unit_texel(primitive, UNIT_ROW0), row1 = unit_texel(primitive, UNIT_ROW1);
+    vec4 row2 = unit_texel(primitive, UNIT_ROW2);
+    mat3 rows = mat3(row0.xyz, row1.xyz, row2.xyz);
+    vec3 unit = normalize(to_unit(rows, s.position - vec3(row0.w, row1.w, row2.w)));
+    s.normal = s.smooth_normal = normalize(rows * unit) * sign(determinant(rows));
+    s.uv = sphere_uv(unit);
+#ifdef HAS_NORMAL_MAPS
+    map_normal_of_sphere(s, inverse(transpose(rows)), unit);
+#endif
+}
+#endif
+
+#ifdef HAS_TRIANGLES
+void complete_triangle(inout Surface s, int primitive, vec3 origin, vec3 direction)
+{
+    TriangleFrom from = triangle_of(primitive, origin);
+    float extent;
+    vec3 weight = triangle_weights(from, direction, extent);
+    weight /= weight.x + weight.y + weight.z;
+    s.normal = s.smooth_normal = normalize(from.plane.xyz);
+    s.triangle = primitive - first_triangle;
+    interpolate(s, face_texel(s.triangle, FACE_CORNERS), weight, from.corner1 - from.corner0, from.corner2 - from.corner0);
+}
+#endif
+
+#ifdef HAS_PLANES
+void complete_plane(inout Surface s, int plane)
+{
+    s.normal = s.smooth_normal = plane_texel(plane, PLANE_NORMAL).xyz;
+    vec3 from_point = s.position - plane_texel(plane, PLANE_POINT).xyz;
+    vec3 along_u = plane_texel(plane, PLANE_U).xyz, along_v = plane_texel(plane, PLANE_V).xyz;
+    s.uv = vec2(dot(from_point, along_u), dot(from_point, along_v));
+#ifdef HAS_NORMAL_MAPS
+    map_normal_by(s, along_u / dot(along_u, along_u), along_v / dot(along_v, along_v));
+#endif
+}
+#endif
+
 Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
 {
     Surface s = surface_of_shape(shape_of(primitive), origin + t * direction, vec3(0.0));
 #ifdef HAS_SPHERES
-    if (primitive < first_ellipsoid)
-    {
-        vec4 sphere = sphere_texel(primitive, SPHERE_BALL);
-        vec3 out_of = normalize(s.position - sphere.xyz);
-        // Back onto the sphere, as t of a far one has lost the last digits of the position.
-        s.position = sphere.xyz + abs(sphere.w) * out_of;
-        s.normal = s.smooth_normal = sphere.w < 0.0 ? -out_of : out_of;
-        mat3 rows = mat3(
-            unit_texel(primitive, UNIT_ROW0).xyz, unit_texel(primitive, UNIT_ROW1).xyz,
-            unit_texel(primitive, UNIT_ROW2).xyz);
-        vec3 unit = normalize(to_unit(rows, out_of));
-        s.uv = sphere_uv(unit);
-#ifdef HAS_NORMAL_MAPS
-        map_normal_of_sphere(s, rows, unit);
-#endif
-    }
+    if (primitive < first_ellipsoid) complete_sphere(s, primitive);
 #endif
 #ifdef HAS_ELLIPSOIDS
-    if (primitive >= first_ellipsoid && primitive < first_triangle)
-    {
-        vec4 row0 = unit_texel(primitive, UNIT_ROW0), row1 = unit_texel(primitive, UNIT_ROW1);
-        vec4 row2 = unit_texel(primitive, UNIT_ROW2);
-        mat3 rows = mat3(row0.xyz, row1.xyz, row2.xyz);
-        vec3 unit = normalize(to_unit(rows, s.position - vec3(row0.w, row1.w, row2.w)));
-        s.normal = s.smooth_normal = normalize(rows * unit) * sign(determinant(rows));
-        s.uv = sphere_uv(unit);
-#ifdef HAS_NORMAL_MAPS
-        map_normal_of_sphere(s, inverse(transpose(rows)), unit);
-#endif
-    }
+    if (primitive >= first_ellipsoid && primitive < first_triangle) complete_ellipsoid(s, primitive);
 #endif
 #ifdef HAS_TRIANGLES
-    if (primitive >= first_triangle && primitive < first_plane)
-    {
-        TriangleFrom from = triangle_of(primitive, origin);
-        float extent;
-        vec3 weight = triangle_weights(from, direction, extent);
-        weight /= weight.x + weight.y + weight.z;
-        s.normal = s.smooth_normal = normalize(from.plane.xyz);
-        s.triangle = primitive - first_triangle;
-        interpolate(s, face_texel(s.triangle, FACE_CORNERS), weight, from.corner1 - from.corner0, from.corner2 - from.corner0);
-    }
+    if (primitive >= first_triangle && primitive < first_plane) complete_triangle(s, primitive, origin, direction);
 #endif
 #ifdef HAS_PLANES
-    if (primitive >= first_plane)
-    {
-        int plane = primitive - first_plane;
-        s.normal = s.smooth_normal = plane_texel(plane, PLANE_NORMAL).xyz;
-        vec3 from_point = s.position - plane_texel(plane, PLANE_POINT).xyz;
-        vec3 along_u = plane_texel(plane, PLANE_U).xyz, along_v = plane_texel(plane, PLANE_V).xyz;
-        s.uv = vec2(dot(from_point, along_u), dot(from_point, along_v));
-#ifdef HAS_NORMAL_MAPS
-        map_normal_by(s, along_u / dot(along_u, along_u), along_v / dot(along_v, along_v));
-#endif
-    }
+    if (primitive >= first_plane) complete_plane(s, primitive - first_plane);
 #endif
     return s;
 }

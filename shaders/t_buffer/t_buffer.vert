@@ -20,45 +20,10 @@ const vec4 NOWHERE = vec4(2.0, 2.0, 0.0, 1.0);
 // A corner of the window's pixel grid.
 vec4 at_pixel(ivec2 corner) { return vec4(2.0 * vec2(corner) / vec2(eye_size) - 1.0, 0.0, 1.0); }
 
-#if defined(KIND_TRIANGLE) && !defined(EYE_ORTHOGRAPHIC)
-// A corner of the triangle as a cone of the camera, moved so that both edges there keep a distance. Cones need no care
-// behind the eye: the clipper does it. A camera's (x, y, z) gets its lengths in pixels.
-// Source: Hasselgren, Akenine-Möller & Ohlsson 2005, Conservative Rasterization.
-vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
+#if defined(KIND_PLANE)
+// What of the window is on the plane's side of the horizon, as a triangle that covers all and is clipped.
+void draw_plane(int corner)
 {
-    vec3 ahead = side * cross(own, next - own), behind = side * cross(previous, own - previous);
-    ahead.z += bound_margin() * (abs(ahead.x) + abs(ahead.y));
-    behind.z += bound_margin() * (abs(behind.x) + abs(behind.y));
-    vec3 p = cross(behind, ahead) * side;
-    // The window's middle is the origin of what is clipped.
-    vec2 shift = 2.0 * (eye_centre - vec2(eye_corner)) / vec2(eye_size) - 1.0;
-    return vec4(2.0 * p.xy / vec2(eye_size) + shift * p.z, 0.0, p.z);
-}
-#endif
-
-void main()
-{
-#ifdef KIND_PLANE
-    const int vertices = 3;
-    int item = gl_InstanceID, corner = gl_VertexID;
-#else
-#if defined(KIND_TRIANGLE)
-    const int vertices = 3;
-#elif defined(SQUARES)
-    const int vertices = 1;
-#else
-    const int vertices = 6;
-#endif
-    int item = gl_VertexID / vertices, corner = gl_VertexID - vertices * item;
-#endif
-#ifdef SQUARES
-    uvec2 square = texelFetch(squares, ivec2(item % SQUARES_WIDTH, item / SQUARES_WIDTH), 0).xy;
-    item = int(square.x);
-#endif
-    primitive = first + item;
-    aim = target(primitive);
-
-#ifdef KIND_PLANE
     vec2 corner_position = vec2((corner & 1) * 4 - 1, (corner >> 1) * 4 - 1);
     gl_Position = vec4(corner_position, 0.0, 1.0);
     vec2 slope = ((0.5 * corner_position + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
@@ -72,13 +37,35 @@ void main()
     float margin = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
     gl_ClipDistance[0] = aim.plane.w == 0.0 ? -1.0 : sign(aim.plane.w) * towards + margin + 1e-5;
 #endif
-#else
-    ivec2 low, high;
-    int status = bounds(primitive, low, high);
-#if defined(KIND_TRIANGLE) && defined(EYE_ORTHOGRAPHIC)
-    // A right triangle that covers the rectangle.
-    gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+}
 #elif defined(KIND_TRIANGLE)
+const int VERTICES = 3;
+
+// A right triangle that covers the rectangle.
+vec4 around_rectangle(int corner, ivec2 low, ivec2 high)
+{
+    return at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+}
+
+#ifdef EYE_ORTHOGRAPHIC
+vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high) { return around_rectangle(corner, low, high); }
+#else
+// A corner of the triangle as a cone of the camera, moved so that both edges there keep a distance. Cones need no care
+// behind the eye: the clipper does it. A camera's (x, y, z) gets its lengths in pixels.
+// Source: Hasselgren, Akenine-Möller & Ohlsson 2005, Conservative Rasterization.
+vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
+{
+    vec3 ahead = side * cross(own, next - own), behind = side * cross(previous, own - previous);
+    ahead.z += bound_margin() * (abs(ahead.x) + abs(ahead.y));
+    behind.z += bound_margin() * (abs(behind.x) + abs(behind.y));
+    vec3 p = cross(behind, ahead) * side;
+    // The window's middle is the origin of what is clipped.
+    vec2 shift = 2.0 * (eye_centre - vec2(eye_corner)) / vec2(eye_size) - 1.0;
+    return vec4(2.0 * p.xy / vec2(eye_size) + shift * p.z, 0.0, p.z);
+}
+
+vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
+{
     vec3 pixels = vec3(eye_focal, eye_focal, 1.0);
     uvec4 face = face_texel(item, FACE_CORNERS);
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
@@ -92,16 +79,23 @@ void main()
     c *= scale;
     float volume = dot(cross(a, b - a), c - a);
     float side = volume < 0.0 ? -1.0 : 1.0;
-    gl_Position = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
+    vec4 moved = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
     // Seen nearly edge-on its edges cross anywhere. Then a right triangle that covers the rectangle is drawn; also where
     // that is not known, as all there is of the volume may be rounding.
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float max_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
     bool wide = abs(volume) > 0.1 * max_edge + rounding;  // pixels, times the longest edge
-    if (!wide) gl_Position = at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
+    return wide ? moved : around_rectangle(corner, low, high);
+}
+#endif
 #elif defined(SQUARES)
-    int across = int(square.y >> 20), number = int(square.y & 0xfffffu);
+const int VERTICES = 1;
+
+// A square of the rectangle as a point; false where it has no pixels.
+bool draw_square(uint square, ivec2 low, ivec2 high)
+{
+    int across = int(square >> 20), number = int(square & 0xfffffu);
     ivec2 begin = low + square_side * ivec2(number % across, number / across);
     ivec2 end = min(begin + square_side - 1, high);
     int side = max(max(end.x - begin.x, end.y - begin.y) + 1, 1);
@@ -109,14 +103,47 @@ void main()
     // A point is drawn where its centre is inside the window.
     gl_Position = vec4((vec2(2 * min(begin, eye_size - side)) + float(side)) / vec2(eye_size) - 1.0, 0.0, 1.0);
     gl_PointSize = float(side);
-    if (any(lessThan(end, begin))) status = HIDDEN;
+    return !any(lessThan(end, begin));
+}
 #else
+const int VERTICES = 6;
+
+vec4 rectangle_corner(int corner, ivec2 low, ivec2 high)
+{
     ivec2 which = ivec2(corner & 1, corner == 2 || corner >= 4 ? 1 : 0);
     if (corner == 3) which = ivec2(1, 0);
     if (corner == 4) which = ivec2(0, 1);
     if (corner == 5) which = ivec2(1, 1);
-    gl_Position = at_pixel(ivec2(which.x == 0 ? low.x : high.x + 1, which.y == 0 ? low.y : high.y + 1));
+    return at_pixel(ivec2(which.x == 0 ? low.x : high.x + 1, which.y == 0 ? low.y : high.y + 1));
+}
 #endif
-    if (status == HIDDEN) gl_Position = NOWHERE;
+
+void main()
+{
+#ifdef KIND_PLANE
+    int item = gl_InstanceID, corner = gl_VertexID;
+#else
+    int item = gl_VertexID / VERTICES, corner = gl_VertexID - VERTICES * item;
+#endif
+#ifdef SQUARES
+    uvec2 square = texelFetch(squares, ivec2(item % SQUARES_WIDTH, item / SQUARES_WIDTH), 0).xy;
+    item = int(square.x);
+#endif
+    primitive = first + item;
+    aim = target(primitive);
+
+#ifdef KIND_PLANE
+    draw_plane(corner);
+#else
+    ivec2 low, high;
+    bool hidden = bounds(primitive, low, high) == HIDDEN;
+#if defined(KIND_TRIANGLE)
+    gl_Position = triangle_corner(item, corner, low, high);
+#elif defined(SQUARES)
+    hidden = !draw_square(square.y, low, high) || hidden;
+#else
+    gl_Position = rectangle_corner(corner, low, high);
+#endif
+    if (hidden) gl_Position = NOWHERE;
 #endif
 }

@@ -37,6 +37,34 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow 
 uint rays_cast = 0u;  // of the pixel
 #endif
 
+// A point of a surface that a ray of the pixel has hit.
+struct Shaded
+{
+    int primitive;
+    Surface surface;
+    bool front;
+    vec3 normal;     // on the side that is seen
+    vec3 n;          // shading normal
+    Bsdf bsdf;
+    vec3 wo;         // back along the ray
+    float rounding;  // how far from the surface rays that leave it begin
+};
+
+Shaded shaded_at(int primitive, vec3 origin, vec3 direction, float t, float rounding)
+{
+    Shaded at;
+    at.primitive = primitive;
+    at.surface = surface_at(primitive, origin, direction, t);
+    at.front = front_hit(at.surface.normal, direction);
+    at.normal = at.front ? at.surface.normal : -at.surface.normal;
+    at.wo = -direction;
+    at.n = shading_normal(at.surface, at.front, at.wo);
+    at.bsdf = bsdf_at(at.surface, at.front);
+    vec3 size = abs(at.surface.position);
+    at.rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
+    return at;
+}
+
 // Another chance for every ray to pass through blended surfaces.
 void begin_ray()
 {
@@ -45,18 +73,18 @@ void begin_ray()
 #endif
 }
 
-bool shadow_ray_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
+bool shadow_ray_blocked(Shaded at, vec3 wi, float tmax)
 {
     begin_ray();
 #ifdef BY_BVH
-    return blocked_by_bvh(origin, direction, tmin, tmax, exclude);
+    return blocked_by_bvh(at.surface.position, wi, at.rounding, tmax, at.primitive);
 #else
-    return blocked_classic(origin, direction, tmin, tmax, exclude);
+    return blocked_classic(at.surface.position, wi, at.rounding, tmax, at.primitive);
 #endif
 }
 
-// Radiance towards -direction of the light that comes straight from the lights. `normal` is on the side that is seen.
-vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
+// Radiance towards wo of the light that comes straight from the lights.
+vec3 light_from_lights(Shaded at)
 {
     vec3 sum = vec3(0.0);
     for (int light = 0; light < light_count; ++light)
@@ -64,7 +92,7 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
         vec3 axis = light_texel(light, LIGHT_DIRECTION).xyz;
         uvec3 punctual = punctual_texel(light, PUNCTUAL_KIND).xyz;
         uint kind = punctual.x;
-        vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - s.position;
+        vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - at.surface.position;
         float square = dot(to_light, to_light), distance = sqrt(square);
         vec3 wi = to_light / max(distance, 1e-37);
         bool spot = kind == LIGHT_SPOT;
@@ -74,13 +102,13 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
 #ifdef HAS_PROFILES
         if (punctual.z != 0u) E *= profile_intensity(int(punctual.z) - 1, -wi);
 #endif
-        float cosine = dot(normal, wi);
+        float cosine = dot(at.normal, wi);
         bool reaches = cosine > 0.0 && max(E.r, max(E.g, E.b)) > 0.0;
         float visible = reaches ? 1.0 : 0.0;
 #ifdef SHADOW_BUFFERS
         if (reaches && kind != LIGHT_DIRECTIONAL)
         {
-            visible = point_light_visibility(light, s.position, normal, s.shape);
+            visible = point_light_visibility(light, at.surface.position, at.normal, at.surface.shape);
             reaches = false;
         }
 #endif
@@ -88,12 +116,12 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
         if (reaches)
         {
             float tmax = kind == LIGHT_DIRECTIONAL ? NO_HIT : distance * (1.0 - RAY_ROUNDING);
-            if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;
+            if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;
         }
 #endif
-        vec3 f = diffuse_eval(bsdf, n, wo, wi) * (cosine * shading_cosine(n, normal, wi));
+        vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, wi) * (cosine * shading_cosine(at.n, at.normal, wi));
 #ifdef HAS_MICROFACETS
-        f += mirroring_eval(bsdf, n, normal, wo, wi) * cosine;
+        f += mirroring_eval(at.bsdf, at.n, at.normal, at.wo, wi) * cosine;
 #endif
         sum += f * E * (visible / PI);
     }
@@ -102,24 +130,73 @@ vec3 light_from_lights(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf,
 
 #ifdef LIGHT_SAMPLES
 // The same, of light samples and the sky: always by rays, as the points are others in every path set.
-vec3 light_from_samples(int primitive, Surface s, vec3 normal, vec3 n, Bsdf bsdf, vec3 wo, float rounding)
+vec3 light_from_samples(Shaded at)
 {
     vec3 sum = vec3(0.0);
     for (int i = 0; i < LIGHT_SAMPLES; ++i)
     {
-        Incident light = light_sample(i, s.position, normal);
+        Incident light = light_sample(i, at.surface.position, at.normal);
         if (max(light.E.r, max(light.E.g, light.E.b)) <= 0.0) continue;
         float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
-        if (!shadow_ray_blocked(s.position, light.wi, rounding, tmax, primitive))
+        if (!shadow_ray_blocked(at, light.wi, tmax))
         {
-            vec3 f = diffuse_eval(bsdf, n, wo, light.wi) * shading_cosine(n, normal, light.wi);
+            vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, light.wi) * shading_cosine(at.n, at.normal, light.wi);
 #ifdef HAS_MICROFACETS
-            f += mirroring_eval(bsdf, n, normal, wo, light.wi);
+            f += mirroring_eval(at.bsdf, at.n, at.normal, at.wo, light.wi);
 #endif
             sum += f * light.E;
         }
     }
     return sum;
+}
+#endif
+
+// Add light to a pixel's; direct: no mirror was in between.
+void add_light(inout vec3 L, vec3 light, bool direct)
+{
+    L += light;
+#ifdef SPLIT_LIGHT
+    if (direct) direct_part += light;
+#endif
+}
+
+// What the surface emits, and the ambient light that it reflects.
+void add_emission(inout vec3 L, Shaded at, vec3 weight, int depth)
+{
+    float pdf_area;
+    L += weight * (ambient * at.bsdf.diffuse + emitted(at.surface, at.front, pdf_area));
+#ifdef SPLIT_LIGHT
+    if (depth <= 2) direct_part += weight * emitted(at.surface, at.front, pdf_area);
+#endif
+}
+
+// What the surface reflects of the light that comes straight to it.
+void add_direct_light(inout vec3 L, Shaded at, vec3 weight, int depth)
+{
+    add_light(L, weight * light_from_lights(at), depth == 1);
+#ifdef LIGHT_SAMPLES
+    add_light(L, weight * light_from_samples(at), depth == 1);
+#endif
+}
+
+#ifdef REFLECTIONS
+// Follow the ray to the next surface; false where nothing more of it would be seen.
+bool mirror_ray(
+    Shaded at, bool last, inout vec3 weight, inout vec3 origin, inout vec3 direction, inout int primitive, inout float t)
+{
+    vec3 mirroring = mirroring_normal(at.n, at.normal, at.wo);
+    weight *= mirrored(at.bsdf, dot(mirroring, at.wo));
+    if (last || max(weight.r, max(weight.g, weight.b)) <= 0.0) return false;
+
+    origin = at.surface.position;
+    direction = normalize(reflect(direction, mirroring));
+    begin_ray();
+#ifdef BY_BVH
+    primitive = nearest_by_bvh(origin, direction, at.rounding, primitive, t);
+#else
+    primitive = nearest_classic(origin, direction, at.rounding, primitive, t);
+#endif
+    return true;
 }
 #endif
 
@@ -139,56 +216,21 @@ void main()
     {
         if (primitive < 0)
         {
-            L += weight * sky(direction);
-#ifdef SPLIT_LIGHT
-            if (depth <= 2) direct_part += weight * sky(direction);
-#endif
+            add_light(L, weight * sky(direction), depth <= 2);
             break;
         }
-        Surface s = surface_at(primitive, origin, direction, t);
-        bool front = front_hit(s.normal, direction);
-        vec3 normal = front ? s.normal : -s.normal;
-        vec3 n = shading_normal(s, front, -direction);
-        Bsdf bsdf = bsdf_at(s, front);
-        vec3 size = abs(s.position);
-        rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
-
-        float pdf_area;
-        L += weight * (ambient * bsdf.diffuse + emitted(s, front, pdf_area));
-#ifdef SPLIT_LIGHT
-        if (depth <= 2) direct_part += weight * emitted(s, front, pdf_area);
-#endif
+        Shaded at = shaded_at(primitive, origin, direction, t, rounding);
+        rounding = at.rounding;
+        add_emission(L, at, weight, depth);
 #ifdef COUNT_TESTS
         uint before = tests;
 #endif
-        vec3 lit = light_from_lights(primitive, s, normal, n, bsdf, -direction, rounding);
-        L += weight * lit;
-#ifdef SPLIT_LIGHT
-        if (depth == 1) direct_part += weight * lit;
-#endif
-#ifdef LIGHT_SAMPLES
-        lit = light_from_samples(primitive, s, normal, n, bsdf, -direction, rounding);
-        L += weight * lit;
-#ifdef SPLIT_LIGHT
-        if (depth == 1) direct_part += weight * lit;
-#endif
-#endif
+        add_direct_light(L, at, weight, depth);
 #ifdef COUNT_TESTS
         shadow_tests += tests - before;
 #endif
 #ifdef REFLECTIONS
-        vec3 mirroring = mirroring_normal(n, normal, -direction);
-        weight *= mirrored(bsdf, dot(mirroring, -direction));
-        if (depth == max_depth || max(weight.r, max(weight.g, weight.b)) <= 0.0) break;
-
-        origin = s.position;
-        direction = normalize(reflect(direction, mirroring));
-        begin_ray();
-#ifdef BY_BVH
-        primitive = nearest_by_bvh(origin, direction, rounding, primitive, t);
-#else
-        primitive = nearest_classic(origin, direction, rounding, primitive, t);
-#endif
+        if (!mirror_ray(at, depth == max_depth, weight, origin, direction, primitive, t)) break;
 #else
         break;
 #endif

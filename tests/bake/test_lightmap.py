@@ -27,7 +27,8 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film.film import Film
 from glpath.film.image import read_image
-from glpath.integrators.settings import GatherSettings, PathSettings
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.io import load_scene
 from glpath.scene import Scene
 from tests.reference.closed_forms import polygon_irradiance

@@ -18,11 +18,11 @@ from glpath.bake import atlas
 from glpath.bake.lightmap import Surfaces
 from glpath.bake.overlaps import overlapping
 from glpath.bake.sides import Sides, _lit
-from glpath.bake.solids import winding_number
 from glpath.cli.main import app
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.io import load_scene
 from glpath.scene import Scene
+from glpath.scene.sight import winding_number
 from glpath.scene.triangulate import path_traceable
 
 pytest.importorskip("xatlas")

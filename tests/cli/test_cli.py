@@ -28,7 +28,9 @@ from glpath.errors import ContextError, SceneWarning
 from glpath.film.aovs import DENOISER_AOVS
 from glpath.film.film import Film, read_image
 from glpath.film.image import write_exr
-from glpath.integrators.settings import GatherSettings, PathBufferSettings, PathSettings, TBufferSettings
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
+from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering import RenderJob, calls
 from glpath.rendering.calls import reporting_to
 from glpath.rendering.progress import reporting
@@ -504,7 +506,8 @@ import sys, time
 import numpy as np
 from glpath import rendering
 from glpath.cli.main import run
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 from glpath.rendering import calls
 
 def run_job(job, scene, options):

@@ -22,7 +22,8 @@ from benchmarks.figures.outcome import Outcome, write
 from glpath.cli import picture
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import calls
 from glpath.rendering.interrupts import interrupt_as_flag
@@ -160,7 +161,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from glpath.errors import ImageError
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 
 film = Film.empty(FilmMetadata("noise", "0", "path", 0, 5, {}, (96, 96), (0, 0, 96, 96)))
 film.add(0, 5, np.random.default_rng(0).random((96, 96, 3)))
@@ -220,7 +222,8 @@ PROGRAM = """
 import os, signal, sys, time
 import numpy as np
 from glpath.cli.main import run
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 from glpath.rendering import Progress, RenderInterrupted, calls
 
 at, number, times = sys.argv.pop(1), getattr(signal, sys.argv.pop(1)), int(sys.argv.pop(1))

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from glpath.errors import ImageError, UsageError
 from glpath.film import image
 from glpath.film.batches import BATCHES, BLOCK, batch_of, blocks
-from glpath.film.film import Film, FilmMetadata
-from glpath.film.metadata import metadata_of
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata, metadata_of
 from tests.conftest import MakeFilm
 
 any_time = settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -21,7 +21,7 @@ from glpath.gl import program
 from glpath.gl.context import Context, get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine
-from glpath.integrators.settings import PathBufferSettings, PathSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from tests.support import many_scenes
 from tests.support.engines import with_depth
 from tests.support.repository import ROOT

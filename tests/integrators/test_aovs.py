@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 import glpath
 from benchmarks.peers import mitsuba as mitsuba_peer
 from glpath.errors import ImageError, UsageError
-from glpath.film.aovs import AOVS, DENOISER_AOVS
-from glpath.film.film import FAR, Film
+from glpath.film.aovs import AOVS, DENOISER_AOVS, FAR
+from glpath.film.film import Film
 from glpath.film.image import read_exr_channels, read_image
 from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run

@@ -18,8 +18,8 @@ from glpath.film.film import read_image
 from glpath.gl import device_radiosity as radiosity_store
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_buffer_gather import PathBufferGather
-from glpath.integrators.settings import GatherSettings
 from glpath.integrators.solution_lookup import device_radiosity
 from glpath.io import load_scene, scene_from_dict
 from glpath.lights.lighting import Lighting

@@ -14,7 +14,7 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators import ray_paths
 from glpath.integrators.path_buffer import PathBufferTracer
-from glpath.integrators.settings import PathBufferSettings
+from glpath.integrators.path_settings import PathBufferSettings
 from tests.reference.numpy_path_tracer import path_trace
 from tests.support.engines import engine_options
 from tests.support.lit_things import FLOOR, LAMP, POINT, RHO, THINGS, floor_from_above, scene_of

@@ -13,7 +13,7 @@ from glpath.compare import relative_mse
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_buffer import PathBufferTracer
-from glpath.integrators.settings import PathBufferSettings
+from glpath.integrators.path_settings import PathBufferSettings
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable
 from tests.reference.closed_forms import (

@@ -13,8 +13,9 @@ from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.passes import Pass, PixelDispatch
 from glpath.integrators import ray_paths
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import GatherSettings, PathSettings
 from glpath.integrators.solution_lookup import device_radiosity
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene, path_traceable

@@ -16,7 +16,7 @@ import pytest
 import glpath
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
 from glpath.film.image import read_image
-from glpath.integrators.settings import PathSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.io.export import MAX_DEPTH
 from glpath.io.export.geometry import Notes, in_triangles
 from glpath.io.export.mitsuba import described

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.integrators.settings import Integrator
+from glpath.integrators.by_name import Integrator
 from glpath.io import shipped_scenes
 from tests.support.engines import coarse
 

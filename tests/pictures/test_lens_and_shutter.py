@@ -24,8 +24,8 @@ from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
+from glpath.integrators.path_settings import PathSettings
 from glpath.integrators.ray_paths import RayPathEngine
-from glpath.integrators.settings import PathSettings
 from glpath.io.load import scene_from_dict
 from glpath.rendering import RenderJob, run
 from glpath.sampling.points import PathSetSampler

@@ -10,14 +10,10 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.integrators.settings import (
-    DEEPEST,
-    GatherSettings,
-    IntegratorSettings,
-    PathBufferSettings,
-    PathSettings,
-    TBufferSettings,
-)
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
+from glpath.integrators.settings import DEEPEST, IntegratorSettings
+from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering import RenderJob, choice
 from glpath.scene import Scene
 from glpath.sensors.sensor import PointSensor

@@ -18,7 +18,8 @@ from glpath.cli.point_files import en_12464_counts, grid_of, read_points
 from glpath.film.film import Film
 from glpath.film.image import read_eight_bits
 from glpath.film.noise import standard_error
-from glpath.integrators.settings import DEEPEST, PathSettings
+from glpath.integrators.path_settings import PathSettings
+from glpath.integrators.settings import DEEPEST
 from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.sensors.sensor import PointSensor

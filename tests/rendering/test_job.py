@@ -14,7 +14,7 @@ import pytest
 
 import glpath
 from glpath.film.batches import BLOCK
-from glpath.integrators.settings import GatherSettings
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.rendering.job import SceneSource

@@ -24,14 +24,10 @@ from glpath.cli import render as render_cli
 from glpath.cli.main import app
 from glpath.cli.run_request import OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
 from glpath.cli.typed import as_typed
-from glpath.integrators.settings import (
-    INTEGRATORS,
-    GatherSettings,
-    IntegratorKeywords,
-    PathBufferSettings,
-    PathSettings,
-    TBufferSettings,
-)
+from glpath.integrators.by_name import INTEGRATORS, IntegratorKeywords
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.path_settings import PathBufferSettings, PathSettings
+from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering import RenderJob
 from glpath.rendering.calls import render
 from glpath.rendering.options import annotation_of, checked, options, settings_of, with_options
@@ -312,7 +308,9 @@ def test_a_misspelt_option_fails_a_type_check(tmp_path: Path) -> None:
     program, package = tmp_path / "program.py", Path(glpath.__file__).parent
     program.write_text(MISSPELT.lstrip())
     # What declares options, and no more: all of the package takes a minute.
-    needed = ("rendering/calls", "rendering/options", "rendering/run_options", "integrators/settings")
+    settings = ("by_name", "gather_settings", "path_settings", "settings", "whitted_settings")
+    needed = [f"rendering/{name}" for name in ("calls", "options", "run_options")]
+    needed += [f"integrators/{name}" for name in settings]
     done = subprocess.run(
         [sys.executable, "-m", "mypy", "--config-file=", "--follow-imports=skip", "--ignore-missing-imports",
          f"--cache-dir={tmp_path}", str(program), *(str(package / f"{name}.py") for name in needed)],

@@ -16,7 +16,8 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.film.aovs import DENOISER_AOVS
 from glpath.film.batches import BATCHES, BLOCK
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 from glpath.film.noise import error_bound
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.stopping import looked_at

@@ -36,7 +36,8 @@ from glpath.compare import Picture, read_picture
 from glpath.errors import GlpathError
 from glpath.film import image
 from glpath.film.batches import blocks
-from glpath.film.film import Film, FilmMetadata
+from glpath.film.film import Film
+from glpath.film.metadata import FilmMetadata
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob
 

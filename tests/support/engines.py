@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import glpath
-from glpath.integrators.settings import Directions, GatherSettings
+from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.settings import Directions
 from glpath.scene import path_traceable
 
 

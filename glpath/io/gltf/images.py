@@ -17,6 +17,7 @@ from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.gltf.table import Table
+from glpath.io.pictures import pixels_of
 from glpath.scene.source_location import SourceLocation
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
@@ -115,8 +116,7 @@ def _pixels(data: bytes, kind: str) -> NDArray[Any]:
         if opened.mode.startswith("I"):  # grey of 16 bits
             grey = np.asarray(opened).astype(np.uint16)
             return np.repeat(grey[..., None], 3, axis=2)
-        alpha = "A" in opened.getbands() or "transparency" in opened.info
-        return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+        return pixels_of(opened)
 
 
 def _broken(location: SourceLocation, error: Exception) -> Exception:

@@ -16,6 +16,7 @@ from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
+from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
 
 #: Parts of an edge of an element that is partly buried, for its points and its area.
@@ -141,20 +142,8 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
         if scene.shapes[number].primitive == "triangle" and len(corners):
             low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
             near = [p for p in points if (p > low).all() and (p < high).all()]
-            inside[number] = any(_within(corners, point) for point in near)
+            inside[number] = any(abs(winding_number(corners, point)) > 0.5 for point in near)
     return inside
-
-
-def _within(triangles: Float64, point: Float64) -> bool:
-    """Whether a closed surface of triangles (T, 3, 3) is around a point: by the solid angle that it fills.
-
-    A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
-    """
-    a, b, c = np.moveaxis(triangles - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    dots = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-    angle = 2.0 * np.arctan2((a * np.cross(b, c)).sum(1), dots).sum()
-    return bool(abs(angle) > 2.0 * np.pi)
 
 
 def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64) -> NDArray[np.bool_]:

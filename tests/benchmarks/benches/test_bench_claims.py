@@ -17,7 +17,7 @@ from benchmarks.benches import equal_error, gather, path_buffer, shaft, t_buffer
 from benchmarks.benches.equal_error import Contestant
 from benchmarks.references.kept import Reference
 from benchmarks.references.stored import smaller, stored_reference
-from glpath.integrators.settings import PathSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.io import load_scene
 from tests.conftest import Spoil
 

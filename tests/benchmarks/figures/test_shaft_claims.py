@@ -11,7 +11,7 @@ import pytest
 from benchmarks import office_table
 from benchmarks.figures import shaft, shaft_table
 from benchmarks.figures.catalogue import FIGURES
-from glpath.notebook.polyhedron import box_corners, farthest_gap
+from glpath.notebook.polyhedron import box_corners
 from glpath.radiosity import Containment, Occluders, Shaft
 
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -50,7 +50,7 @@ def exact_spheres(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def classify(found: Shaft, centres, radii):
         hull = np.concatenate([box_corners(found.box_a), box_corners(found.box_b)])
-        gap = farthest_gap(hull, np.reshape(centres, (-1, 3)))
+        gap = shaft.farthest_gap(hull, np.reshape(centres, (-1, 3)))
         return np.where(gap > radii, Containment.OUTSIDE, _spheres(found, centres, radii))
 
     monkeypatch.setattr(Shaft, "classify_spheres", classify)

@@ -71,10 +71,10 @@ def test_table_1_has_all_rows_and_both_savings(tmp_path: Path) -> None:
 def test_a_box_has_six_faces_and_its_volume() -> None:
     planes = polyhedron.box_planes([1, 2, 3, 2, 4, 6])
     assert [len(f) for f in polyhedron.faces(planes)] == [4] * 6
-    assert polyhedron.volume(planes) == pytest.approx(1 * 2 * 3)
+    assert shaft.volume(planes) == pytest.approx(1 * 2 * 3)
     # A tetrahedron of legs 0.5 off the far corner.
     cut = np.concatenate([planes, [[1.0, 1.0, 1.0, -11.5]]])
-    assert polyhedron.volume(cut) == pytest.approx(6 - 0.5**3 / 6)
+    assert shaft.volume(cut) == pytest.approx(6 - 0.5**3 / 6)
     assert [len(f) for f in polyhedron.faces(cut)] == [4, 4, 4, 5, 5, 5, 3]
 
 
@@ -87,7 +87,7 @@ def test_the_gap_to_a_hull_is_never_too_large_and_nearly_exact() -> None:
     corners = polyhedron.box_corners([0, 0, 0, 1, 1, 1])
     points = np.random.default_rng(3).uniform(-1, 2, (200, 3))
     exact = np.linalg.norm(points - points.clip(0, 1), axis=1)
-    gap = polyhedron.farthest_gap(corners, points)
+    gap = shaft.farthest_gap(corners, points)
     assert np.all(gap <= exact + 1e-12)
     assert np.all(gap >= 0.98 * exact - 0.02)
 

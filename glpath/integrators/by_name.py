@@ -1,0 +1,25 @@
+"""The integrators by the names that users give, and all their options as keyword arguments."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from glpath.integrators.gather_settings import GatherKeywords, GatherSettings
+from glpath.integrators.path_settings import PathBufferKeywords, PathBufferSettings, PathSettings
+from glpath.integrators.settings import IntegratorSettings, SharedKeywords
+from glpath.integrators.whitted_settings import ClassicSettings, TBufferSettings, WhittedKeywords
+
+Integrator = Literal["auto", "path", "path-buffer", "gather", "classic", "t-buffer"]
+
+#: The integrator that is chosen for a scene, see `glpath.rendering.choice`.
+AUTO: Integrator = "auto"
+
+#: A new integrator is a line here, and one in `glpath.rendering.factory.PLANS`.
+INTEGRATORS: dict[str, type[IntegratorSettings]] = {
+    settings.integrator: settings
+    for settings in (PathSettings, PathBufferSettings, GatherSettings, ClassicSettings, TBufferSettings)
+}
+
+
+class IntegratorKeywords(SharedKeywords, PathBufferKeywords, GatherKeywords, WhittedKeywords, total=False):
+    """The options of all integrators as keyword arguments, for type checkers; None is not given."""

@@ -1,0 +1,167 @@
+"""The options of the gather from a radiosity solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypedDict
+
+from msgspec import Meta
+
+from glpath.errors import UsageError
+from glpath.integrators.settings import (
+    DEEPEST,
+    GUIDES,
+    ROULETTE_OF_MIRRORED,
+    DirectLight,
+    Guide,
+    Lookup,
+    PathSetSettings,
+    Rgb,
+    SharedDirections,
+)
+from glpath.scene.model import Scene
+
+Cast = Literal["bvh", "path-buffer"]
+
+_ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
+# Options by how rays are cast.
+_OF_BVH = ("guide", "branches")
+_OF_PATH_BUFFER = ("directions", "light_resolution", "cell_share", "cosine_roulette")
+
+
+class Solution(Protocol):
+    """A `glpath.RadiositySolution`, named without loading it: all of radiosity is slow to import."""
+
+    def check_scene(self, scene: Scene) -> None:
+        """Raise SceneError for another scene than the solution's."""
+
+
+@dataclass(frozen=True)
+class GatherSettings(SharedDirections, PathSetSettings):
+    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
+
+    With cast "path-buffer" it is the paper's local pass; its `directions` are a setting for experiments.
+    """
+
+    integrator = "gather"
+    default_spp = 64
+    biased = True
+    remedies: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("max_depth", "roulette"), _ALL_OF_A_GATHER),
+        "ambient": "A gather has light of all bounces from its solution: none is left to assume.",
+        "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
+    }
+
+    # Not for a gather: its solution is of the scene itself, and has light of all bounces.
+    bounce_lod: ClassVar[None] = None
+    ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
+
+    lookup_depth: Annotated[
+        int,
+        Meta(
+            ge=2,
+            le=DEEPEST,
+            description="the vertex at which the solution is looked up; more than 2, the paper's, where the coarse "
+            "solution shows in corners",
+        ),
+    ] = 2
+    cast: Annotated[
+        Cast,
+        Meta(
+            description='how rays are cast: by a "bvh" in the shader, along directions of each path\'s own; or by '
+            'scans of the "path-buffer", along directions that all paths of a set share, as in the paper'
+        ),
+    ] = "bvh"
+    radiosity: Annotated[
+        Solution | Path | None,
+        Meta(
+            description="a file of `glpath radiosity`, or in Python a `RadiositySolution`, of the scene (whatever "
+            "its camera); without, the scene is solved first, coarsely, by particles",
+            extra={"metavar": "FILE"},
+        ),
+    ] = None
+    radiosity_lookup: Annotated[
+        Lookup,
+        Meta(description='"interpolated" between the vertices of an element, or "constant" over it'),
+    ] = "interpolated"
+    direct_light: Annotated[
+        DirectLight,
+        Meta(
+            description='light straight from lamps where the solution is looked up: "traced", with shadows of its '
+            'own, or from the "solution", as in the paper'
+        ),
+    ] = "traced"
+    lookup_distance: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=1000,
+            description="a path that would look up nearer to where it came from than a random share of so many "
+            "widths of an element continues to a further vertex, with rays of its own to a second one where that "
+            "is near as well; 0: none does, as in the paper",
+            extra={"metavar": "WIDTHS"},
+        ),
+    ] = 1.0
+    guide: Annotated[Guide, Meta(description=GUIDES)] = "solution"
+    branches: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=4,
+            description='of cast "bvh": how many directions a path takes from its first vertex, sharing what the '
+            "eye sees and its light; where few path sets are for a denoiser, 1 is quicker",
+        ),
+    ] = 2
+
+    @property
+    def path_length(self) -> int:
+        return self.lookup_depth
+
+    @property
+    def by_path_buffer(self) -> bool:
+        return self.cast == "path-buffer"
+
+    @property
+    def guided(self) -> bool:
+        return self.guide == "solution" and self.cast == "bvh"
+
+    @property
+    def looks_up(self) -> bool:
+        return True
+
+    def roulette_from(self, mirrored: bool) -> int | None:
+        """The vertex from which on roulette ends paths: those by mirrors and glass alone, as others are short."""
+        return ROULETTE_OF_MIRRORED if mirrored else None
+
+    def lookup_uniforms(self) -> dict[str, object]:
+        """Where the solution is looked up, as path/path_rays.glsl knows it."""
+        return {"lookup_depth": self.lookup_depth - 1, "lookup_distance": self.lookup_distance}
+
+    def recorded(self) -> dict[str, Any]:
+        """Those that decide something. What is recorded of the solution is its digest, known when it is there."""
+        unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
+        return {k: v for k, v in super().recorded().items() if k not in ("radiosity", "radiosity_lookup", *unused)}
+
+    def check_together(self, given: Mapping[str, Any]) -> None:
+        cast = given.get("cast", self.cast)
+        other, names = ("bvh", _OF_BVH) if cast == "path-buffer" else ("path-buffer", _OF_PATH_BUFFER)
+        for name in names:
+            if name in given:
+                raise UsageError(
+                    f'{name}: {given[name]!r} with cast "{cast}"; it is an option of cast "{other}"',
+                    f'Take cast="{other}", or leave it out.',
+                )
+
+
+class GatherKeywords(TypedDict, total=False):
+    """The options of "gather" alone; see `SharedKeywords`."""
+
+    lookup_depth: int | None
+    cast: Cast | None
+    radiosity: str | Solution | Path | None
+    radiosity_lookup: Lookup | None
+    direct_light: DirectLight | None
+    lookup_distance: float | None
+    branches: int | None

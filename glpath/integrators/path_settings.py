@@ -1,0 +1,188 @@
+"""The options of path tracing: "path", with rays of each path's own, and "path-buffer"."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Self, TypedDict
+
+from msgspec import Meta
+
+from glpath.integrators.settings import (
+    DEEPEST,
+    GUIDES,
+    NO_LOOKUP,
+    ROULETTE_OF_MIRRORED,
+    Ambient,
+    Directions,
+    DirectLight,
+    Guide,
+    Lookup,
+    MaxDepth,
+    PathSetSettings,
+    Roulette,
+    SharedDirections,
+)
+
+# Of paths that nothing else ends.
+_ROULETTE = 4
+# Diffuse bounces of a path before a radiosity solution is its control variate.
+_CORRECTED_FROM = 2
+
+
+@dataclass(frozen=True)
+class PathSettings(PathSetSettings):
+    """Path tracing: each path has its own directions, and a BVH in the shader casts its rays.
+
+    The roulette is Arvo & Kirk's (1990).
+    """
+
+    integrator = "path"
+    remedies = NO_LOOKUP | {
+        "directions": 'Each path has directions of its own; with integrator="path-buffer" a set shares them.',
+        "light_resolution": 'Shadows are rays; with integrator="path-buffer" they are shadow-buffers.',
+        "geometry_budget": 'Rays need all triangles in memory; integrator="path-buffer" streams them.',
+        "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
+    }
+
+    # Only a gather has this choice: its guides are of the solution that it looks up; a path has no branches.
+    radiosity_lookup: ClassVar[Lookup] = "interpolated"
+    direct_light: ClassVar[DirectLight] = "traced"
+
+    max_depth: MaxDepth = DEEPEST
+    guide: Annotated[
+        Guide | None,
+        Meta(
+            description=GUIDES,
+            extra={
+                "unset": '"solution" with a max-depth of 1000 where the scene can be solved soon, else "cosine"'
+            },
+        ),
+    ] = None
+    ambient: Ambient = None
+    roulette: Roulette = None
+
+    def completed(self, solvable: Callable[[], bool]) -> Self:
+        return replace(self, **_completed(self), guide=self.guide or self._guide(solvable))
+
+    def _guide(self, solvable: Callable[[], bool]) -> Guide:
+        return "solution" if self.max_depth == DEEPEST and solvable() else "cosine"
+
+    @property
+    def path_length(self) -> int:
+        return self.max_depth
+
+    @property
+    def guided(self) -> bool:
+        return self.guide == "solution"
+
+    @property
+    def endless(self) -> bool:
+        return self.roulette is not None and self.max_depth == DEEPEST
+
+    @property
+    def corrects(self) -> bool:
+        return self.guided and self.endless
+
+    @property
+    def branches(self) -> int:
+        """Directions that a path takes from its first vertex."""
+        return 2 if self.corrects else 1
+
+    def roulette_from(self, mirrored: bool) -> int | None:
+        """The vertex from which on Russian roulette ends paths; where a solution is a control variate, those by
+        mirrors and glass alone."""
+        if self.corrects:
+            return ROULETTE_OF_MIRRORED if mirrored else None
+        return self.roulette
+
+    def lookup_uniforms(self) -> dict[str, object]:
+        """Of paths whose control variate is a radiosity solution."""
+        return {"lookup_depth": _CORRECTED_FROM} if self.corrects else {}
+
+    def recorded(self) -> dict[str, Any]:
+        """Without a guide where there is none, and without a depth where that ends nothing."""
+        unused = [name for name, used in (("guide", self.guided), ("max_depth", not self.endless)) if not used]
+        return {k: v for k, v in super().recorded().items() if k not in unused}
+
+
+def _completed(settings: PathSettings | PathBufferSettings) -> dict[str, Any]:
+    """Of paths of all bounces, the vertex from which on chance ends them."""
+    return {"roulette": _ROULETTE} if settings.max_depth == DEEPEST and settings.roulette is None else {}
+
+
+@dataclass(frozen=True)
+class PathBufferSettings(SharedDirections, PathSetSettings):
+    """Path tracing with the path-buffer [PB 3]: all paths of a set share directions, one scan casts all their rays.
+
+    Ambient light is that of PB A.2, the roulette Arvo & Kirk's (1990).
+    """
+
+    integrator = "path-buffer"
+    remedies = NO_LOOKUP | {
+        "guide": 'All paths of a set share their directions; paths of integrator="path" choose them.',
+    }
+
+    max_depth: MaxDepth = DEEPEST
+    directions: Annotated[
+        Directions,
+        Meta(
+            description='of a bounce, shared by all paths of a set: "pair", each path takes the better of two; '
+            '"lattice", one of a lattice for the first bounce, then as "pair"; "hemisphere", one; "sphere", as in '
+            "the paper"
+        ),
+    ] = "pair"
+    ambient: Ambient = None
+    roulette: Roulette = None
+    geometry_budget: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=1 << 20,
+            description="MiB of memory, the device's and the machine's together, for the triangles of shapes of "
+            'type "stream"; more is quicker, as chunks then stay on the device',
+            extra={"metavar": "MIB"},
+        ),
+    ] = 1024
+    bounce_lod: Annotated[
+        float | None,
+        Meta(
+            ge=0.001,
+            le=1,
+            description="from their second vertex on, paths meet a simpler scene, of this share of the triangles "
+            "of plain meshes; quicker in large scenes, not quite right. By default, never",
+            extra={"metavar": "SHARE"},
+        ),
+    ] = None
+
+    def completed(self, solvable: Callable[[], bool]) -> Self:
+        return replace(self, **_completed(self))
+
+    @property
+    def path_length(self) -> int:
+        return self.max_depth
+
+    @property
+    def endless(self) -> bool:
+        return self.roulette is not None and self.max_depth == DEEPEST
+
+    @property
+    def by_path_buffer(self) -> bool:
+        return True
+
+    def recorded(self) -> dict[str, Any]:
+        """Those that decide something: memory does not."""
+        given = super().recorded()
+        del given["geometry_budget"]
+        if self.endless:
+            del given["max_depth"]
+        if self.bounce_lod is None:
+            del given["bounce_lod"]
+        return given
+
+
+class PathBufferKeywords(TypedDict, total=False):
+    """The options of "path-buffer" alone; see `SharedKeywords`."""
+
+    geometry_budget: int | None
+    bounce_lod: float | None

@@ -1,0 +1,136 @@
+"""The options of Whitted's ray tracing: "t-buffer" and "classic"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, TypedDict
+
+from msgspec import Meta
+
+from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
+from glpath.errors import UsageError
+from glpath.integrators.settings import DEEPEST, DEPTH, NO_LOOKUP, IntegratorSettings
+
+Shadows = Literal["rays", "sphere", "cube"]
+Primary = Literal["classic", "t-buffer"]
+Secondary = Literal["classic", "bvh"]
+
+_OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
+
+# Two integrators have it, with another default each.
+SecondaryRays = Annotated[
+    Secondary,
+    Meta(
+        description='reflections and shadow rays: by a "bvh", a tree of boxes, or "classic", every object in turn, '
+        "as in the paper"
+    ),
+]
+
+
+@dataclass(frozen=True)
+class WhittedSettings(IntegratorSettings):
+    """Whitted's ray tracing [TB IV]; `primary` says how what the eye sees is found."""
+
+    default_spp = 16
+    noisy = False
+    any_scene = True
+    primary: ClassVar[Primary]
+    remedies = NO_LOOKUP
+
+    max_depth: Annotated[int, Meta(ge=1, le=DEEPEST, description=DEPTH)] = 5
+    shadows: Annotated[
+        Shadows,
+        Meta(description='"rays", exact; or shadow-buffers: the paper\'s "sphere", or a "cube" of six faces'),
+    ] = "rays"
+    shadow_resolution: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=1 << 15,
+            description="rows of a sphere's shadow-buffer (twice as many columns), texels along a cube's side",
+        ),
+    ] = 1024
+    shadow_test: Annotated[
+        ShadowTest,
+        Meta(
+            description='a shadow-buffer\'s rule: "distance", or "identity" as in the paper, wrong where an object '
+            "shadows itself"
+        ),
+    ] = "distance"
+    shadow_filter: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=MAX_TAPS,
+            description="cells across that a lookup in a shadow-buffer asks, for smooth edges (percentage-closer "
+            "filtering); 1 for the nearest alone, as in the paper",
+        ),
+    ] = 2
+    secondary: SecondaryRays = "bvh"
+    light_samples: Annotated[
+        int,
+        Meta(
+            ge=1,
+            le=64,
+            description="points of emitting shapes and directions of the sky that each path set is lit by; the sky "
+            "lights surfaces where the scene has no ambient light, which stands for it",
+        ),
+    ] = 4
+    count_tests: Annotated[
+        bool,
+        Meta(description='count intersection tests, `statistics["intersection_tests"]` of the film; slower'),
+    ] = False
+
+    def recorded(self) -> dict[str, Any]:
+        """Those that decide something: counting does not, and shadow rays have no shadow-buffer."""
+        given = super().recorded()
+        del given["count_tests"]
+        if self.shadows == "rays":
+            for name in _OF_SHADOW_BUFFERS:
+                del given[name]
+        return given
+
+    @property
+    def path_length(self) -> int:
+        return self.max_depth
+
+    def check_together(self, given: Mapping[str, Any]) -> None:
+        if given.get("shadows", self.shadows) != "rays":
+            return
+        for name in _OF_SHADOW_BUFFERS:
+            if name in given:
+                raise UsageError(
+                    f"{name}: {given[name]!r} with shadow rays; it is an option of shadow-buffers",
+                    'Take shadows "sphere" or "cube".',
+                )
+
+
+@dataclass(frozen=True)
+class ClassicSettings(WhittedSettings):
+    """Ray tracing by the classical algorithm: every ray against every object."""
+
+    integrator = "classic"
+    primary = "classic"
+
+    secondary: SecondaryRays = "classic"
+
+
+@dataclass(frozen=True)
+class TBufferSettings(WhittedSettings):
+    """Ray tracing with the T-buffer [TB III]: object by object, only the rays of its projection."""
+
+    integrator = "t-buffer"
+    primary = "t-buffer"
+
+
+class WhittedKeywords(TypedDict, total=False):
+    """The options of "t-buffer" and "classic" alone; see `SharedKeywords`."""
+
+    shadows: Shadows | None
+    shadow_resolution: int | None
+    shadow_test: ShadowTest | None
+    shadow_filter: int | None
+    secondary: Secondary | None
+    light_samples: int | None
+    count_tests: bool
