@@ -1,4 +1,4 @@
-"""`python -m benchmarks scene`: a shipped model, made again."""
+"""`python -m benchmarks scene`: a shipped model made again, or one that only benches render."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from glpath.system.files import check_writable
 from glpath.system.terminal import say
 
 FOLDER = Path("out/scenes")
-NAMES = ("parlour", "room")
+NAMES = ("helmet", "parlour", "room")
 
 
 def scene(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="parlour or room.", show_default=False)] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="helmet, parlour or room.", show_default=False)
+    ] = None,
     detail: Annotated[
         float | None,
         typer.Option(
@@ -31,10 +33,11 @@ def scene(
         typer.Option("-o", "--out", metavar="FILE.glb", help=f"Default: {FOLDER}/NAME.glb.", show_default=False),
     ] = None,
 ) -> None:
-    """Make a model that ships, `scenes/NAME.glb`, or the room of another fineness.
+    """Make a model that ships, `scenes/NAME.glb`, the room of another fineness, or the helmet of the benches.
 
     `scenes/NAME.toml` has camera, resolution and unit; a copy of it beside the new file shows that instead.
     """
+    from benchmarks.scenes.helmet import helmet
     from benchmarks.scenes.parlour import parlour
     from benchmarks.scenes.room import room
     from glpath import export
@@ -49,7 +52,8 @@ def scene(
     if path.suffix.lower() != ".glb":
         raise UsageError(f"-o {path}: a model is written as .glb")
     check_writable(path)
-    made = result_of(lambda: parlour() if name == "parlour" else room(1.0 if detail is None else detail))
+    makers = {"helmet": helmet, "parlour": parlour, "room": lambda: room(1.0 if detail is None else detail)}
+    made = result_of(makers[name])
     export(made, path)
     say(f"wrote {path}, {len(made.triangles):,} triangles", err=True)
 

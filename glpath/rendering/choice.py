@@ -26,7 +26,9 @@ from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering.options import options, settings_of
 from glpath.scene import Scene, path_traceable
 
-#: Solving a scene of more takes longer than a picture: each side gets rays of its own to find its direct light.
+#: Solving a scene of more takes longer than a picture, under a sky most of all, as each side casts rays to it.
+#: Processor seconds until a picture looks clean, by paths and by a gather: 10 and 50 (`benchmarks scene helmet`,
+#: 512 x 512 under a sky), 6 and 14 (the room of 57,490 triangles, 256 x 256, by lamps).
 MAX_TRIANGLES = 40_000
 #: Pixels of a thumbnail: paths have it clean before a solver is loaded.
 THUMBNAIL = 96 * 96
@@ -86,14 +88,14 @@ def _has_ambient(scene: Scene) -> bool:
 
 def _solvable(scene: Scene) -> bool:
     """Whether the scene can have a radiosity solution, in time that is worth it."""
-    from glpath.radiosity.solvers.checks import check_solvable  # slow to import
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # the engine says it
             triangles = path_traceable(scene.still())
         if len(triangles.triangles) > MAX_TRIANGLES:
             return False
+        from glpath.radiosity.solvers.checks import check_solvable  # slow to import, for scenes that may be solved
+
         check_solvable(triangles)
     except SceneError:
         return False

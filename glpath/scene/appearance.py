@@ -190,11 +190,13 @@ class Appearance:
         )
 
     def slot_uv(self, slot: TextureSlot, triangle: Int64, b: Float64) -> Float64:
-        """(N, 2) texture coordinates as a slot has them."""
+        """(N, 2) texture coordinates as a slot has them; (N, K, 2) at K points (N, K, 2) of each triangle."""
         shapes = self.scene.shapes
         vertex_uv = shapes.vertex_uv1 if slot.uv_set else shapes.vertex_uv
         uv = vertex_uv.take(shapes.faces.take(triangle, axis=0), axis=0)
-        at = uv[:, 0] + b[:, :1] * (uv[:, 1] - uv[:, 0]) + b[:, 1:] * (uv[:, 2] - uv[:, 0])
+        if b.ndim == 3:
+            uv = uv[:, :, None]
+        at = uv[:, 0] + b[..., :1] * (uv[:, 1] - uv[:, 0]) + b[..., 1:] * (uv[:, 2] - uv[:, 0])
         return np.asarray(at @ slot.uv_transform[:, :2].T + slot.uv_transform[:, 2])
 
     def _at(self, slot: TextureSlot | None, triangle: Int64, b: Float64) -> Float64:
@@ -261,6 +263,10 @@ class Appearance:
         found = of(triangle, corners.mean(axis=1)).reshape(len(triangle), width)
         varying = np.flatnonzero(self.varies(what)[self.scene.triangle_shape[triangle]])
         parts = self._parts_of(triangle[varying], corners[varying])
+        if what == "emission":
+            # Most of what a model has of an emission texture is black.
+            glows = self._may_glow(triangle[varying], corners[varying])
+            varying, parts = varying[glows], parts[glows]
         for k in np.unique(parts):
             own = varying[parts == k]
             weights = _middles(int(k))
@@ -277,12 +283,17 @@ class Appearance:
         shape_of = self.scene.triangle_shape[triangle]
         for number in np.unique(shape_of):
             own = np.flatnonzero(shape_of == number)
+            # Of slots with the same coordinates the largest texture counts.
+            finest: dict[tuple[int, bytes], tuple[TextureSlot, float]] = {}
             for slot in self._materials[number].slots.values():
                 texture = self.scene.textures[slot.texture]
-                flat = corners[own].reshape(-1, 2)
-                uv = self.slot_uv(slot, np.repeat(triangle[own], 3), flat).reshape(-1, 3, 2)
+                size = float(np.prod(texture.scale) * texture.image.shape[0] * texture.image.shape[1])
+                key = (slot.uv_set, np.asarray(slot.uv_transform, float).tobytes())
+                if key not in finest or size > finest[key][1]:
+                    finest[key] = slot, size
+            for slot, size in finest.values():
+                uv = self.slot_uv(slot, triangle[own], corners[own])
                 (x0, y0), (x1, y1) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
-                size = np.prod(texture.scale) * texture.image.shape[0] * texture.image.shape[1]
                 texels[own] = np.maximum(texels[own], 0.5 * np.abs(x0 * y1 - x1 * y0) * size)
         steps = np.array(_PARTS)
         found = np.minimum(np.searchsorted(steps**2, texels), len(steps) - 1)
@@ -291,6 +302,38 @@ class Appearance:
             if (steps[below] ** 2).sum() <= _ALL_POINTS:
                 return steps[below]
         return np.full(len(found), steps[0])
+
+    def _may_glow(self, triangle: Int64, corners: Float64) -> NDArray[np.bool_]:
+        """(P,) bool: False where the emission texture is black under all of a part."""
+        found = np.ones(len(triangle), bool)
+        shape_of = self.scene.triangle_shape[triangle]
+        for number in np.unique(shape_of):
+            slot = self._materials[number].emission_texture
+            if slot is not None:
+                own = np.flatnonzero(shape_of == number)
+                uv = self.slot_uv(slot, triangle[own], corners[own])
+                found[own] = _not_black(self.scene.textures[slot.texture], uv)
+        return found
+
+
+def _not_black(texture: Texture, uv: Float64) -> NDArray[np.bool_]:
+    """(P,) bool: may triangles (P, 3, 2) of texture coordinates show anything but black? True where they repeat."""
+    height, width = texture.image.shape[:2]
+    coloured = texture.image[..., 0] != 0
+    for channel in (1, 2):
+        coloured |= texture.image[..., channel] != 0
+    # So many coloured texels above and to the left of each corner of a texel.
+    before = np.zeros((height + 1, width + 1), np.int32)
+    before[1:, 1:] = coloured.cumsum(axis=0, dtype=np.int32).cumsum(axis=1)
+    x = uv[..., 0] * texture.scale[0] * width
+    # Row 0 is the top, where v = 1.
+    y = (1.0 - uv[..., 1] * texture.scale[1]) * height
+    # Filtered texels reach half a texel further, and rounding a little.
+    left, right = np.floor(x.min(axis=1)) - 1, np.floor(x.max(axis=1)) + 2
+    top, bottom = np.floor(y.min(axis=1)) - 1, np.floor(y.max(axis=1)) + 2
+    inside = (left >= 0) & (top >= 0) & (right <= width) & (bottom <= height)
+    a, b, c, d = (np.where(inside, edge, 0).astype(np.int64) for edge in (left, right, top, bottom))
+    return np.asarray(~inside | (before[d, b] - before[d, a] - before[c, b] + before[c, a] > 0))
 
 
 def has_colours(shape: Shape) -> bool:

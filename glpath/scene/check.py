@@ -214,8 +214,7 @@ def _about_materials(scene: Scene) -> list[str]:
             )
         max_reflectance = material.reflectance
         if material.texture is not None:
-            texels = scene.textures[material.texture.texture].linear()
-            max_reflectance = max_reflectance * texels[..., :3].max(axis=(0, 1))
+            max_reflectance = max_reflectance * scene.textures[material.texture.texture].max
         if np.any(material.mirror > 0) and np.any(max_reflectance + material.mirror > 1 + 1e-6):
             found.append(
                 f'The material "{material.name}" reflects more light than it receives: '

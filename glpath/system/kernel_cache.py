@@ -89,8 +89,11 @@ class KernelCache(FunctionCache):
         return any(Path(self._cache_path).glob(f"{self._impl.filename_base}.*.{self._version}.nbc"))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled kernel of a signature; None without."""
-        target_context.refresh()
+        """The compiled kernel of a signature; None without.
+
+        Numba's own imports before that all that its compiler knows, a quarter of a second. Kernels that are
+        compiled already need none of it, as they make no arrays (`kernels`); and the compiler imports it itself.
+        """
         found = self._stored(sig, target_context)
         if found is None and self.alone is not None:
             lock = self._file(sig, target_context.codegen()).with_suffix(".lock")

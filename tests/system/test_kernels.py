@@ -95,6 +95,18 @@ def test_an_unchanged_folder_is_loaded_from_the_cache(tmp_path: Path) -> None:
     assert data.stat().st_mtime_ns == before
 
 
+def test_what_is_loaded_from_the_cache_needs_no_compiler(tmp_path: Path) -> None:
+    assert run(tmp_path, "Pair", 1) == "2.0"
+    code = (
+        f"import runpy, sys\nrunpy.run_path({str(tmp_path / 'outside.py')!r}, run_name='__main__')\n"
+        "print('numba.np.linalg' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "2.0\nFalse\n"
+
+
 @dataclass
 class Session:
     """Kernels of a file as one process after another would have them, and what was compiled."""
