@@ -90,6 +90,8 @@ class LightDraws:
         self.defines: dict[str, object] = {"OWN_LIGHT_SAMPLES": 1}
         if samples:
             self.defines["LIGHT_TREE"] = samples
+        if by_portals(lighting):
+            self.defines["PORTALS"] = len(scene.portals)
         ends = _numbers(edges)
         first = np.searchsorted(begin, ends[:-1], side="right") - 1
         last = np.searchsorted(begin, ends[1:], side="left") - 1
@@ -99,7 +101,20 @@ class LightDraws:
             **bases,
             "light_parts": parts.astype(np.uint32).tobytes(),
             "sky_halves": len(halves),
+            **_portal_uniforms(others(lighting) if samples else lighting),
         }
+
+
+def by_portals(lighting: Lighting) -> bool:
+    """Whether light samples of the sky go through portals."""
+    return lighting.sky is not None and len(lighting.scene.portals) > 0
+
+
+def _portal_uniforms(lighting: Lighting) -> dict[str, object]:
+    if not by_portals(lighting):
+        return {}
+    portals = np.concatenate([portal.corner_and_edges for portal in lighting.scene.portals])
+    return {"portals": portals.astype(np.float32).tobytes(), "sky_chance": lighting.sky_chance}
 
 
 def _numbers(cdf: Float64) -> NDArray[np.int64]:

@@ -77,6 +77,8 @@ VARIANTS: dict[str, Variant] = {
     "INTERPOLATED": Variant("the solution is interpolated over an element", "gl.device_radiosity"),
     "PARTS": Variant("parts of the lights that no tree chooses among; a vertex looks at a sample of each", _RAYS),
     "LIGHT_TREE": Variant("a tree of lights chooses for each vertex; of how many samples", "gl.light_draws"),
+    "PORTALS": Variant("light samples of the sky go through portals; how many", "gl.light_draws"),
+    "LIT_FROM": Variant("a path knows where it was lit last: LIGHT_TREE or PORTALS", "shaders"),
     "OWN_LIGHT_SAMPLES": Variant("paths draw light samples of their own", "gl.light_draws"),
     "EMITTER_SILHOUETTES": Variant("emitter silhouettes are antialiased apart", _RAYS),
     # The path-buffer.

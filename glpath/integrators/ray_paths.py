@@ -30,7 +30,7 @@ from glpath.gl.context import context_of
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lanes import LANE_DEFINES
-from glpath.gl.light_draws import LightDraws
+from glpath.gl.light_draws import LightDraws, by_portals
 from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
@@ -204,7 +204,9 @@ class RayPathEngine(PathSetEngine):
         }
         # Measurements at points are also averaged: with shared light samples all errors would be alike.
         self._draws: LightDraws | None = None
-        if self._by_tree or (isinstance(self.sensor, PointSensor) and self.sensor.independent):
+        independent = isinstance(self.sensor, PointSensor) and self.sensor.independent
+        # What a set shares knows no positions, by which trees and portals choose.
+        if self._by_tree or independent or by_portals(self.lighting):
             samples = _TREE_SAMPLES if self._by_tree else 0
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples)
             parts.add(self._draws)
@@ -351,7 +353,9 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
     such a scene the squared error is 0.6 of what it is with one, and little less with more.
     """
     edges = lighting.cdf
-    if isinstance(lighting.sky, Environment):
+    # With portals it is one light: of two samples that are chosen by contribution, the one that is not through a
+    # portal would win, which seldom arrives.
+    if isinstance(lighting.sky, Environment) and not by_portals(lighting):
         edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
     parts = len(edges) - 1
     return edges if 1 < parts <= _PARTS else np.linspace(0.0, 1.0, max(1, min(parts, _PARTS)) + 1)

@@ -125,6 +125,7 @@ def build(
         sky=lights.sky(file.sky, camera.up, location.field("sky"), folder, file.unit),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
         unit=file.unit,
+        portals=lights.portals(file.sky, location.field("sky")),
     )
 
 

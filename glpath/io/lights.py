@@ -18,7 +18,8 @@ from glpath.io.ies import read_ies
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
 from glpath.scene.cie_sky import cie_sky, has_sun
-from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Shape, Sky
+from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Portal, Shape, Sky
+from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
@@ -264,6 +265,23 @@ def sky(
     zenith = light(given.zenith, location.field("zenith"))
     horizon = zenith if isinstance(given.horizon, UnsetType) else light(given.horizon, location.field("horizon"))
     return Sky(factor * zenith, factor * horizon, up)
+
+
+def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tuple[Portal, ...]:
+    """The portals of the sky at a location. Raises SceneError."""
+    if isinstance(given, UnsetType):
+        return ()
+    location = location.field("portals")
+    if len(given.portals) > MAX_PORTALS:
+        raise location.error(
+            f"are {len(given.portals)}, but allowed are {MAX_PORTALS} at most.",
+            "Give one rectangle around several openings that lie in a plane.",
+        )
+    for index, each in enumerate(given.portals):
+        fault = portal_fault(each.corners)
+        if fault is not None:
+            raise location.item(index).field("corners").error(*fault)
+    return tuple(Portal(np.array(each.corners, np.float64)) for each in given.portals)
 
 
 def _cie_sky(given: description.Sky, up: Float64, factor: float, location: SourceLocation) -> Environment:

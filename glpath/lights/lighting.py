@@ -136,11 +136,16 @@ class Lighting:
         return any(light.kind != "directional" for light in self.punctual)
 
     @property
+    def sky_chance(self) -> float:
+        """That a light sample is of the sky."""
+        return 0.0 if self.sky is None else self._probability(len(self.cdf) - 2)
+
+    @property
     def sky_pdf_scale(self) -> float:
         """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
         if self.sky is None:
             return 0.0
-        return self._probability(len(self.cdf) - 2) / (3 * self.sky.mean_integral)
+        return self.sky_chance / (3 * self.sky.mean_integral)
 
     def sample(self, u: ArrayLike) -> LightSample:
         """The light sample of u (3,), see `samples`."""

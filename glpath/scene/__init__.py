@@ -2,7 +2,7 @@
 
 from glpath.scene.camera import CameraKey
 from glpath.scene.check import check_camera, check_scene
-from glpath.scene.model import Camera, Environment, Light, Material, Scene, Shape, Sky, Texture
+from glpath.scene.model import Camera, Environment, Light, Material, Portal, Scene, Shape, Sky, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.triangulate import path_traceable
 
@@ -13,6 +13,7 @@ __all__ = [
     "Light",
     "Material",
     "Motion",
+    "Portal",
     "Scene",
     "Shape",
     "Sky",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Mesh, Shape, Shapes
+from glpath.scene.portal import Portal
 from glpath.scene.stream import Stream
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def moved(scene: Scene, origin: Float64) -> Scene:
         camera=moved_camera(scene.camera, origin),
         shapes=Shapes(_moved_shape(scene, shape, origin, middle, meshes) for shape in scene.shapes),
         lights=tuple(lights),
+        portals=tuple(Portal(portal.corners - origin) for portal in scene.portals),
         centred_by=scene.origin + origin,
     )
 

@@ -25,6 +25,7 @@ UNSEEN = {
 #: do without have the digest that they had.
 LATER = {
     "Camera": {"projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"},
+    "Scene": {"portals"},
     "Shape": {"motion"},
 }
 

@@ -20,6 +20,7 @@ from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
+from glpath.scene.portal import MAX_PORTALS, Portal
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
@@ -34,6 +35,7 @@ __all__ = [
     "LightProfile",
     "Material",
     "Mesh",
+    "Portal",
     "Primitive",
     "Scene",
     "Shape",
@@ -92,6 +94,7 @@ class Scene:
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to path tracing,
                    what lies beyond a path's last vertex
     sky          : what rays see that hit nothing: a blend, an environment map, or None: black
+    portals      : openings through which the sky lights what is inside, for fewer samples that see none of it
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
                    from the origin
@@ -110,9 +113,15 @@ class Scene:
     exposure: float | None = None
     centred_by: Float64 | None = None
     unit: Unit = "radiometric"
+    portals: tuple[Portal, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
+        if len(self.portals) > MAX_PORTALS:
+            raise SceneError(
+                f"{self.source or self.name}: {len(self.portals)} portals, but allowed are {MAX_PORTALS} at most.",
+                "Give one rectangle around several openings that lie in a plane.",
+            )
         for shape in self.shapes:
             if not isinstance(shape.geometry, Mesh) or not shape.count:
                 continue

@@ -78,8 +78,12 @@ vec3 sky_drawn(vec3 u, out float weight)
 }
 #endif
 
-// A sample of a piece; numbers: uniform.
-LightSample light_on(uvec4 choice, vec3 numbers)
+#ifdef PORTALS
+#include "lights/portals.glsl"
+#endif
+
+// A sample of a piece, for a position; numbers: uniform.
+LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
 {
     uint kind = choice.w & 7u;
     float weight = uintBitsToFloat(choice.z);
@@ -108,10 +112,16 @@ LightSample light_on(uvec4 choice, vec3 numbers)
     else {
 #ifdef HAS_SKY
         if (kind == LIGHT_SKY) {
+#ifdef PORTALS
+            vec3 wi = sky_drawn(from, numbers, weight);
+            float pdf = sky_pdf(from, wi);
+#else
             vec3 wi = sky_drawn(numbers, weight);
+            float pdf = sky_pdf(wi);
+#endif
             drawn.normal = -wi;
             drawn.radiance = sky(wi) * weight;
-            drawn.pdf = max(sky_pdf(wi), 1e-30);
+            drawn.pdf = max(pdf, 1e-30);
             return drawn;
         }
 #endif
@@ -131,8 +141,8 @@ LightSample light_on(uvec4 choice, vec3 numbers)
 }
 
 #ifdef PARTS
-// A sample of a part of the lights; share: of all lights that the part is, by their probability.
-LightSample light_draw(int part, uvec3 point, out float share)
+// A sample of a part of the lights, for a position; share: of all lights that the part is, by their probability.
+LightSample light_draw(int part, uvec3 point, vec3 from, out float share)
 {
     uvec4 of = light_parts[part];
     share = float(of.y) * (1.0 / 4294967296.0);
@@ -145,6 +155,6 @@ LightSample light_draw(int part, uvec3 point, out float share)
     // What is left of the number is uniform within the piece.
     float u = (float(number - choice.x) + fraction(rest)) / float(max(piece_begins(piece + 1) - choice.x, 1u));
     vec3 numbers = vec3(min(u, 0.99999994), fraction(point.y), fraction(point.z));
-    return light_on(choice, numbers);
+    return light_on(choice, numbers, from);
 }
 #endif

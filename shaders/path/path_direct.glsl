@@ -23,9 +23,9 @@ uvec3 light_point(PathId at)
 
 #ifdef PARTS
 // And for each part of the lights.
-LightSample light_of(PathId at, int part, out float share)
+LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
-    return light_draw(part, light_point(at) ^ (0x9E3779B9u * uint(part)), share);
+    return light_draw(part, light_point(at) ^ (0x9E3779B9u * uint(part)), from, share);
 }
 #endif
 #else
@@ -42,7 +42,7 @@ LightSample light_in(int number, out float share)
 }
 
 // The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex.
-LightSample light_of(PathId at, int part, out float share)
+LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     uint other = 5u * uint(at.depth + at.branch);
     int first = PARTS * int((pcg(at.path + path_seed) + other) % uint(LIGHTS / PARTS));
@@ -75,7 +75,7 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
         float chance;
         int piece = light_of_tree(position, normal, point.x + uint(k) * (0xFFFFFFFFu / uint(LIGHT_TREE)), chance);
         uvec2 on = point.yz ^ (0x9E3779B9u * uint(k));
-        LightSample one = light_on(light_piece_texel(piece, LIGHT_PIECE_CHOICE), vec3(fraction(on.x), fraction(on.y), 0.0));
+        LightSample one = light_on(light_piece_texel(piece, LIGHT_PIECE_CHOICE), vec3(fraction(on.x), fraction(on.y), 0.0), position);
         one.pdf *= max(chance, 1e-30);
         DirectLight found = light_from(one, position, normal, views);
         found.light *= chance > 0.0 ? 1.0 / float(LIGHT_TREE) : 0.0;
@@ -88,7 +88,7 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     for (int k = 0; k < PARTS; ++k)
     {
         float share;
-        LightSample one = light_of(at, k, share);
+        LightSample one = light_of(at, k, position, share);
         DirectLight found = light_from(one, position, normal, views);
         found.light *= share;
         if (is_taken(found.light.r + found.light.g + found.light.b, sum, number)) {
@@ -111,7 +111,7 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     float weights[PARTS], sum = 0.0;
     for (int k = 0; k < PARTS; ++k)
     {
-        LightSample one = light_of(at, k, share);
+        LightSample one = light_of(at, k, position, share);
         vec3 light = light_from(one, position, normal, views).light;
         weights[k] = share * (light.r + light.g + light.b);
         sum += weights[k];
@@ -126,7 +126,7 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     }
     scale = weight > 0.0 ? sum / weight : 0.0;
 #endif
-    light_sample = light_of(at, selected, share);
+    light_sample = light_of(at, selected, position, share);
     DirectLight direct = light_from(light_sample, position, normal, views);
     direct.light *= scale * share;
     return direct;

@@ -61,6 +61,9 @@ uniform int cut_depth;               // number of the vertex where a path that c
 uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
 #include "path/path_numbers.glsl"
 #include "path/path_direct.glsl"
+#if defined(LIGHT_TREE) || defined(PORTALS)
+#define LIT_FROM
+#endif
 
 // What a path carries from vertex to vertex.
 struct RayPath
@@ -73,7 +76,7 @@ struct RayPath
     vec3 beta;        // throughput
     float pdf;        // of the direction, per solid angle
     float reached;    // along the ray, from where light samples see; see `passed`
-#ifdef LIGHT_TREE
+#ifdef LIT_FROM
     vec3 lit_from;    // where that is,
     vec3 lit_normal;  // on the side of the ray
 #endif
@@ -150,7 +153,7 @@ RayPath begin_path(ivec2 pixel)
     path.L = vec3(0.0);
     path.beta = vec3(1.0);
     path.pdf = path.reached = path.rays = 0.0;
-#ifdef LIGHT_TREE
+#ifdef LIT_FROM
     path.lit_from = path.lit_normal = vec3(0.0);
 #endif
     path.continues = true;
@@ -169,7 +172,12 @@ void add_light(inout RayPath path, vec3 light)
 // Of a ray that meets nothing; shared with the light sample of the vertex before, as emission is.
 void add_sky(inout RayPath path, float seen)
 {
-    float share = path.at.depth == 0 ? seen : power_heuristic(path.pdf, sky_pdf(path.direction));
+#ifdef PORTALS
+    float of_samples = sky_pdf(path.lit_from, path.direction);
+#else
+    float of_samples = sky_pdf(path.direction);
+#endif
+    float share = path.at.depth == 0 ? seen : power_heuristic(path.pdf, of_samples);
 #ifdef CONTROL_VARIATE
     share *= path.emission;
 #endif
@@ -377,7 +385,7 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
         path.passed = 0.0;
-#ifdef LIGHT_TREE
+#ifdef LIT_FROM
         path.lit_from = s.v.surface.position;
         path.lit_normal = leaving.through ? -s.v.normal : s.v.normal;
 #endif
@@ -396,7 +404,7 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
 // By the cosine, or to where a guide sends it; chance: of the diffuse lobe. Returns the cosine.
 float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 numbers)
 {
-#ifdef LIGHT_TREE
+#ifdef LIT_FROM
     path.lit_from = s.v.surface.position;
     path.lit_normal = s.v.normal;
 #endif

@@ -121,6 +121,15 @@ class DirectionalLight(Light, tag="directional", kw_only=True):
 AnyLight = PointLight | SpotLight | DirectionalLight
 
 
+class Portal(Struct, forbid_unknown_fields=True, kw_only=True):
+    """An opening that the sky lights a room through: a rectangle."""
+
+    corners: Annotated[
+        tuple[Vector, Vector, Vector, Vector],
+        Meta(description="Four corners [x, y, z] of a rectangle, counter-clockwise seen from inside the room."),
+    ]
+
+
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
     """What rays see that hit nothing: a blend from horizon to zenith, an environment map, or a sky of the CIE."""
 
@@ -215,3 +224,10 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         | UnsetType
     ) = UNSET
     unit: OwnUnit = UNSET
+    portals: Annotated[
+        list[Portal],
+        Meta(
+            description="Openings of rooms, for light samples of the sky; they change the noise of a picture, not "
+            "its mean."
+        ),
+    ] = []

@@ -1,0 +1,73 @@
+"""Openings through which the sky lights a room, declared so that light samples of the sky go through them.
+
+A portal changes the noise of a picture, and nothing of its mean. Paths draw some of their light samples of the sky
+in the solid angle of the portals that they are in front of, the others by the sky's radiance, and weigh both by the
+sum of the two densities. So light that comes from elsewhere is found too, if with more noise.
+
+Cost:     the solid angle of each portal, for each vertex and each ray that sees the sky.
+Poor at:  portals where no sky is seen, on which samples are wasted; suns, which the sky's own density finds.
+Source:   Urena, Fajardo & King 2013 for the directions; Veach 1997 for the weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import SceneError
+
+#: Portals of a scene at most: a vertex asks for the solid angle of each.
+MAX_PORTALS = 16
+# Of the edges' lengths, by how much opposite edges may differ and a corner may miss a right angle: what coordinates
+# with four digits have.
+_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Portal:
+    """A rectangle that the sky is seen through.
+
+    corners : (4, 3) float64, counter-clockwise seen from inside, where the light goes
+
+    Raises SceneError for corners of no rectangle.
+    """
+
+    corners: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", np.array(self.corners, np.float64))
+        fault = portal_fault(self.corners)
+        if fault is not None:
+            raise SceneError(f"Portal.corners: {fault[0]}", fault[1])
+
+    @property
+    def corner_and_edges(self) -> NDArray[np.float64]:
+        """(3, 3): the first corner, and the edges to the second and to the last; their cross product is inwards."""
+        a, b, _, d = self.corners
+        return np.stack([a, b - a, d - a])
+
+
+def portal_fault(corners: ArrayLike) -> tuple[str, str] | None:
+    """What is wrong with the corners of a portal, and the remedy; None of a rectangle."""
+    p = np.asarray(corners, np.float64)
+    if p.shape != (4, 3) or not np.isfinite(p).all():
+        return f"an array of shape {p.shape}, but must be four corners of three finite numbers.", ""
+    edges = np.roll(p, -1, axis=0) - p
+    lengths = np.linalg.norm(edges, axis=1)
+    if not lengths.min() > 1e-9 * max(float(np.abs(p).max()), 1e-15):
+        return "has an edge without length, but a portal is a rectangle.", "Give four corners, one after the other."
+    cosine = max(abs(edges[i] @ edges[i - 1]) / (lengths[i] * lengths[i - 1]) for i in range(4))
+    unequal = float(np.linalg.norm(edges[0] + edges[2]) / lengths[0])
+    if max(cosine, unequal) > _TOLERANCE:
+        what = (
+            f"an angle of {90 + np.degrees(np.arcsin(min(cosine, 1.0))):.3g} degrees"
+            if cosine > _TOLERANCE
+            else "opposite edges that are not parallel and alike"
+        )
+        return (
+            f"has {what}, but a portal is a rectangle.",
+            "Of an opening of another form, give a rectangle around it: only what is seen of the sky counts.",
+        )
+    return None

@@ -1,0 +1,64 @@
+// portals.glsl: openings for the light of the sky, `glpath.scene.portal`: light samples in their solid angle.
+// Needs:  PORTALS: their number; light_sample.glsl with HAS_SKY
+// Frame:  world. Units: densities per solid angle.
+#include "sampling/rectangle.glsl"
+
+// Share of the sky's light samples that go through portals where some are in front. The others go by the sky's radiance:
+// they find the light that comes from elsewhere, without which the mean would be wrong, and small suns.
+const float PORTAL_SHARE = 0.75;
+
+uniform vec3 portals[3 * PORTALS];  // of each a corner and two edges, whose cross product is inwards
+uniform float sky_chance;           // that a light sample is of the sky
+
+SeenRectangle seen_portal(int k, vec3 from)
+{
+    return seen_rectangle(portals[3 * k], portals[3 * k + 1], portals[3 * k + 2], from);
+}
+
+// Of a light sample of the sky from a position in a direction.
+float sky_pdf(vec3 from, vec3 direction)
+{
+    float through = 0.0, all_around = 0.0;
+    for (int k = 0; k < PORTALS; ++k)
+    {
+        SeenRectangle r = seen_portal(k, from);
+        all_around += r.solid_angle;
+        through += r.solid_angle * rectangle_pdf(r, direction);
+    }
+    float whole = sky_pdf(direction);
+    return all_around > 0.0 ? mix(whole, sky_chance * through / all_around, PORTAL_SHARE) : whole;
+}
+
+// A direction through one of the portals, chosen by their solid angles; number: uniform. False from behind all of them.
+bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
+{
+    float all_around = 0.0;
+    SeenRectangle chosen;
+    for (int k = 0; k < PORTALS; ++k)
+    {
+        SeenRectangle r = seen_portal(k, from);
+        all_around += r.solid_angle;
+        float chance = r.solid_angle / max(all_around, 1e-30);
+        bool taken = number < chance;
+        number = min((taken ? number : number - chance) / max(taken ? chance : 1.0 - chance, 1e-30), 0.99999994);
+        if (taken || k == 0) chosen = r;
+    }
+    wi = towards_rectangle(chosen, u);
+    return all_around > 0.0;
+}
+
+// A light sample of the sky: a direction of density `sky_pdf` but for `weight`.
+vec3 sky_drawn(vec3 from, vec3 u, out float weight)
+{
+    vec3 wi;
+    bool through = u.x < PORTAL_SHARE;
+    if (portal_drawn(from, min(u.x / PORTAL_SHARE, 0.99999994), u.yz, wi)) {
+        u.x = clamp((u.x - PORTAL_SHARE) / (1.0 - PORTAL_SHARE), 0.0, 0.99999994);
+    } else {
+        through = false;
+    }
+    vec3 anywhere = sky_drawn(u, weight);
+    if (!through) return anywhere;
+    weight = 1.0;
+    return wi;
+}

@@ -1,0 +1,73 @@
+// rectangle.glsl: directions towards a rectangle, uniform in the solid angle that it fills.
+// Needs:  angles.glsl
+// Source: Urena, Fajardo & King 2013, An area-preserving parametrization for spherical rectangles.
+#include "sampling/angles.glsl"
+
+// Below this solid angle points are uniform by area. The solid angle is a difference of four angles, each right to some
+// 1e-7, so that a small one would be wrong by a share that pictures show; and a rectangle that is seen so small has
+// nearly the same density by both.
+const float MIN_SOLID_ANGLE = 0.01;
+
+// A rectangle as seen from a position in front of it.
+struct SeenRectangle
+{
+    vec3 x, y, normal;   // unit: along its edges, and out of its front
+    vec2 low, high;      // its corners along x and y, from the foot of the position
+    float height;        // of the position above its plane
+    float first;         // the angle from which `towards_rectangle` counts
+    float solid_angle;   // 0 from behind
+};
+
+// The solid angle of a rectangle from the foot of the position to one corner, with a sign.
+float corner_angle(vec2 corner, float height)
+{
+    return arc_tangent(corner.x * corner.y, height * sqrt(dot(corner, corner) + height * height));
+}
+
+SeenRectangle seen_rectangle(vec3 corner, vec3 across, vec3 up, vec3 from)
+{
+    SeenRectangle r;
+    vec2 extent = vec2(length(across), length(up));
+    r.x = across / extent.x;
+    r.y = up / extent.y;
+    r.normal = cross(r.x, r.y);
+    vec3 d = corner - from;
+    r.height = -dot(d, r.normal);
+    r.low = vec2(dot(d, r.x), dot(d, r.y));
+    r.high = r.low + extent;
+    float z = max(r.height, 1e-30), left = corner_angle(r.low, z), left_high = corner_angle(vec2(r.low.x, r.high.y), z);
+    r.first = left_high - left;
+    float angle = corner_angle(r.high, z) - corner_angle(vec2(r.high.x, r.low.y), z) - r.first;
+    r.solid_angle = r.height > 0.0 ? max(angle, 0.0) : 0.0;
+    return r;
+}
+
+// The unit direction of a point on it, from two uniform numbers.
+vec3 towards_rectangle(SeenRectangle r, vec2 u)
+{
+    vec2 at = mix(r.low, r.high, u);
+    if (r.solid_angle > MIN_SOLID_ANGLE) {
+        float z2 = r.height * r.height;
+        vec2 b = vec2(-r.low.y, r.high.y) * inversesqrt(vec2(r.low.y * r.low.y, r.high.y * r.high.y) + z2);
+        vec2 f = cosine_sine((u.x * r.solid_angle + r.first) * (2.0 / PI));
+        float over = f.x * b.x + b.y;
+        float c = (over < 0.0 ? -f.y : f.y) * inversesqrt(max(over * over + b.x * b.x * f.y * f.y, 1e-30));
+        at.x = clamp(c * r.height * inversesqrt(max(1.0 - c * c, 1e-14)), r.low.x, r.high.x);
+        float d2 = at.x * at.x + z2;
+        vec2 h = vec2(r.low.y, r.high.y) * inversesqrt(vec2(r.low.y * r.low.y, r.high.y * r.high.y) + d2);
+        float hv = mix(h.x, h.y, u.y);
+        at.y = clamp(hv * sqrt(d2) * inversesqrt(max(1.0 - hv * hv, 1e-14)), r.low.y, r.high.y);
+    }
+    return normalize(at.x * r.x + at.y * r.y - r.height * r.normal);
+}
+
+// Per solid angle, of `towards_rectangle`; 0 of a unit direction that passes by.
+float rectangle_pdf(SeenRectangle r, vec3 direction)
+{
+    float cosine = -dot(direction, r.normal);
+    if (!(r.solid_angle > 0.0 && cosine > 0.0)) return 0.0;
+    float t = r.height / cosine;
+    vec2 at = vec2(dot(direction, r.x), dot(direction, r.y)) * t, extent = r.high - r.low;
+    if (any(lessThan(at, r.low)) || any(greaterThan(at, r.high))) return 0.0;
+    return r.solid_angle > MIN_SOLID_ANGLE ? 1.0 / r.solid_angle : t * t / (extent.x * extent.y * cosine);
+}
