@@ -16,6 +16,7 @@ from glpath.cli.point_options import POINT_INTEGRATORS
 from glpath.cli.run_request import OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
@@ -56,7 +57,7 @@ def register(app: typer.Typer) -> None:
         "75 ended by SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), "
         "130 interrupted (what there is, is written).",
         **help,
-    )(with_options(lightmap, OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS))
+    )(with_options(with_scene_options(lightmap, OF_LIGHT), OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS))
 
 
 def lightmap(

@@ -15,6 +15,7 @@ from glpath.cli import completion
 from glpath.errors import UsageError
 from glpath.io import load_scene, parameters_from_options
 from glpath.io.load import scene_from_toml
+from glpath.io.surroundings import SURROUNDINGS
 from glpath.scene import Environment, Scene
 from glpath.scene.source_location import SourceLocation
 
@@ -72,9 +73,11 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     values = parameters_from_options(parameters or [])
     if scene != "-":
         return load_scene(scene, values)
-    if values:
+    surroundings = {name: value for name, value in values.items() if name in SURROUNDINGS}
+    if len(values) > len(surroundings):
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
-    return scene_from_toml(sys.stdin.buffer.read(), SourceLocation("standard input"), Path(), "scene")
+    read = scene_from_toml(sys.stdin.buffer.read(), SourceLocation("standard input"), Path(), "scene")
+    return load_scene(read, surroundings)
 
 
 def light_of(scene: Scene) -> str:

@@ -148,6 +148,16 @@ class Film:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
         return _mean(self.radiance_sums, self.batch_counts)
 
+    @property
+    def alpha(self) -> Float64 | None:
+        """(H, W) float64, the share of a pixel's samples that meet a surface; None of what has a background.
+
+        `mean` is premultiplied by it: there is no light where nothing is.
+        """
+        if not self.metadata.transparent or not self.path_sets:
+            return None
+        return np.asarray(self.aov_sums["depth"][..., 1] / self.path_sets)
+
     def aov(self, name: str) -> NDArray[Any]:
         """An AOV of the film, row 0 at the top, antialiased as `mean` is; `glpath.film.aovs` describes each.
 
@@ -451,7 +461,7 @@ class Film:
         tonemap: str = "srgb",
         denoise: bool = False,
     ) -> UInt8:
-        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png.
+        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png; with `alpha` (H, W, 4).
 
         exposure : as of `exposure_stops`
         tonemap  : one of `image.TONEMAPS`
@@ -459,7 +469,12 @@ class Film:
 
         Raises UsageError for another exposure or operator, or an image of no path set; what `denoised` raises.
         """
-        return tonemapped(self.denoised() if denoise else self.mean, self.exposure_stops(exposure), tonemap)
+        light, alpha = self.denoised() if denoise else self.mean, self.alpha
+        if alpha is None:
+            return tonemapped(light, self.exposure_stops(exposure), tonemap)
+        colours = light / np.where(alpha > 0, alpha, 1.0)[..., None]  # a PNG's are not premultiplied
+        opacity = (alpha * 255.0 + 0.5).astype(np.uint8)[..., None]
+        return np.concatenate([tonemapped(colours, self.exposure_stops(exposure), tonemap), opacity], axis=2)
 
     def save(
         self,
@@ -505,6 +520,7 @@ class Film:
                 layers=({"denoised": self.denoised()} if denoise else {})
                 | {name: self._layer(name) for name in self.metadata.aovs},
                 channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
+                alpha=self.alpha,
             )
         else:
             write_parts(

@@ -44,6 +44,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_COLOURED_LIGHT": Variant("vertex colours shine", _SCENE),
     "HAS_TRIANGLE_DENSITIES": Variant("lamps' triangles have densities of their own", _SCENE),
     "HAS_ENVIRONMENT": Variant("the sky is an image", _SCENE),
+    "HAS_BACKGROUND": Variant("the eye sees another background than the sky", _SCENE),
     "HAS_DIRECTIONAL_LIGHTS": Variant("there are directional lights", _SCENE),
     "HAS_PROFILES": Variant("a point light has an IES profile", _SCENE),
     "STREAMED": Variant("some triangles are streamed", _SCENE),

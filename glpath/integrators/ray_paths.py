@@ -31,7 +31,7 @@ from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lanes import LANE_DEFINES
 from glpath.gl.light_draws import LightDraws
-from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
+from glpath.gl.lights import LIGHT_ROWS, background_uniforms, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
@@ -325,6 +325,7 @@ class RayPathEngine(PathSetEngine):
         roulette = settings.roulette_from(mirrored)
         return {
             **sky_uniforms(self.scene.scene.sky, self._in_parts),
+            **background_uniforms(self.scene.scene),
             "quanta": self._sums.quanta,
             "max_depth": CEILING if settings.endless else settings.path_length,
             "cut_depth": CEILING - 1 if settings.endless else 1 << 30,

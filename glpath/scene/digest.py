@@ -26,6 +26,7 @@ UNSEEN = {
 LATER = {
     "Camera": {"projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"},
     "Shape": {"motion"},
+    "Scene": {"background"},
 }
 
 _Update = Callable[[bytes], None]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.units import Unit
+from glpath.scene.background import Background
 from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
@@ -92,6 +93,7 @@ class Scene:
     ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to path tracing,
                    what lies beyond a path's last vertex
     sky          : what rays see that hit nothing: a blend, an environment map, or None: black
+    background   : what the camera sees behind all shapes; None: the sky
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
                    from the origin
@@ -110,6 +112,7 @@ class Scene:
     exposure: float | None = None
     centred_by: Float64 | None = None
     unit: Unit = "radiometric"
+    background: Background | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
@@ -339,9 +342,11 @@ class Scene:
         Names do not. Derived from the fields of the model (`glpath.scene.digest`), so a box has another digest than
         the same triangles written as a mesh.
 
-        camera : False leaves it out: what is left decides the light, wherever it is seen from
+        camera : False leaves it out, and the background: what is left decides the light, wherever it is seen from
         """
-        return digest_of(self) if camera else digest_of(replace(self, camera=None))  # type: ignore[arg-type]
+        if camera:
+            return digest_of(self)
+        return digest_of(replace(self, camera=None, background=None))  # type: ignore[arg-type]
 
 
 _shape_builder: ShapeBuilder | None = None

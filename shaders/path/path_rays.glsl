@@ -9,6 +9,9 @@
 #include "camera/camera.glsl"
 #include "sampling/random.glsl"
 #include "lights/light_sample.glsl"
+#ifdef HAS_BACKGROUND
+#include "lights/background.glsl"
+#endif
 #include "path/path_vertex.glsl"
 #include "path/lanes.glsl"
 #ifdef START_POINTS
@@ -93,6 +96,9 @@ struct RayPath
     float passed;      // up to the last thin dielectric that the ray went through
     int bounces;       // off a diffuse surface: where a gather looks up, mirrors and glass do not count
     bool was_diffuse;  // the last one
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    bool straight;     // from the eye on, through thin dielectrics alone
+#endif
     vec3 inside;       // attenuation of what the path goes through
 #endif
 };
@@ -128,6 +134,9 @@ void begin_branch(inout RayPath path, int branch)
     path.bounces = 0;
     path.was_diffuse = false;
     path.inside = vec3(0.0);
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    path.straight = true;
+#endif
 #endif
 #ifdef SPLIT_LIGHT
     scattered = 0;
@@ -164,6 +173,24 @@ void add_light(inout RayPath path, vec3 light)
     if (scattered <= 1) direct_part += light;
 #endif
 }
+
+#ifdef HAS_BACKGROUND
+// Does its ray come straight from the eye?
+bool is_from_eye(RayPath path)
+{
+#ifdef HAS_THIN_DIELECTRICS
+    return path.straight;
+#else
+    return path.at.depth == 0;
+#endif
+}
+
+// Of a ray from the eye that meets nothing.
+void add_background(inout RayPath path, float seen)
+{
+    add_light(path, path.beta * seen_behind(path.direction) * (path.at.depth == 0 ? seen : 1.0));
+}
+#endif
 
 #ifdef HAS_SKY
 // Of a ray that meets nothing; shared with the light sample of the vertex before, as emission is.
@@ -376,6 +403,9 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
     {
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+        path.straight = false;
+#endif
         path.passed = 0.0;
 #ifdef LIGHT_TREE
         path.lit_from = s.v.surface.position;
@@ -404,6 +434,9 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
     path.bounces += 1;
     path.was_diffuse = true;
     path.passed = 0.0;
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    path.straight = false;
+#endif
 #endif
 #ifdef GUIDED
     // Light samples and emission share light by the cosine alone: any shares will do that make one.
@@ -488,8 +521,14 @@ vec4 trace_path(ivec2 fragment)
     {
         bool arrives = path.continues;
         path.continues = false;
+#ifdef HAS_BACKGROUND
+        bool sees_background = is_from_eye(path);
+        if (arrives && path.triangle < 0 && !at_start(path.at) && sees_background) add_background(path, seen);
+#else
+        const bool sees_background = false;
+#endif
 #ifdef HAS_SKY
-        if (arrives && path.triangle < 0 && !at_start(path.at)) add_sky(path, seen);
+        if (arrives && path.triangle < 0 && !at_start(path.at) && !sees_background) add_sky(path, seen);
 #endif
         if (arrives && (path.triangle >= 0 || at_start(path.at))) {
             s = arrive(path, pixel, seen);

@@ -21,6 +21,7 @@
 #include "lights/punctual.glsl"
 #include "lights/profile.glsl"
 #include "lights/sky.glsl"
+#include "lights/background.glsl"
 #ifdef SHADOW_BUFFERS
 #include "shadow/point_shadow.glsl"
 #endif
@@ -139,9 +140,10 @@ void main()
     {
         if (primitive < 0)
         {
-            L += weight * sky(direction);
+            vec3 behind = depth == 1 ? seen_behind(direction) : sky(direction);
+            L += weight * behind;
 #ifdef SPLIT_LIGHT
-            if (depth <= 2) direct_part += weight * sky(direction);
+            if (depth <= 2) direct_part += weight * behind;
 #endif
             break;
         }
