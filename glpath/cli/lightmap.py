@@ -179,7 +179,7 @@ def lightmap(
         from glpath.bake.atlas import require_xatlas
 
         require_xatlas()  # before anything is read or compiled
-    with aside("camera"):
+    with aside("camera", "picture"):
         loaded = read_scene(scene, parameters)
     check_writable(out)
     with checkpointed([out], run) as (checkpoint, begun):

@@ -97,7 +97,7 @@ def probes(
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
     options = option_values(integrator, options)
-    with aside("camera", "light"):
+    with aside("camera", "light", "picture"):
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_writable(out)

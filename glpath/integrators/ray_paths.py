@@ -40,6 +40,7 @@ from glpath.gl.sums import Sums
 from glpath.gl.variants import defined
 from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
 from glpath.integrators.engine import Uniforms, Window
+from glpath.integrators.ground import Ground
 from glpath.integrators.path_guide import PathGuide
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import GatherSettings, PathSettings
@@ -208,6 +209,10 @@ class RayPathEngine(PathSetEngine):
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples)
             parts.add(self._draws)
         parts.defines |= _thin_dielectric_variants(scene.scene)
+        self._ground = None if self._points is not None else Ground.of(scene.scene, self.settings.seed)
+        if self._ground is not None:
+            parts.uniforms |= self._ground.uniforms
+            parts.defines |= self._ground.defines
         self._silhouettes = self._new_silhouettes(bvh)
         if self._silhouettes is not None:
             parts.defines["EMITTER_SILHOUETTES"] = 1
@@ -228,7 +233,8 @@ class RayPathEngine(PathSetEngine):
         scene, camera = self.scene, self.scene.scene.camera
         # Edges out of focus or in motion are wide: no search at a few positions finds them.
         wide = camera.aperture_radius > 0 or camera.moves or scene.moving
-        if self._points is not None or wide or not EmitterSilhouettes.are_in(scene):
+        # And they know no ground.
+        if self._points is not None or wide or self._ground is not None or not EmitterSilhouettes.are_in(scene):
             return None
         return EmitterSilhouettes(
             self.gl, scene, self._size, bvh, self.settings.seed, self.settings.sampling, self._eye_defines
@@ -281,6 +287,7 @@ class RayPathEngine(PathSetEngine):
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
             **self._light_uniforms(index),
+            **(self._ground.of_set(index) if self._ground is not None else {}),
             "correction_number": radical_inverse(index),
         }
 

@@ -12,23 +12,18 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 
 from glpath.errors import UsageError
-from glpath.film.image import luminance
 from glpath.io.convert import convert
 from glpath.io.lights import environment_map
+from glpath.io.plain_background import with_plain_background
 from glpath.scene.background import Background
-from glpath.scene.model import Environment, Scene, Sky
+from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
 
 BackgroundKind = Literal["environment", "plain", "transparent"]
 BACKGROUNDS = get_args(BackgroundKind)
-#: Of the white ground in the scene's light that a plain background is as bright as.
-PLAIN = 0.8
-# Directions of a half sphere, to sum the light of a sky.
-_ROWS, _COLUMNS = 64, 128
 
 
 @dataclass(frozen=True)
@@ -90,53 +85,22 @@ class Surroundings:
 
     def around(self, scene: Scene) -> Scene:
         """The scene in these surroundings. Raises SceneError for a file that is no environment map."""
+        own = scene.background
         if self.environment is not None:
             location = SourceLocation(scene.source or scene.name)
-            up = scene.sky.up if scene.sky is not None else _up_of(scene)
+            up = scene.camera.up if scene.sky is None else scene.sky.up  # of any length
             scale = 2.0 ** (self.environment_exposure or 0.0)
             sky = environment_map(
                 self.environment, scale, self.environment_rotation or 0.0, up, location.field("environment")
             )
             scene = replace(scene, sky=sky, background=None)
+        ground = None if own is None else own.ground
         if self.background == "environment":
             return replace(scene, background=None)
         if self.background == "transparent":
             return replace(scene, background=Background(transparent=True))
-        return with_plain_background(scene) if self.background == "plain" else scene
+        return with_plain_background(scene, ground) if self.background == "plain" else scene
 
 
 #: Their names.
 SURROUNDINGS = tuple(field.name for field in fields(Surroundings))
-
-
-def with_plain_background(scene: Scene) -> Scene:
-    """The scene before a grey, as bright as a ground of reflectance `PLAIN` in the light of its sky.
-
-    Pictures then have the exposure that shows it so, where the scene asks for none.
-    """
-    white = _radiance_of_white_ground(scene.sky)
-    exposure = scene.exposure
-    if exposure is None and scene.sky is not None and white > 0:
-        exposure = float(np.round(-4.0 * np.log2(white)) / 4.0) + 0.0
-    return replace(
-        scene, background=Background(np.full(3, PLAIN * (white if white > 0 else 1.0))), exposure=exposure
-    )
-
-
-def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
-    """Luminance of a white, diffuse ground that only the sky lights."""
-    if sky is None:
-        return 0.0
-    # Strata of equal cosine: of sin² of the polar angle.
-    sine2 = (np.arange(_ROWS) + 0.5)[:, None] / _ROWS
-    phi = 2 * np.pi * (np.arange(_COLUMNS) + 0.5) / _COLUMNS
-    up = sky.up / np.linalg.norm(sky.up)
-    across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    across /= np.linalg.norm(across)
-    level = np.cos(phi)[:, None] * across + np.sin(phi)[:, None] * np.cross(up, across)
-    directions = np.sqrt(sine2)[..., None] * level + np.sqrt(1 - sine2)[..., None] * up
-    return float(luminance(sky.radiance(directions)).mean())
-
-
-def _up_of(scene: Scene) -> Any:
-    return scene.camera.up / np.linalg.norm(scene.camera.up)

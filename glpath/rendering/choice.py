@@ -28,7 +28,7 @@ from glpath.integrators.settings import (
     TBufferSettings,
 )
 from glpath.rendering.options import options, settings_of
-from glpath.scene import Scene, path_traceable
+from glpath.scene import Environment, Scene, path_traceable
 
 #: Solving a scene of more takes longer than a picture: each side gets rays of its own to find its direct light.
 MAX_TRIANGLES = 40_000
@@ -50,7 +50,9 @@ def chosen(
 
     Raises UsageError, as `settings_of`.
     """
-    solvable = functools.cache(lambda: pixels > THUMBNAIL and _solvable(scene))
+    # In a studio a model stands free: light comes straight or by few bounces, which is not worth a solution.
+    in_studio = isinstance(scene.sky, Environment) and scene.sky.assumed
+    solvable = functools.cache(lambda: pixels > THUMBNAIL and not in_studio and _solvable(scene))
     name = _engine(given, scene, solvable) if integrator == AUTO else integrator
     kind = INTEGRATORS.get(name) if isinstance(name, str) else None
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):

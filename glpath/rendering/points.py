@@ -28,7 +28,7 @@ from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
-from glpath.scene import Scene, Sky
+from glpath.scene import Scene
 from glpath.sensors.sensor import PointSensor
 
 Float64 = NDArray[np.float64]
@@ -171,8 +171,8 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     a sky that is left out, as surfaces glow that pictures have beside it.
     """
     source = scene.source or scene.name
-    assumed = isinstance(scene.sky, Sky) and scene.sky.assumed
-    own = replace(scene, sky=None) if assumed else scene
+    assumed = scene.sky is not None and scene.sky.assumed
+    own = replace(scene, sky=None, background=None) if assumed else scene
     glows = any(shape.emits and not scene.materials[shape.material].unlit for shape in scene.shapes)
     sky = own.sky is not None and own.sky.mean_integral > 0
     has_light = glows or sky or any(np.any(light.intensity > 0) for light in own.lights)
@@ -182,7 +182,7 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
                 f"white_sky=True: {source} has light of its own.",
                 "Leave it out, or write a sky in its file.",
             )
-        return replace(scene, sky=uniform_sky())
+        return replace(scene, sky=uniform_sky(), background=None)
     if assumed and glows:
         text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
         warn(text)

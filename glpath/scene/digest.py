@@ -19,6 +19,7 @@ UNSEEN = {
     "Texture": {"name"},
     "Light": {"name"},
     "Sky": {"assumed"},
+    "Environment": {"assumed"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that

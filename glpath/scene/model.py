@@ -191,6 +191,21 @@ class Scene:
         return self.shapes.bounds
 
     @property
+    def framed_points(self) -> Float64:
+        """(N, 3) what a camera that shows all of the scene has in its picture, see `framing`.
+
+        The vertices of meshes, 26 points of each sphere, the corners of `bounds` of streams and of planes alone.
+        """
+        points = [
+            self.shapes.used_vertices,
+            (self.spheres[:, :, :3] @ _AROUND.T + self.spheres[:, :, 3:]).swapaxes(1, 2).reshape(-1, 3),
+        ]
+        if self.shapes.streams or not sum(map(len, points)):
+            lower, upper = self.bounds
+            points.append(np.where(_AROUND[np.abs(_AROUND).min(axis=1) > 0] > 0, upper, lower))
+        return np.concatenate(points)
+
+    @property
     def origin(self) -> Float64:
         """(3,) float64: what all coordinates are relative to, in those of the file; zeros but for `centred`."""
         return np.zeros(3) if self.centred_by is None else self.centred_by
@@ -312,9 +327,9 @@ class Scene:
             changes = {"motion": ()} | changes
         seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
         if camera is None and changes.keys() == {"resolution"} and may_be_framing(seen):
-            lower, upper = self.bounds
-            if digest_of(self.camera) == digest_of(framing(lower, upper, self.camera.resolution)):
-                seen = framing(lower, upper, seen.resolution)
+            points = self.framed_points
+            if digest_of(self.camera) == digest_of(framing(points, self.camera.resolution)):
+                seen = framing(points, seen.resolution)
         return replace(self, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
@@ -349,6 +364,9 @@ class Scene:
         return digest_of(replace(self, camera=None, background=None))  # type: ignore[arg-type]
 
 
+# (26, 3) unit directions: to the sides, edges and corners of a cube.
+_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], np.float64) - 1.0
+_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
 _shape_builder: ShapeBuilder | None = None
 
 

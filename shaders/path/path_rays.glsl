@@ -62,6 +62,10 @@ uniform ivec2 window_size;
 uniform int max_depth;               // vertices of a path
 uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
+#ifdef HAS_GROUND
+uniform vec4 ground;                        // its unit normal, and how far along that it is
+uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, as dense as the light that they bring to the ground
+#endif
 #include "path/path_numbers.glsl"
 #include "path/path_direct.glsl"
 
@@ -185,10 +189,37 @@ bool is_from_eye(RayPath path)
 #endif
 }
 
-// Of a ray from the eye that meets nothing.
-void add_background(inout RayPath path, float seen)
+#ifdef HAS_GROUND
+// Share of the sky's light on the ground that no shape keeps off, where the ray meets it; 1 where it does not. By one
+// direction, as dense as the light that it brings.
+vec3 light_on_ground(RayPath path, ivec2 pixel)
 {
-    add_light(path, path.beta * seen_behind(path.direction) * (path.at.depth == 0 ? seen : 1.0));
+    float cosine = dot(ground.xyz, path.direction), height = dot(ground.xyz, path.origin) - ground.w;
+    if (cosine >= 0.0 || height <= 0.0) return vec3(1.0);
+    float t = height / -cosine;
+    vec3 at = path.origin + t * path.direction, far = abs(at);
+    at += RAY_ROUNDING * (t + max(far.x, max(far.y, far.z))) * ground.xyz;
+#ifdef HAS_ALPHA
+    opacity_key_at(path.at, USE_SHADOW_OPACITY);
+#endif
+    uint chosen = pcg(path_in_image(pixel) + path_seed) % uint(GROUND_LIGHTS);
+    if (is_blocked(at, ground_lights[chosen], NO_HIT, -1)) return vec3(0.0);
+#ifdef HAS_THIN_DIELECTRICS
+    return passed_thin_dielectrics;
+#else
+    return vec3(1.0);
+#endif
+}
+#endif
+
+// Of a ray from the eye that meets nothing.
+void add_background(inout RayPath path, ivec2 pixel, float seen)
+{
+    vec3 light = path.beta * seen_behind(path.direction);
+#ifdef HAS_GROUND
+    light *= light_on_ground(path, pixel);
+#endif
+    add_light(path, light * (path.at.depth == 0 ? seen : 1.0));
 }
 #endif
 
@@ -523,7 +554,7 @@ vec4 trace_path(ivec2 fragment)
         path.continues = false;
 #ifdef HAS_BACKGROUND
         bool sees_background = is_from_eye(path);
-        if (arrives && path.triangle < 0 && !at_start(path.at) && sees_background) add_background(path, seen);
+        if (arrives && path.triangle < 0 && !at_start(path.at) && sees_background) add_background(path, pixel, seen);
 #else
         const bool sees_background = false;
 #endif

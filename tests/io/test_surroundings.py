@@ -10,7 +10,7 @@ import pytest
 
 from glpath import SceneError, UsageError, load_scene
 from glpath.film.image import write_exr
-from glpath.io.surroundings import PLAIN
+from glpath.io.plain_background import PLAIN
 from glpath.scene import Background, Environment
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
