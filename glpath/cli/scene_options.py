@@ -22,6 +22,7 @@ from glpath.io.surroundings import BACKGROUNDS
 
 #: The panel of the help.
 SURROUNDINGS_PANEL = "Surroundings"
+MODEL_PANEL = "Model"
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,36 @@ class SceneOptions:
             autocompletion=words(BACKGROUNDS),
         ),
     ] = None
+    animation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="The one of a glTF file's animations that runs, by name or number (`glpath info`); default all.",
+            rich_help_panel=MODEL_PANEL,
+        ),
+    ] = None
+    variant: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="A variant of a glTF file's materials, by name or number (`glpath info`).",
+            rich_help_panel=MODEL_PANEL,
+        ),
+    ] = None
+    time: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="A moment of what moves; default as a glTF file is at rest, or as a scene file's shutter opens.",
+            rich_help_panel=MODEL_PANEL,
+        ),
+    ] = None
 
 
-#: Of commands that make pictures; of those that find light alone.
+#: Of commands that make pictures; of those that find light alone; of those that look at a scene's shapes.
 OF_PICTURES = tuple(field.name for field in fields(SceneOptions))
 OF_LIGHT = tuple(name for name in OF_PICTURES if name != "background")
+OF_SHAPES = ("animation", "variant", "time")
 
 
 def with_scene_options(function: Callable[..., Any], names: Collection[str]) -> Callable[..., Any]:

@@ -24,7 +24,14 @@ from glpath.io.from_python import AnyScene, is_made_in_python, scene_from_python
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.io.load import read_scene_file, scene_from_dict
 from glpath.io.models import FORMATS as MODEL_FORMATS
-from glpath.io.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
+from glpath.io.models import (
+    gltf_animations,
+    gltf_cameras,
+    gltf_variants,
+    read_gltf_as_asked,
+    read_model,
+    scene_of_model,
+)
 from glpath.io.other_files import refuse_other_file
 from glpath.io.shipped.office import office, office_premesh
 from glpath.io.shipped.stacked import stacked
@@ -55,9 +62,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter`, `light_factor` and
-                 `unit`, or for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the
-                 parameter's type
+    parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
+                 `shutter`, `light_factor` and `unit`, or for a TOML file: `time` (`scene_parameters`); as
+                 text (`-D key=value`) or of the parameter's type
 
     Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
     instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
@@ -127,6 +134,16 @@ def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
 def scene_cameras(name: str) -> tuple[str, ...]:
     """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
     return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def scene_animations(name: str) -> tuple[tuple[str, float], ...]:
+    """Names and seconds of a glTF file's animations, of which `animation` chooses one; empty for other scenes."""
+    return gltf_animations(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def scene_variants(name: str) -> tuple[str, ...]:
+    """Names of a glTF file's variants of materials, of which `variant` chooses one; empty for other scenes."""
+    return gltf_variants(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
 def _read_as_asked(
