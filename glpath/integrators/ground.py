@@ -18,7 +18,7 @@ from glpath.scene import Background, Environment, Scene, Sky
 
 Float64 = NDArray[np.float64]
 
-# Of a path set; pixels share them by chance.
+# Of a path set; which of them a pixel takes is random.
 _DIRECTIONS = 16
 # Steps of sequences of three numbers: powers of the root of x^4 = x + 1 [Roberts 2018], and square roots.
 _SET_STEP = np.array([0.8191725134, 0.6710436067, 0.5497004779])
