@@ -92,7 +92,8 @@ def light_of(scene: Scene) -> str:
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
     if isinstance(scene.sky, Environment):
-        parts.append("an environment map")
+        studio = "a studio, as the scene has no light of its own"
+        parts.append(studio if scene.sky.assumed else "an environment map")
     elif scene.sky is not None:
         added = ", as the scene has no light of its own" if scene.sky.assumed else ""
         white = bool(np.all(scene.sky.zenith == 1) and np.all(scene.sky.horizon == 1))

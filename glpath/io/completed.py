@@ -113,7 +113,7 @@ def _lamps_light(scene: Scene) -> bool:
 
 
 def _glows(scene: Scene, shape: Shape) -> bool:
-    """It is unlit, or sends at most as much light as a white sky.
+    """It is unlit, or sends no more light than white sends on in a studio.
 
     Models that are to be lit by their surroundings have screens and small lamps, which in viewers light nothing.
     What is meant to light a scene sends more.

@@ -71,7 +71,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     "environment", "plain" or "transparent": what the camera sees behind all shapes.
 
     What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
-    white sky; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has
+    studio; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has
     its aspect and 512 pixels on the longer side, any other 512 x 512.
 
     Raises SceneError, which names the file, the location in it, what was found and what is allowed. Warns with

@@ -69,7 +69,8 @@ class Surroundings:
     ) -> tuple[Surroundings, dict[str, Any]]:
         """Those among parameters, which may be text, and the other parameters. Raises SceneError."""
         hints = get_type_hints(cls, include_extras=True)
-        values, others = {}, {}
+        values: dict[str, Any] = {}
+        others: dict[str, Any] = {}
         for name, value in (parameters or {}).items():
             if name not in hints:
                 others[name] = value

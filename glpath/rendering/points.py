@@ -116,7 +116,7 @@ def irradiance(
     Parameters
     ----------
     scene      : what `load_scene` takes. It needs no camera; of one it has, the times of the shutter alone count.
-                 It needs light: the white sky that pictures of a model without light have is not measured
+                 It needs light: the studio that pictures of a model without light have is not measured
     points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
     receiver   : "plane", or "cylinder": a small one whose axis the normal is: the mean of the irradiance over all
@@ -184,7 +184,7 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
             )
         return replace(scene, sky=uniform_sky(), background=None)
     if assumed and glows:
-        text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
+        text = f"{source}: what glows in it is its only light: measured without the studio that pictures have."
         warn(text)
     if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
         raise SceneError(
