@@ -325,7 +325,7 @@ def lightmap(
     [PosixPath('baked.glb')]
     """
     run_options, chosen = RunOptions.taken_from(options)
-    with aside("camera"):
+    with aside("camera", "picture"):
         loaded = load_scene(scene, parameters)
     bake = Bake.of(
         loaded,

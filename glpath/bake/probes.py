@@ -257,7 +257,7 @@ def probes(
     >>> found.coefficients.shape
     (8, 9, 3)
     """
-    with aside("camera", "light"):
+    with aside("camera", "light", "picture"):
         loaded = load_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     where = ProbeGrid.of(loaded, grid, bounds)

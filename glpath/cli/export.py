@@ -9,6 +9,7 @@ import typer
 
 from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
+from glpath.cli.scene_options import OF_SHAPES, with_scene_options
 from glpath.cli.values import resolution as read_resolution
 from glpath.io.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
 from glpath.system.files import check_writable
@@ -24,7 +25,7 @@ def register(app: typer.Typer) -> None:
         ("glpath export room -o room.xml", "for Mitsuba 3"),
         ("glpath export room -o room.xml --resolution 640x480 --spp 64", "with settings of its own"),
     )
-    app.command(**help)(export)
+    app.command(**help)(with_scene_options(export, OF_SHAPES))
 
 
 def export(

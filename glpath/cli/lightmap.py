@@ -16,6 +16,7 @@ from glpath.cli.point_options import POINT_INTEGRATORS
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp
 from glpath.cli.values import exposure as read_exposure
@@ -52,7 +53,7 @@ def register(app: typer.Typer) -> None:
         "resume max_depth seed radiosity device parameters quiet",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
-        with_options(lightmap, OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS)
+        with_options(with_scene_options(lightmap, OF_LIGHT), OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS)
     )
 
 
@@ -174,7 +175,7 @@ def lightmap(
         from glpath.bake.atlas import require_xatlas
 
         require_xatlas()  # before anything is read or compiled
-    with aside("camera"):
+    with aside("camera", "picture"):
         loaded = read_scene(scene, parameters)
     check_writable(out)
     with checkpointed([out], run) as (checkpoint, begun):

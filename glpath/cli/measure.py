@@ -16,6 +16,7 @@ from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIO
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, vector
 from glpath.errors import UsageError
@@ -46,7 +47,7 @@ def register(app: typer.Typer) -> None:
         "time_limit max_depth resume seed device parameters quiet",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
-        with_options(measure, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
+        with_options(with_scene_options(measure, OF_LIGHT), OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
     )
 
 

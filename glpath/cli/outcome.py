@@ -228,6 +228,9 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"
     for purpose, count in m.statistics.get("intersection_tests", {}).items():
         yield f"  {_TESTS[purpose]}: {_million(count)} intersection tests"
+    verdict = picture.verdict(film, stops)
+    if verdict is not None:
+        yield f"  {verdict}"
     dropped = m.statistics.get("dropped_samples", 0)
     if dropped:
         yield f"  {dropped} samples were NaN or infinite and count as 0"

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 import typer
 
 from glpath.cli.completion import words
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.film.denoise import can_denoise, require_denoiser
-from glpath.film.image import TONEMAPS
+from glpath.film.image import TONEMAPS, tonemap
 from glpath.system.files import Save
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ DenoiseOption = Annotated[
     ),
 ]
 _FOR_EYES = (".png", ".exr", "")
+# Of 8 bits, what is as good as black and white, and the share of pixels that makes a picture so.
+_BLACK, _WHITE, _NEARLY_ALL = 6, 254, 0.985
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,23 @@ class Picture:
         wanted = denoisable and any(path.suffix.lower() in _FOR_EYES for path in out)
         there = wanted and can_denoise()
         return replace(self, denoise=there, missing=wanted and not there)
+
+    def verdict(self, film: Film, stops: float) -> str | None:
+        """One line about a picture that shows next to nothing, with what helps; None of others."""
+        seen = tonemap(film.mean, stops, self.tonemap)
+        if film.alpha is not None:
+            seen = seen[film.alpha > 0.0]
+            if not len(seen):
+                return "nothing is in the picture: see `glpath info` for the bounds, or give --camera-position"
+        asked = film.metadata.exposure if self.exposure is None else self.exposure
+        auto = "" if asked is None or asked == "auto" else " --exposure auto,"
+        if np.mean(seen.max(axis=-1) <= _BLACK) >= _NEARLY_ALL:
+            lit = bool(film.mean.any())
+            light = "--exposure STOPS brightens it" if lit else "--environment FILE.hdr lights it"
+            return f"the picture is nearly all black:{auto} {light}, and --camera-position looks from elsewhere"
+        if np.mean(seen.min(axis=-1) >= _WHITE) >= _NEARLY_ALL:
+            return f"the picture is nearly all white:{auto} --exposure -2 darkens it, --background plain is a grey"
+        return None
 
     def save(self, film: Film, path: Path, stops: float) -> None:
         """Write one output, with so many stops of exposure. Raises ImageError."""

@@ -14,6 +14,7 @@ from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIO
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, numbers
 from glpath.errors import UsageError
@@ -40,7 +41,7 @@ def register(app: typer.Typer) -> None:
         "parameters quiet",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
-        with_options(probes, OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
+        with_options(with_scene_options(probes, OF_LIGHT), OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
     )
 
 
@@ -92,7 +93,7 @@ def probes(
     corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], float)
     check_spp(spp)
     options = option_values(integrator, options)
-    with aside("camera", "light"):
+    with aside("camera", "light", "picture"):
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_writable(out)

@@ -16,6 +16,7 @@ from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_SOLVERS, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, interrupted, result_of
 from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
@@ -65,7 +66,7 @@ def register(app: typer.Typer) -> None:
         everyday="scene out method patches size splits adaptive unshot particles seed radiosity exposure check "
         "checkpoint resume parameters quiet",
     )
-    app.command(epilog=codes + later, **help)(with_options(radiosity, OF_SOLVERS))
+    app.command(epilog=codes + later, **help)(with_options(with_scene_options(radiosity, OF_LIGHT), OF_SOLVERS))
 
 
 def radiosity(

@@ -20,6 +20,7 @@ from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.picture import IMAGE, DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import EXIT_CODES, OF_RENDERS, RunRequest
 from glpath.cli.scene import HELP, Scenes, parameters_option
+from glpath.cli.scene_options import OF_PICTURES, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp
 from glpath.cli.values import crop as read_crop
@@ -43,7 +44,9 @@ def register(app: typer.Typer) -> None:
         everyday="scene out resolution exposure tonemap denoise parameters spp integrator seed aovs max_depth "
         "camera_position camera_target camera_fov device resume noise time_limit quiet",
     )
-    app.command(epilog=f"{EXIT_CODES}, 134 ended by --hang-limit.", **help)(with_options(render, OF_RENDERS))
+    app.command(epilog=f"{EXIT_CODES}, 134 ended by --hang-limit.", **help)(
+        with_options(with_scene_options(render, OF_PICTURES), OF_RENDERS)
+    )
 
 
 def render(

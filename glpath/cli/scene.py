@@ -15,6 +15,7 @@ from glpath.cli import completion
 from glpath.errors import UsageError
 from glpath.io import load_scene, parameters_from_options
 from glpath.io.load import scene_from_toml
+from glpath.io.surroundings import SURROUNDINGS
 from glpath.scene import Environment, Scene
 from glpath.scene.source_location import SourceLocation
 
@@ -72,9 +73,11 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     values = parameters_from_options(parameters or [])
     if scene != "-":
         return load_scene(scene, values)
-    if values:
+    surroundings = {name: value for name, value in values.items() if name in SURROUNDINGS}
+    if len(values) > len(surroundings):
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
-    return scene_from_toml(sys.stdin.buffer.read(), SourceLocation("standard input"), Path(), "scene")
+    read = scene_from_toml(sys.stdin.buffer.read(), SourceLocation("standard input"), Path(), "scene")
+    return load_scene(read, surroundings)
 
 
 def light_of(scene: Scene) -> str:
@@ -89,7 +92,8 @@ def light_of(scene: Scene) -> str:
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
     if isinstance(scene.sky, Environment):
-        parts.append("an environment map")
+        studio = "a studio, as the scene has no light of its own"
+        parts.append(studio if scene.sky.assumed else "an environment map")
     elif scene.sky is not None:
         added = ", as the scene has no light of its own" if scene.sky.assumed else ""
         white = bool(np.all(scene.sky.zenith == 1) and np.all(scene.sky.horizon == 1))

@@ -15,11 +15,19 @@ from rich.table import Table
 from glpath.cli import completion
 from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.scene_options import OF_PICTURES, with_scene_options
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.film.units import Unit, symbol
-from glpath.io import scene_cameras, scene_parameters, scene_schema, shipped_scenes
+from glpath.io import (
+    scene_animations,
+    scene_cameras,
+    scene_parameters,
+    scene_schema,
+    scene_variants,
+    shipped_scenes,
+)
 from glpath.scene import check_scene
 from glpath.scene.source_location import coordinates
 from glpath.system.files import write_bytes
@@ -37,7 +45,7 @@ def register(app: typer.Typer) -> None:
             ("glpath info room --json", "for programs"),
             ("glpath info teapot -D level=4", "of a generated scene"),
         )
-    )(info)
+    )(with_scene_options(info, OF_PICTURES))
     app.command(
         **command_help(
             ("glpath validate scene.toml", "errors and warnings"),
@@ -73,6 +81,8 @@ def info(
     summary = summarize(loaded)
     summary["warnings"][:0] = _scene_warnings(caught)
     summary["cameras"] = list(scene_cameras(scene))
+    summary["animations"] = [{"name": each, "seconds": length} for each, length in scene_animations(scene)]
+    summary["variants"] = list(scene_variants(scene))
     summary["parameters"] = {
         key: {"default": default, "description": text} for key, (default, text) in scene_parameters(scene).items()
     }
@@ -274,6 +284,13 @@ def _parameters(summary: dict[str, Any]) -> list[Table]:
     if summary["cameras"]:
         listed = ", ".join(f"{index} {name}" for index, name in enumerate(summary["cameras"]))
         table.add_row("", "", escape(f"cameras: {listed}"))
+    if summary["animations"]:
+        every = enumerate(summary["animations"])
+        listed = ", ".join(f"{index} {each['name']} ({each['seconds']:.3g} s)" for index, each in every)
+        table.add_row("", "", escape(f"animations: {listed}"))
+    if summary["variants"]:
+        listed = ", ".join(f"{index} {name}" for index, name in enumerate(summary["variants"]))
+        table.add_row("", "", escape(f"variants: {listed}"))
     return [table]
 
 

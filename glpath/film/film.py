@@ -85,7 +85,7 @@ class Film(FilmErrors):
         tonemap: str = "srgb",
         denoise: bool = False,
     ) -> UInt8:
-        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png.
+        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png; with `alpha` (H, W, 4).
 
         exposure : as of `exposure_stops`
         tonemap  : one of `image.TONEMAPS`
@@ -93,7 +93,12 @@ class Film(FilmErrors):
 
         Raises UsageError for another exposure or operator, or an image of no path set; what `denoised` raises.
         """
-        return tonemapped(self.denoised() if denoise else self.mean, self.exposure_stops(exposure), tonemap)
+        light, alpha = self.denoised() if denoise else self.mean, self.alpha
+        if alpha is None:
+            return tonemapped(light, self.exposure_stops(exposure), tonemap)
+        colours = light / np.where(alpha > 0, alpha, 1.0)[..., None]  # a PNG's are not premultiplied
+        opacity = (alpha * 255.0 + 0.5).astype(np.uint8)[..., None]
+        return np.concatenate([tonemapped(colours, self.exposure_stops(exposure), tonemap), opacity], axis=2)
 
     def save(
         self,
@@ -139,6 +144,7 @@ class Film(FilmErrors):
                 layers=({"denoised": self.denoised()} if denoise else {})
                 | {name: self._layer(name) for name in self.metadata.aovs},
                 channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},
+                alpha=self.alpha,
             )
         else:
             write_parts(

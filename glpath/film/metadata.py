@@ -24,7 +24,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "seed": int,
     "max_depth": int | None,
     "elapsed_s": int | float,
-    "noisy biased": bool,
+    "noisy biased transparent": bool,
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
@@ -59,6 +59,7 @@ class FilmMetadata:
     settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
     unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
     exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
+    transparent     : pictures have an alpha channel, from the sum of "depth": see `Film.alpha`
     noisy           : whether another seed is another image, so that comparisons have to look at the noise
     full_resolution : (width, height) of the whole image, pixels
     window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
@@ -99,6 +100,7 @@ class FilmMetadata:
     elapsed_s: float = 0.0
     noisy: bool = True
     exposure: float | None = None
+    transparent: bool = False
     unit: Unit | Literal[""] = ""
     statistics: Mapping[str, Any] = field(default_factory=dict)
     aovs: tuple[str, ...] = ()
@@ -156,6 +158,8 @@ def metadata_of(text: str) -> FilmMetadata:
                 raise ValueError(f"{name} in its metadata is {shown(getattr(metadata, name))}")
     if metadata.aovs != tuple(name for name in AOVS if name in metadata.aovs):
         raise ValueError(f"its AOVs are {shown(metadata.aovs)}, expected some of {', '.join(AOVS)}")
+    if metadata.transparent and "depth" not in metadata.aovs:
+        raise ValueError("it is transparent, but has no AOV depth, which alpha is made from")
     try:
         check_exposure(metadata.exposure)
     except UsageError as error:

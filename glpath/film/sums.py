@@ -95,6 +95,16 @@ class FilmSums:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
         return mean_of(self.radiance_sums, self.batch_counts)
 
+    @property
+    def alpha(self) -> Float64 | None:
+        """(H, W) float64, the share of a pixel's samples that meet a surface; None of what has a background.
+
+        `mean` is premultiplied by it: there is no light where nothing is.
+        """
+        if not self.metadata.transparent or not self.path_sets:
+            return None
+        return np.asarray(self.aov_sums["depth"][..., 1] / self.path_sets)
+
     def aov(self, name: str) -> NDArray[Any]:
         """An AOV of the film, row 0 at the top, antialiased as `mean` is; `glpath.film.aovs` describes each.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from glpath.gl.variants import defined
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, LightSample, LightSamples
-from glpath.scene.model import Environment, Sky
+from glpath.scene.model import Environment, Scene, Sky
 
 Uniforms = dict[str, object]
 
@@ -39,6 +39,11 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
             "sky_up": tuple(sky.up if sky else dark),
         }
     return uniforms if lighting is None else uniforms | {"sky_pdf_scale": lighting.sky_pdf_scale}
+
+
+def background_uniforms(scene: Scene) -> Uniforms:
+    """Uniforms of `shaders/lights/background.glsl`; none where the eye sees the sky."""
+    return {} if scene.background is None else {"background": tuple(scene.background.radiance)}
 
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath.film.aovs import AOV_KINDS, GROUPS, ID_AOVS, SHAPES, add_aov
 from glpath.gl.constants import HITS_SHIFT
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.lights import sky_uniforms
+from glpath.gl.lights import background_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.ping_pong import InTurn, PingPong
 from glpath.gl.program import load_program
@@ -89,6 +89,7 @@ class EyeAovs:
         self._uniforms = {
             **scene.uniforms,
             **sky_uniforms(scene.scene.sky),
+            **background_uniforms(scene.scene),
             "position_quanta": self._position_quanta,
             "position_extent": 2.0**_POSITION_BITS / self._position_quanta,
             "uv_quanta": 2.0**_POSITION_BITS / _UV_EXTENT,

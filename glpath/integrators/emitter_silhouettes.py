@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.lights import sky_uniforms
+from glpath.gl.lights import background_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh
@@ -52,7 +52,12 @@ class EmitterSilhouettes:
         eye_defines: Mapping[str, object],
     ) -> None:
         self._seed, self._sampling = seed, sampling
-        self._uniforms = {**scene.uniforms, **sky_uniforms(scene.scene.sky), **bvh.uniforms}
+        self._uniforms = {
+            **scene.uniforms,
+            **sky_uniforms(scene.scene.sky),
+            **background_uniforms(scene.scene),
+            **bvh.uniforms,
+        }
         emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
         self._shines = np.append(emits[scene.scene.triangle_shape], False)  # where nothing is seen
         # Their pixels side by side, as a device shades them in squares.

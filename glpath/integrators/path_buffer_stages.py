@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.buffers.path_buffer import PathBuffer, Scan, ScanView
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.lights import light_defines, sample_uniforms, sky_uniforms
+from glpath.gl.lights import background_uniforms, light_defines, sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.ping_pong import InTurn, PingPong
 from glpath.gl.program import Program, load_program
@@ -308,6 +308,7 @@ class PathBufferStages(PathSetEngine):
         return {
             **self.scene.uniforms,
             **sky_uniforms(self.scene.scene.sky, self.lighting),
+            **background_uniforms(self.scene.scene),
             "quanta": self._sums.quanta,
             "cosine_roulette": self.settings.cosine_roulette,
             "image_window": self._image_window(),

@@ -31,7 +31,7 @@ from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lanes import LANE_DEFINES
 from glpath.gl.light_draws import LightDraws, by_portals
-from glpath.gl.lights import LIGHT_ROWS, light_defines, light_rows, sky_uniforms
+from glpath.gl.lights import LIGHT_ROWS, background_uniforms, light_defines, light_rows, sky_uniforms
 from glpath.gl.passes import Pass, PixelDispatch, draw_areas, run_in_areas
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
@@ -41,6 +41,7 @@ from glpath.gl.variants import defined
 from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
 from glpath.integrators.engine import Uniforms, Window
 from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.ground import Ground
 from glpath.integrators.path_guide import PathGuide
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.path_settings import PathSettings
@@ -211,6 +212,10 @@ class RayPathEngine(PathSetEngine):
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples)
             parts.add(self._draws)
         parts.defines |= _thin_dielectric_variants(scene.scene)
+        self._ground = None if self._points is not None else Ground.of(scene.scene, self.settings.seed)
+        if self._ground is not None:
+            parts.uniforms |= self._ground.uniforms
+            parts.defines |= self._ground.defines
         self._silhouettes = self._new_silhouettes(bvh)
         if self._silhouettes is not None:
             parts.defines["EMITTER_SILHOUETTES"] = 1
@@ -231,7 +236,8 @@ class RayPathEngine(PathSetEngine):
         scene, camera = self.scene, self.scene.scene.camera
         # Edges out of focus or in motion are wide: no search at a few positions finds them.
         wide = camera.aperture_radius > 0 or camera.moves or scene.moving
-        if self._points is not None or wide or not EmitterSilhouettes.are_in(scene):
+        # And they know no ground.
+        if self._points is not None or wide or self._ground is not None or not EmitterSilhouettes.are_in(scene):
             return None
         return EmitterSilhouettes(
             self.gl, scene, self._size, bvh, self.settings.seed, self.settings.sampling, self._eye_defines
@@ -284,6 +290,7 @@ class RayPathEngine(PathSetEngine):
             "direction_points": [tuple(map(int, p)) for p in points],
             "choice_points": [int(x) for x in choices],
             **self._light_uniforms(index),
+            **(self._ground.of_set(index) if self._ground is not None else {}),
             "correction_number": radical_inverse(index),
         }
 
@@ -328,6 +335,7 @@ class RayPathEngine(PathSetEngine):
         roulette = settings.roulette_from(mirrored)
         return {
             **sky_uniforms(self.scene.scene.sky, self._in_parts),
+            **background_uniforms(self.scene.scene),
             "quanta": self._sums.quanta,
             "max_depth": CEILING if settings.endless else settings.path_length,
             "cut_depth": CEILING - 1 if settings.endless else 1 << 30,

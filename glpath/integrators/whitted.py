@@ -27,7 +27,7 @@ from glpath.film.aovs import SHAPES, add_aov
 from glpath.gl.camera import ahead_of, camera_defines, eye_uniforms
 from glpath.gl.device_bvh import DeviceBvh, bvh_glsl
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.lights import sky_uniforms
+from glpath.gl.lights import background_uniforms, sky_uniforms
 from glpath.gl.passes import Pass, draw_areas, run_in_areas
 from glpath.gl.ping_pong import InTurn
 from glpath.gl.program import load_program
@@ -305,4 +305,4 @@ def _check_shadows(scene: Scene) -> None:
 
 def _air(scene: Scene) -> Uniforms:
     """The radiance without any object: ambient light and the sky."""
-    return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky)}
+    return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky), **background_uniforms(scene)}

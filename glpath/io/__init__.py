@@ -5,8 +5,10 @@ from glpath.io.from_python import AnyScene
 from glpath.io.library import (
     load_scene,
     parameters_from_options,
+    scene_animations,
     scene_cameras,
     scene_parameters,
+    scene_variants,
     shipped_scenes,
 )
 from glpath.io.load import scene_from_dict
@@ -15,9 +17,11 @@ __all__ = [
     "AnyScene",
     "load_scene",
     "parameters_from_options",
+    "scene_animations",
     "scene_cameras",
     "scene_from_dict",
     "scene_parameters",
     "scene_schema",
+    "scene_variants",
     "shipped_scenes",
 ]

@@ -1,4 +1,4 @@
-"""Defaults of a scene without camera or light: a camera that sees everything, and light from all around."""
+"""Defaults of a scene without camera or light: a camera that sees everything, and a studio."""
 
 from __future__ import annotations
 
@@ -11,23 +11,30 @@ from typing import Literal
 import numpy as np
 
 from glpath.errors import warn
+from glpath.film.image import luminance
+from glpath.io.plain_background import with_plain_background
 from glpath.scene.camera import framing
 from glpath.scene.model import Camera, Scene, Shape, Sky
 from glpath.scene.source_location import shown
+from glpath.scene.studio import studio
 
 #: Pixels, where nothing says how many.
 RESOLUTION = (512, 512)
 #: Stands in until a scene has its own.
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
+# In diagonals of a model, how far below it the ground is: more than rounding.
+_BELOW = 1e-4
+# Mean radiance on a box around a model, beside 1 of the studio.
+_LAMP = 0.01
 #: Unused parts of a scene.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
 
 @contextmanager
-def aside(*parts: Literal["camera", "light"]) -> Iterator[None]:
+def aside(*parts: Literal["camera", "light", "picture"]) -> Iterator[None]:
     """Scenes that are loaded within need none of these parts: what stands in for them is no reason for a warning.
 
-    Nor is a scene file without a camera one for an error.
+    Nor is a scene file without a camera one for an error. Without a picture a white sky stands in for light.
     """
     before = _ASIDE.set(_ASIDE.get() | set(parts))
     try:
@@ -36,7 +43,7 @@ def aside(*parts: Literal["camera", "light"]) -> Iterator[None]:
         _ASIDE.reset(before)
 
 
-def is_aside(part: Literal["camera", "light"]) -> bool:
+def is_aside(part: Literal["camera", "light", "picture"]) -> bool:
     """Within `aside` of this part."""
     return part in _ASIDE.get()
 
@@ -54,7 +61,7 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     """
     notes = []
     if not has_camera:
-        scene = replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
+        scene = replace(scene, camera=framing(scene.framed_points, scene.camera.resolution))
     if not has_camera and not is_aside("camera"):
         c = scene.camera
         notes.append(
@@ -62,22 +69,51 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
             f"{shown(c.target.round(3))}, fov {c.fov:g}, for {c.resolution[0]} x {c.resolution[1]} pixels"
         )
     emitters = [shape for shape in scene.shapes if shape.emits]
-    lamps = emitters if glow_is_light else [shape for shape in emitters if not _glows(scene, shape)]
-    is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0) or lamps)
+    is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0))
+    is_lit = is_lit or (bool(emitters) if glow_is_light else _lamps_light(scene))
     # A scene of unlit materials alone is seen without light.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     if needs_light and not is_lit:
-        scene = replace(scene, sky=uniform_sky(assumed=True))
+        in_studio = not is_aside("picture")
+        scene = _in_studio(scene) if in_studio else replace(scene, sky=uniform_sky(assumed=True))
         what = "no light but what glows faintly" if emitters else "no light"
         if not is_aside("light"):
-            notes.append(f"{what}, so a white sky shines from all around")
+            stands_in = "a studio lights it" if in_studio else "a white sky shines from all around"
+            notes.append(f"{what}, so {stands_in}")
     if notes:
         warn(f"{scene.source or scene.name}: has {', and '.join(notes)}.")
     return scene
 
 
+def _in_studio(scene: Scene) -> Scene:
+    """The scene in `studio`, before a plain background, on a ground at its lowest point."""
+    lower, upper = scene.bounds
+    ground = np.array([0.0, lower[1] - _BELOW * float(np.linalg.norm(upper - lower)), 0.0])
+    return with_plain_background(replace(scene, sky=studio()), ground)
+
+
+def _lamps_light(scene: Scene) -> bool:
+    """Whether what emits sends enough light to see the scene by: `_LAMP` of radiance, in the mean on a box around.
+
+    A filament or a row of diodes does not; what is lit by nothing else would be a black picture.
+    """
+    lower, upper = scene.bounds
+    x, y, z = upper - lower
+    around = 2 * (x * y + y * z + z * x)
+    power = 0.0  # over pi
+    for number, shape in enumerate(scene.shapes):
+        if not shape.emits or shape.primitive != "triangle" or _glows(scene, shape):
+            continue
+        emission, slot = shape.emission, scene.materials[shape.material].emission_texture
+        if slot is not None:
+            emission = emission * scene.textures[slot.texture].mean
+        sides = 2 if shape.emission_two_sided else 1
+        power += sides * float(luminance(emission)) * float(scene.areas[scene.shapes.ranges[number]].sum())
+    return power > _LAMP * float(around)
+
+
 def _glows(scene: Scene, shape: Shape) -> bool:
-    """It is unlit, or sends at most as much light as a white sky.
+    """It is unlit, or sends no more light than white sends on in a studio.
 
     Models that are to be lit by their surroundings have screens and small lamps, which in viewers light nothing.
     What is meant to light a scene sends more.

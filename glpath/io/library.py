@@ -10,6 +10,7 @@ import inspect
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
@@ -17,17 +18,26 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
+from glpath.io.completed import aside
 from glpath.io.convert import convert
 from glpath.io.from_python import AnyScene, is_made_in_python, scene_from_python
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.io.load import read_scene_file, scene_from_dict
 from glpath.io.models import FORMATS as MODEL_FORMATS
-from glpath.io.models import gltf_cameras, read_gltf_as_asked, read_model, scene_of_model
+from glpath.io.models import (
+    gltf_animations,
+    gltf_cameras,
+    gltf_variants,
+    read_gltf_as_asked,
+    read_model,
+    scene_of_model,
+)
 from glpath.io.other_files import refuse_other_file
 from glpath.io.shipped.office import office, office_premesh
 from glpath.io.shipped.stacked import stacked
 from glpath.io.shipped.teapot import teapot
 from glpath.io.shipped.terrain import terrain
+from glpath.io.surroundings import Surroundings
 from glpath.scene import tessellate
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
@@ -52,17 +62,30 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter`, `light_factor` and
-                 `unit`, or for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the
-                 parameter's type
+    parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
+                 `shutter`, `light_factor` and `unit`, or for a TOML file: `time` (`scene_parameters`); as
+                 text (`-D key=value`) or of the parameter's type
+
+    Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
+    instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
+    "environment", "plain" or "transparent": what the camera sees behind all shapes.
 
     What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
-    white sky; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has
+    studio; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has
     its aspect and 512 pixels on the longer side, any other 512 x 512.
 
     Raises SceneError, which names the file, the location in it, what was found and what is allowed. Warns with
     SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
     """
+    surroundings, own = Surroundings.taken_from(parameters, SourceLocation("load_scene"))
+    if not surroundings:
+        return _loaded(scene, own)
+    with aside("light") if surroundings.environment is not None else nullcontext():
+        return surroundings.around(_loaded(scene, own))
+
+
+def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
+    """The scene in its own surroundings."""
     if isinstance(scene, Scene):
         return _without_parameters(scene, scene.name, parameters)
     if is_made_in_python(scene):
@@ -75,7 +98,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         )
     text = os.fspath(scene)
     if isinstance(scene, str) and text in GENERATED:
-        return _made(GENERATED[text], SourceLocation(text), parameters or {})
+        return _made(GENERATED[text], SourceLocation(text), parameters)
     path = Path(text)
     if isinstance(scene, str) and text in _scene_files():
         path = _scene_files()[text]
@@ -83,10 +106,10 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
         raise _no_such_scene(text)
     refuse_other_file(path)
     if path.suffix.lower() in GLTF_FORMATS:
-        return scene_of_model(_made(read_gltf_as_asked, SourceLocation(text), parameters or {}, path))
+        return scene_of_model(_made(read_gltf_as_asked, SourceLocation(text), parameters, path))
     if path.suffix.lower() in MODEL_FORMATS:
         return _without_parameters(scene_of_model(read_model(path, SourceLocation(str(path)))), text, parameters)
-    return _made(_read_as_asked, SourceLocation(text), parameters or {}, path)
+    return _made(_read_as_asked, SourceLocation(text), parameters, path)
 
 
 def shipped_scenes() -> dict[str, str]:
@@ -111,6 +134,16 @@ def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
 def scene_cameras(name: str) -> tuple[str, ...]:
     """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
     return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def scene_animations(name: str) -> tuple[tuple[str, float], ...]:
+    """Names and seconds of a glTF file's animations, of which `animation` chooses one; empty for other scenes."""
+    return gltf_animations(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
+
+
+def scene_variants(name: str) -> tuple[str, ...]:
+    """Names of a glTF file's variants of materials, of which `variant` chooses one; empty for other scenes."""
+    return gltf_variants(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
 def _read_as_asked(

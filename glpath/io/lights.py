@@ -253,7 +253,7 @@ def sky(
     if not isinstance(given.file, UnsetType) and not found:
         scale = 1.0 if isinstance(given.scale, UnsetType) else given.scale
         rotation = 0.0 if isinstance(given.rotation, UnsetType) else given.rotation
-        return _environment(folder / given.file, factor * scale, rotation, up, location)
+        return environment_map(folder / given.file, factor * scale, rotation, up, location.field("file"))
     if isinstance(given.zenith, UnsetType) or found:
         names = ("zenith", "horizon", "file", "scale", "rotation")
         has = [name for name in names if not isinstance(getattr(given, name), UnsetType)]
@@ -321,9 +321,10 @@ def _check_names(given: description.Sky, names: tuple[str, ...], location: Sourc
             raise location.error(f"has `{name}`, which is not a field of such a sky.", remedy)
 
 
-def _environment(path: Path, scale: float, rotation: float, up: Float64, location: SourceLocation) -> Environment:
-    """The environment map of a file. Raises SceneError; warns of what it clips."""
-    location, sky = location.field("file"), location
+def environment_map(
+    path: Path, scale: float, rotation: float, up: Float64, location: SourceLocation
+) -> Environment:
+    """The environment map of a file that is named at `location`. Raises SceneError; warns of what it clips."""
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, location, read_image)
     negative = np.count_nonzero(stored < 0)
     if negative:
@@ -332,5 +333,5 @@ def _environment(path: Path, scale: float, rotation: float, up: Float64, locatio
             "they were taken for 0, as light cannot be negative."
         )
     if stored.max() * scale > LARGEST:
-        raise sky.error(f"has radiance up to {stored.max() * scale:.3g}, but allowed is at most {LARGEST:g}.")
+        raise location.error(f"has radiance up to {stored.max() * scale:.3g}, but allowed is at most {LARGEST:g}.")
     return Environment(np.maximum(stored, 0.0).astype(np.float32), up, rotation, scale)

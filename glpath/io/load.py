@@ -88,7 +88,7 @@ def scene_from_toml(content: bytes, location: SourceLocation, folder: Path, name
         _check_no_camera_is_needed(data, location)
         camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
         scene = scene_of({**data, "camera": camera}, location, folder, name, later)
-        return replace(scene, camera=framing(*scene.bounds, scene.camera.resolution))
+        return replace(scene, camera=framing(scene.framed_points, scene.camera.resolution))
     return scene_of(data, location, folder, name, later)
 
 

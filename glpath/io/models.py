@@ -16,6 +16,8 @@ from glpath.errors import UsageError, warn
 from glpath.film.units import Unit
 from glpath.io.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.io.gltf import Model, ModelCamera, read_gltf
+from glpath.io.gltf.accessors import Accessors
+from glpath.io.gltf.choices import animation_lengths, animation_names, variant_names
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.io.gltf.document import read_document
 from glpath.io.gltf.lights import camera_of
@@ -43,6 +45,12 @@ def read_gltf_as_asked(
     shutter: Annotated[
         float, Meta(ge=0, description="seconds, from time on, that the shutter is open for what moves")
     ] = 0.0,
+    animation: Annotated[
+        str, Meta(description="name or number, from 0, of the one of the file's animations that runs, or all")
+    ] = "all",
+    variant: Annotated[
+        str, Meta(description="name or number, from 0, of one of the file's variants of materials, or none")
+    ] = "none",
     light_factor: Annotated[
         float,
         Meta(
@@ -59,6 +67,8 @@ def read_gltf_as_asked(
     wanted: int | str | None = None if camera == "first" else camera
     if isinstance(wanted, str) and wanted.isdecimal():
         wanted = int(wanted)
+    if animation != "all" and time == "rest":
+        time = 0.0
     if shutter and time == "rest":
         raise UsageError(f"shutter is {shutter:g}, but the model is at rest.", "Say when it opens: -D time=0.")
     return read_gltf(
@@ -66,6 +76,8 @@ def read_gltf_as_asked(
         time=None if time == "rest" else time,
         shutter=shutter,
         camera=wanted,
+        animation=None if animation == "all" else animation,
+        variant=None if variant == "none" else variant,
         light_factor=light_factor,
         unit=unit,
     )
@@ -87,6 +99,17 @@ def gltf_cameras(path: Path) -> tuple[str, ...]:
     nodes = Nodes.of(document, {})
     found = (camera_of(document, nodes.tables[index], nodes.world[index]) for index in nodes.drawn)
     return tuple(camera.name for camera in found if camera is not None)
+
+
+def gltf_animations(path: Path) -> tuple[tuple[str, float], ...]:
+    """The name and the seconds of each animation. Raises SceneError."""
+    document = read_document(path)
+    return tuple(zip(animation_names(document), animation_lengths(document, Accessors(document)), strict=True))
+
+
+def gltf_variants(path: Path) -> tuple[str, ...]:
+    """The names of the variants of materials. Raises SceneError."""
+    return variant_names(read_document(path))
 
 
 def scene_of_model(model: Model) -> Scene:

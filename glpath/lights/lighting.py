@@ -252,6 +252,8 @@ def max_radiance(scene: Scene) -> float:
     values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
         values.append(scene.sky.typical_radiance)
+    if scene.background is not None:
+        values.extend(scene.background.radiance)
     for light in scene.lights:
         square = 1.0
         if light.kind != "directional" and light.falloff == "quadratic":

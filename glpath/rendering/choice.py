@@ -24,7 +24,7 @@ from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from glpath.integrators.settings import IntegratorSettings
 from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering.options import options, settings_of
-from glpath.scene import Scene, path_traceable
+from glpath.scene import Environment, Scene, path_traceable
 
 #: Solving a scene of more takes longer than a picture, under a sky most of all, as each side casts rays to it.
 #: Processor seconds until a picture looks clean, by paths and by a gather: 10 and 50 (`benchmarks scene helmet`,
@@ -48,7 +48,9 @@ def chosen(
 
     Raises UsageError, as `settings_of`.
     """
-    solvable = functools.cache(lambda: pixels > THUMBNAIL and _solvable(scene))
+    # In a studio a model stands free: light comes straight or by few bounces, which is not worth a solution.
+    in_studio = isinstance(scene.sky, Environment) and scene.sky.assumed
+    solvable = functools.cache(lambda: pixels > THUMBNAIL and not in_studio and _solvable(scene))
     name = _engine(given, scene, solvable) if integrator == AUTO else integrator
     kind = INTEGRATORS.get(name) if isinstance(name, str) else None
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):

@@ -24,6 +24,7 @@ import msgspec
 from msgspec import Meta
 
 from glpath.errors import SceneError, UsageError
+from glpath.film.aovs import AOVS
 from glpath.film.batches import BLOCK
 from glpath.integrators.by_name import AUTO, INTEGRATORS, IntegratorKeywords
 from glpath.integrators.settings import IntegratorSettings
@@ -319,6 +320,9 @@ def describe(
         loaded = with_overrides(loaded, resolution, camera)
         starts = CameraSensor.of(loaded.camera)
         settings = chosen(integrator, given, loaded, math.prod(starts.resolution))
+        if loaded.background is not None and loaded.background.transparent:
+            aovs = {*settings.aovs, "depth"}  # whose hits are alpha
+            settings = replace(settings, aovs=tuple(name for name in AOVS if name in aovs))
     else:
         if resolution is not None or camera is not None:
             name = "camera" if resolution is None else "resolution"

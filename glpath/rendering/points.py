@@ -29,7 +29,7 @@ from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
-from glpath.scene import Scene, Sky
+from glpath.scene import Scene
 from glpath.sensors.sensor import PointSensor
 
 Float64 = NDArray[np.float64]
@@ -117,7 +117,7 @@ def irradiance(
     Parameters
     ----------
     scene      : what `load_scene` takes. It needs no camera; of one it has, the times of the shutter alone count.
-                 It needs light: the white sky that pictures of a model without light have is not measured
+                 It needs light: the studio that pictures of a model without light have is not measured
     points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
     receiver   : "plane", or "cylinder": a small one whose axis the normal is: the mean of the irradiance over all
@@ -172,8 +172,8 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     a sky that is left out, as surfaces glow that pictures have beside it.
     """
     source = scene.source or scene.name
-    assumed = isinstance(scene.sky, Sky) and scene.sky.assumed
-    own = replace(scene, sky=None) if assumed else scene
+    assumed = scene.sky is not None and scene.sky.assumed
+    own = replace(scene, sky=None, background=None) if assumed else scene
     glows = any(shape.emits and not scene.materials[shape.material].unlit for shape in scene.shapes)
     sky = own.sky is not None and own.sky.mean_integral > 0
     has_light = glows or sky or any(np.any(light.intensity > 0) for light in own.lights)
@@ -183,9 +183,9 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
                 f"white_sky=True: {source} has light of its own.",
                 "Leave it out, or write a sky in its file.",
             )
-        return replace(scene, sky=uniform_sky())
+        return replace(scene, sky=uniform_sky(), background=None)
     if assumed and glows:
-        text = f"{source}: what glows in it is its only light: measured without the white sky that pictures have."
+        text = f"{source}: what glows in it is its only light: measured without the studio that pictures have."
         warn(text)
     if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
         raise SceneError(

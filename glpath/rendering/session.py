@@ -274,6 +274,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         noisy=job.integrator.noisy,
         biased=job.integrator.biased,
         exposure=scene.exposure,
+        transparent=is_transparent(job, scene),
         unit=scene.unit,
         aovs=job.integrator.aovs,
         **_names(job, scene),
@@ -283,6 +284,12 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         device="" if context is None else context.info.renderer,
         versions=_versions(context),
     )
+
+
+def is_transparent(job: RenderJob, scene: Scene) -> bool:
+    """Whether pictures of the job's film have no background; of points there is none."""
+    wanted = scene.background is not None and scene.background.transparent
+    return wanted and "depth" in job.integrator.aovs
 
 
 def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:

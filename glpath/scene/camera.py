@@ -19,11 +19,14 @@ from pyrr import matrix33
 
 from glpath.scene.geometry import Float64
 
-# Of `framing`: seen from the front, somewhat from above and from the right; how much farther off the eye is than it
-# must be.
-_VIEW = np.array([0.5, 0.4, 1.0])
+# Of `framing`: degrees from the front to the right, and upwards, each of what is as wide and high as deep, and of
+# what is thin or flat; below which share of width over depth, of height over width, it begins to be so.
+_AZIMUTH, _ELEVATION = (20.0, 75.0), (15.0, 40.0)
+_DEEP, _FLAT = 0.8, 0.3
 _FOV = 40.0
-_MARGIN = 1.1
+# How much larger the picture is than what it shows, and in diagonals of that, how near the eye may be at the least.
+_MARGIN = 1.15
+_CLOSEST = 0.1
 
 Projection = Literal["perspective", "orthographic", "panorama"]
 
@@ -229,17 +232,42 @@ def _hold_arrays(of: Camera | CameraKey) -> None:
         object.__setattr__(of, name, np.asarray(getattr(of, name), np.float64))
 
 
-def framing(lower: Float64, upper: Float64, resolution: tuple[int, int]) -> Camera:
-    """A camera that sees all of a box, (3,) corners in scene units, from somewhat above, y up."""
-    centre = 0.5 * (lower + upper)
-    camera = Camera(centre + _VIEW, centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
-    # How far the eye must be for each corner of the box to be within the picture.
-    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T * (upper - lower)
+def framing(points: Float64, resolution: tuple[int, int]) -> Camera:
+    """A camera that all of some points fill the picture of, seen from the front and somewhat above, y up.
+
+    points : (N, 3), one at least: of all that is to be seen
+
+    What is flat is seen more from above; what is much deeper than wide more from its side.
+    """
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    centre, extent = 0.5 * (lower + upper), upper - lower
+    camera = Camera(centre + _view(extent), centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
     right, up, forward = camera.frame()
     wide, high = camera.extent
-    needed = np.maximum(np.abs(corners @ right) / wide, np.abs(corners @ up) / high) - corners @ forward
-    distance = _MARGIN * float(needed.max()) or 1.0
-    return replace(camera, position=centre - distance * forward)
+    local = points - centre
+    ahead = local @ forward
+    nearest, position = float(ahead.min()), np.zeros(3)
+    back = np.inf  # along the view, where the eye may be: before all planes of the picture's edges
+    for axis, half in ((right, wide / _MARGIN), (up, high / _MARGIN)):
+        beside = local @ axis
+        one, other = float((beside - half * ahead).max()), float((-beside - half * ahead).max())
+        back = min(back, -0.5 * (one + other) / half)
+        position += 0.5 * (one - other) * axis
+    size = float(np.linalg.norm(extent)) or 1.0
+    back = min(back, nearest - _CLOSEST * size)
+    position = centre + position + back * forward
+    return replace(camera, position=position, target=position - back * forward)
+
+
+def _view(extent: Float64) -> Float64:
+    """(3,) from a box of an extent (3,) towards the eye."""
+    wide, high, deep = extent
+    level = float(np.hypot(wide, deep))
+    flat = 1.0 - min(1.0, float(high) / (_FLAT * level)) if level > 0 else 0.0
+    turned = 1.0 - min(1.0, float(wide) / (_DEEP * float(deep))) if deep > 0 else 0.0
+    elevation = np.radians(_ELEVATION[0] + flat * (_ELEVATION[1] - _ELEVATION[0]))
+    azimuth = np.radians(_AZIMUTH[0] + turned * (_AZIMUTH[1] - _AZIMUTH[0]))
+    return np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
 
 
 def may_be_framing(camera: Camera) -> bool:

@@ -64,8 +64,12 @@ def moved(scene: Scene, origin: Float64) -> Scene:
         light if light.kind == "directional" else replace(light, position=light.position - origin)
         for light in scene.lights
     )
+    background = scene.background
+    if background is not None and background.ground is not None:
+        background = replace(background, ground=background.ground - origin)
     return replace(
         scene,
+        background=background,
         camera=moved_camera(scene.camera, origin),
         shapes=Shapes(_moved_shape(scene, shape, origin, middle, meshes) for shape in scene.shapes),
         lights=tuple(lights),

@@ -19,14 +19,15 @@ UNSEEN = {
     "Texture": {"name"},
     "Light": {"name"},
     "Sky": {"assumed"},
+    "Environment": {"assumed"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that
 #: do without have the digest that they had.
 LATER = {
     "Camera": {"projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"},
-    "Scene": {"portals"},
     "Shape": {"motion"},
+    "Scene": {"portals", "background"},
 }
 
 _Update = Callable[[bytes], None]

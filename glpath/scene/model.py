@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.units import Unit
+from glpath.scene.background import Background
 from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
@@ -95,6 +96,7 @@ class Scene:
                    what lies beyond a path's last vertex
     sky          : what rays see that hit nothing: a blend, an environment map, or None: black
     portals      : openings through which the sky lights what is inside, for fewer samples that see none of it
+    background   : what the camera sees behind all shapes; None: the sky
     exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
     centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
                    from the origin
@@ -114,6 +116,7 @@ class Scene:
     centred_by: Float64 | None = None
     unit: Unit = "radiometric"
     portals: tuple[Portal, ...] = ()
+    background: Background | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
@@ -195,6 +198,21 @@ class Scene:
         Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
         """
         return self.shapes.bounds
+
+    @property
+    def framed_points(self) -> Float64:
+        """(N, 3) what a camera that shows all of the scene has in its picture, see `framing`.
+
+        The vertices of meshes, 26 points of each sphere, the corners of `bounds` of streams and of planes alone.
+        """
+        points = [
+            self.shapes.used_vertices,
+            (self.spheres[:, :, :3] @ _AROUND.T + self.spheres[:, :, 3:]).swapaxes(1, 2).reshape(-1, 3),
+        ]
+        if self.shapes.streams or not sum(map(len, points)):
+            lower, upper = self.bounds
+            points.append(np.where(_AROUND[np.abs(_AROUND).min(axis=1) > 0] > 0, upper, lower))
+        return np.concatenate(points)
 
     @property
     def origin(self) -> Float64:
@@ -318,9 +336,9 @@ class Scene:
             changes = {"motion": ()} | changes
         seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
         if camera is None and changes.keys() == {"resolution"} and may_be_framing(seen):
-            lower, upper = self.bounds
-            if digest_of(self.camera) == digest_of(framing(lower, upper, self.camera.resolution)):
-                seen = framing(lower, upper, seen.resolution)
+            points = self.framed_points
+            if digest_of(self.camera) == digest_of(framing(points, self.camera.resolution)):
+                seen = framing(points, seen.resolution)
         return replace(self, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
@@ -348,11 +366,16 @@ class Scene:
         Names do not. Derived from the fields of the model (`glpath.scene.digest`), so a box has another digest than
         the same triangles written as a mesh.
 
-        camera : False leaves it out: what is left decides the light, wherever it is seen from
+        camera : False leaves it out, and the background: what is left decides the light, wherever it is seen from
         """
-        return digest_of(self) if camera else digest_of(replace(self, camera=None))  # type: ignore[arg-type]
+        if camera:
+            return digest_of(self)
+        return digest_of(replace(self, camera=None, background=None))  # type: ignore[arg-type]
 
 
+# (26, 3) unit directions: to the sides, edges and corners of a cube.
+_AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], np.float64) - 1.0
+_AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
 _shape_builder: ShapeBuilder | None = None
 
 

@@ -301,6 +301,8 @@ def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
 
 
 def _sky(scene: Scene, directions: Float64) -> Float64:
+    if scene.background is not None and not scene.background.transparent:
+        return np.broadcast_to(scene.background.radiance, directions.shape).copy()
     if scene.sky is None:
         return np.full_like(directions, _BACKGROUND)
     return scene.sky.radiance(directions)

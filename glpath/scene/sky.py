@@ -94,6 +94,7 @@ class Environment:
     up       : (3,) float64, of any length but zero
     rotation : degrees, counter-clockwise seen from above
     scale    : multiplies the image, which is then W sr^-1 m^-2
+    assumed  : as of `Sky`
 
     Without a rotation the middle of the picture lies along the axis that follows the one nearest to `up` in the
     order x, y, z, x: with y up along +z, as in Mitsuba, with z up along +x, as in Blender. What three.js, and
@@ -110,6 +111,7 @@ class Environment:
     up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     rotation: float = 0.0
     scale: float = 1.0
+    assumed: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))

@@ -5,6 +5,7 @@
 #include "scene/surface.glsl"
 #include "camera/camera.glsl"
 #include "lights/sky.glsl"
+#include "lights/background.glsl"
 
 UINT_TEXELS(r32ui, eye_buffer);  // triangle + 1
 

@@ -1,5 +1,5 @@
 // aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
-// Needs:  <SCENE>, surface.glsl, camera.glsl, sky.glsl; seen() of the including shader; AOV_QUANTA: of colours and normals,
+// Needs:  <SCENE>, surface.glsl, camera.glsl, background.glsl; seen() of the including shader; AOV_QUANTA: of colours and normals,
 //         per unit; AOV_SURFACE, AOV_POSITION, AOV_UV, AOV_NEAREST: what is summed, and where its first output is; _1 its second
 // Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
 // Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.
@@ -56,7 +56,7 @@ uvec3 quanta(vec3 value)
 #ifdef AOV_SURFACE
 void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 {
-    vec3 albedo = sky(d), normal = vec3(0.0);
+    vec3 albedo = seen_behind(d), normal = vec3(0.0);
     if (hit) {
         float pdf_area;
         albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, pdf_area);

@@ -6,6 +6,7 @@
 #include "camera/camera.glsl"
 #include "t_buffer/eye_hit.glsl"
 #include "lights/sky.glsl"
+#include "lights/background.glsl"
 
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
 

@@ -8,6 +8,7 @@
 #include "scene/surface.glsl"
 #include "camera/camera.glsl"
 #include "lights/sky.glsl"
+#include "lights/background.glsl"
 #include "path/path_vertex.glsl"
 #include "scene/ray_bvh.glsl"
 #include "lights/emitter_silhouettes.glsl"
@@ -20,8 +21,8 @@ layout(location = 0) out vec4 light;
 vec3 seen(vec3 origin, vec3 direction)
 {
     int triangle = nearest_triangle(origin, direction, -1);
-#ifdef HAS_SKY
-    if (triangle < 0) return sky(direction);
+#if defined(HAS_SKY) || defined(HAS_BACKGROUND)
+    if (triangle < 0) return seen_behind(direction);
 #else
     if (triangle < 0) return vec3(0.0);
 #endif

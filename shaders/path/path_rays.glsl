@@ -9,6 +9,9 @@
 #include "camera/camera.glsl"
 #include "sampling/random.glsl"
 #include "lights/light_sample.glsl"
+#ifdef HAS_BACKGROUND
+#include "lights/background.glsl"
+#endif
 #include "path/path_vertex.glsl"
 #include "path/lanes.glsl"
 #ifdef START_POINTS
@@ -59,6 +62,10 @@ uniform ivec2 window_size;
 uniform int max_depth;               // vertices of a path
 uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
+#ifdef HAS_GROUND
+uniform vec4 ground;                        // its unit normal, and how far along that it is
+uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, as dense as the light that they bring to the ground
+#endif
 #include "path/path_numbers.glsl"
 #include "path/path_direct.glsl"
 #if defined(LIGHT_TREE) || defined(PORTALS)
@@ -96,6 +103,9 @@ struct RayPath
     float passed;      // up to the last thin dielectric that the ray went through
     int bounces;       // off a diffuse surface: where a gather looks up, mirrors and glass do not count
     bool was_diffuse;  // the last one
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    bool straight;     // from the eye on, through thin dielectrics alone
+#endif
     vec3 inside;       // attenuation of what the path goes through
 #endif
 };
@@ -131,6 +141,9 @@ void begin_branch(inout RayPath path, int branch)
     path.bounces = 0;
     path.was_diffuse = false;
     path.inside = vec3(0.0);
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    path.straight = true;
+#endif
 #endif
 #ifdef SPLIT_LIGHT
     scattered = 0;
@@ -167,6 +180,51 @@ void add_light(inout RayPath path, vec3 light)
     if (scattered <= 1) direct_part += light;
 #endif
 }
+
+#ifdef HAS_BACKGROUND
+// Does its ray come straight from the eye?
+bool is_from_eye(RayPath path)
+{
+#ifdef HAS_THIN_DIELECTRICS
+    return path.straight;
+#else
+    return path.at.depth == 0;
+#endif
+}
+
+#ifdef HAS_GROUND
+// Share of the sky's light on the ground that no shape keeps off, where the ray meets it; 1 where it does not. By one
+// direction, as dense as the light that it brings.
+vec3 light_on_ground(RayPath path, ivec2 pixel)
+{
+    float cosine = dot(ground.xyz, path.direction), height = dot(ground.xyz, path.origin) - ground.w;
+    if (cosine >= 0.0 || height <= 0.0) return vec3(1.0);
+    float t = height / -cosine;
+    vec3 at = path.origin + t * path.direction, far = abs(at);
+    at += RAY_ROUNDING * (t + max(far.x, max(far.y, far.z))) * ground.xyz;
+#ifdef HAS_ALPHA
+    opacity_key_at(path.at, USE_SHADOW_OPACITY);
+#endif
+    uint chosen = pcg(path_in_image(pixel) + path_seed) % uint(GROUND_LIGHTS);
+    if (is_blocked(at, ground_lights[chosen], NO_HIT, -1)) return vec3(0.0);
+#ifdef HAS_THIN_DIELECTRICS
+    return passed_thin_dielectrics;
+#else
+    return vec3(1.0);
+#endif
+}
+#endif
+
+// Of a ray from the eye that meets nothing.
+void add_background(inout RayPath path, ivec2 pixel, float seen)
+{
+    vec3 light = path.beta * seen_behind(path.direction);
+#ifdef HAS_GROUND
+    light *= light_on_ground(path, pixel);
+#endif
+    add_light(path, light * (path.at.depth == 0 ? seen : 1.0));
+}
+#endif
 
 #ifdef HAS_SKY
 // Of a ray that meets nothing; shared with the light sample of the vertex before, as emission is.
@@ -384,6 +442,9 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
     {
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+        path.straight = false;
+#endif
         path.passed = 0.0;
 #ifdef LIT_FROM
         path.lit_from = s.v.surface.position;
@@ -412,6 +473,9 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
     path.bounces += 1;
     path.was_diffuse = true;
     path.passed = 0.0;
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    path.straight = false;
+#endif
 #endif
 #ifdef GUIDED
     // Light samples and emission share light by the cosine alone: any shares will do that make one.
@@ -496,8 +560,14 @@ vec4 trace_path(ivec2 fragment)
     {
         bool arrives = path.continues;
         path.continues = false;
+#ifdef HAS_BACKGROUND
+        bool sees_background = is_from_eye(path);
+        if (arrives && path.triangle < 0 && !at_start(path.at) && sees_background) add_background(path, pixel, seen);
+#else
+        const bool sees_background = false;
+#endif
 #ifdef HAS_SKY
-        if (arrives && path.triangle < 0 && !at_start(path.at)) add_sky(path, seen);
+        if (arrives && path.triangle < 0 && !at_start(path.at) && !sees_background) add_sky(path, seen);
 #endif
         if (arrives && (path.triangle >= 0 || at_start(path.at))) {
             s = arrive(path, pixel, seen);

@@ -8,6 +8,9 @@
 #include "camera/camera.glsl"
 #include "sampling/random.glsl"
 #include "lights/direct.glsl"
+#if defined(HAS_SKY) || defined(HAS_BACKGROUND)
+#include "lights/background.glsl"
+#endif
 #include "path/direction_code.glsl"
 #include "path/path_vertex.glsl"
 #include "path/path_next.glsl"
@@ -34,11 +37,11 @@ void main()
     vec3 Le = vec3(0.0);
 #else
     if (triangle < 0) {
-#ifdef HAS_SKY
+#if defined(HAS_SKY) || defined(HAS_BACKGROUND)
 #ifdef SPLIT_LIGHT
-        direct_part = sky(eye_direction(pixel));
+        direct_part = seen_behind(eye_direction(pixel));
 #endif
-        leave(pixel, ended(sky(eye_direction(pixel))), 0.0);
+        leave(pixel, ended(seen_behind(eye_direction(pixel))), 0.0);
 #else
         leave(pixel, ended(vec3(0.0)), 0.0);
 #endif

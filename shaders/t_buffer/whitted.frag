@@ -21,6 +21,7 @@
 #include "lights/punctual.glsl"
 #include "lights/profile.glsl"
 #include "lights/sky.glsl"
+#include "lights/background.glsl"
 #ifdef SHADOW_BUFFERS
 #include "shadow/point_shadow.glsl"
 #endif
@@ -216,7 +217,7 @@ void main()
     {
         if (primitive < 0)
         {
-            add_light(L, weight * sky(direction), depth <= 2);
+            add_light(L, weight * (depth == 1 ? seen_behind(direction) : sky(direction)), depth <= 2);
             break;
         }
         Shaded at = shaded_at(primitive, origin, direction, t, rounding);

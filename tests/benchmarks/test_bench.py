@@ -111,8 +111,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
     [
         (
             [],
-            "no name; allowed are path-buffer, gather, denoise, textures, defaults, t-buffer, shaft, shaft-options, "
-            "viewfactors, measure, lightmap, jobs, start-up",
+            "no name; allowed are path-buffer, gather, denoise, textures, defaults, t-buffer, shaft, "
+            "shaft-options, viewfactors, measure, lightmap, jobs, start-up",
         ),
         (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, denoise, textures, defaults, t-buffer, shaft"),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),

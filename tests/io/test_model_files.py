@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import warnings
 from dataclasses import fields
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,8 @@ from glpath.film.image import decode_srgb
 from glpath.io import scene_cameras, scene_parameters
 from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
-from glpath.scene import Material, Scene, check_scene
+from glpath.scene import Environment, Material, Scene, check_scene
+from glpath.scene.camera import framing
 from tests.support.gltf_files import Gltf
 from tests.support.lit_models import CAMERA_AND_LIGHT
 from tests.support.models import FACES, MTL, gltf, obj
@@ -77,8 +79,29 @@ def test_the_camera_of_a_model_without_one_sees_everything_at_every_resolution(
     assert (depth > 0).all()
     assert (at >= 0).all()
     assert (at <= resolution).all()
-    # It fills the picture in one direction, as far as a box seen askew can.
-    assert (np.ptp(at.reshape(-1, 2), axis=0) / resolution).max() > 0.6
+    # It fills the picture in one direction, and stands in its middle there.
+    filled = np.ptp(at.reshape(-1, 2), axis=0) / resolution
+    tight = int(np.argmax(filled))
+    assert filled[tight] == pytest.approx(1 / 1.15, rel=0.01)
+    middle = 0.5 * (at.reshape(-1, 2).min(axis=0) + at.reshape(-1, 2).max(axis=0)) / resolution
+    assert middle[tight] == pytest.approx(0.5, abs=0.01)
+
+
+def views(extent: tuple[float, float, float]) -> tuple[float, float]:
+    """Degrees from the front to the right, and upwards, from which a box is seen."""
+    half = 0.5 * np.array(extent)
+    camera = framing(np.array(list(product(*zip(-half, half, strict=True)))), (100, 100))
+    x, y, z = -camera.frame()[2]
+    return float(np.degrees(np.arctan2(x, z))), float(np.degrees(np.arcsin(y)))
+
+
+def test_a_model_is_seen_from_the_front_what_is_flat_from_above_what_is_deep_from_its_side() -> None:
+    assert views((1, 1, 1)) == pytest.approx((20, 15))
+    assert views((1, 9, 1)) == pytest.approx((20, 15))
+    assert views((3, 0, 2)) == pytest.approx((20, 40))
+    assert views((0, 2, 3)) == pytest.approx((75, 15))
+    turned, _ = views((1, 2, 2.5))
+    assert 20 < turned < 75
 
 
 def test_a_camera_that_was_chosen_stays_at_another_resolution(tmp_path: Path) -> None:
@@ -94,16 +117,16 @@ def test_what_a_model_lacks_is_added_and_said_once(tmp_path: Path, suffix: str) 
     path = (gltf if suffix == ".gltf" else obj)(tmp_path / f"box{suffix}")
     (text,) = said(path)
     assert text == (
-        f"{path}: has no camera, so one was set that sees everything: position [1.101, 0.881, 2.202], target "
-        "[0, 0, 0], fov 40, for 512 x 512 pixels, and no light, so a white sky shines from all around."
+        f"{path}: has no camera, so one was set that sees everything: position [0.637, 0.437, 2.017], target "
+        "[-0.075, -0.121, 0.062], fov 40, for 512 x 512 pixels, and no light, so a studio lights it."
     )
     scene = quiet(path)
     assert (scene.camera.resolution, scene.camera.up.tolist()) == ((512, 512), [0, 1, 0])
     at, depth = scene.camera.project(scene.triangles)
     assert (depth > 0).all()
     assert ((at > 0) & (at < 512)).all()
-    assert scene.sky is not None
-    assert scene.sky.zenith.tolist() == scene.sky.horizon.tolist() == [1, 1, 1]
+    assert isinstance(scene.sky, Environment)
+    assert scene.sky.assumed
     assert check_scene(scene) == []
 
 
@@ -121,7 +144,7 @@ def test_a_faint_glow_is_not_the_light_by_which_a_model_is_seen(tmp_path: Path) 
     """Khronos' DamagedHelmet is lit by its surroundings in every viewer, and has a few glowing texels."""
     path = glowing(tmp_path, 1.0)
     *_, text = said(path)
-    assert "no light but what glows faintly, so a white sky shines" in text
+    assert "no light but what glows faintly, so a studio lights it" in text
     scene = quiet(path)
     assert scene.sky is not None
     assert scene.shapes[0].emits, "it glows all the same"

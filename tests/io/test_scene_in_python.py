@@ -92,7 +92,7 @@ def test_what_is_wrong_is_named_as_python_writes_it(case: str):
 def test_a_mesh_of_trimesh_has_a_camera_and_light_made_for_it_and_says_so():
     ball = trimesh.creation.icosphere(subdivisions=2, radius=3)
     ball.apply_translation([10, 20, -30])
-    with pytest.warns(SceneWarning, match=r"no camera.* position .* and no light, so a white sky"):
+    with pytest.warns(SceneWarning, match=r"no camera.* position .* and no light, so a studio lights it"):
         made = load_scene(ball)
     assert np.array_equal(made.triangles, ball.triangles)
     assert sees_anything(made)
@@ -142,7 +142,7 @@ def test_a_scene_of_trimesh_keeps_transforms_instances_colours_and_camera():
     world.add_geometry(ball, node_name="ball")
     world.camera = trimesh.scene.Camera(resolution=(40, 30), fov=(60, 47))
     world.camera_transform = trimesh.transformations.translation_matrix([1, 2, 30])
-    with pytest.warns(SceneWarning, match=r"^scene: has no light, so a white sky"):
+    with pytest.warns(SceneWarning, match=r"^scene: has no light, so a studio lights it"):
         made = load_scene(world)
     assert np.allclose(
         np.sort(made.triangles.reshape(-1, 9), axis=0), np.sort(world.to_mesh().triangles.reshape(-1, 9), axis=0)

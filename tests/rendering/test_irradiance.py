@@ -410,7 +410,7 @@ def room(tmp_path: Path) -> Path:
 
 
 def test_light_is_not_invented(room: Path, tmp_path: Path) -> None:
-    """Pictures of a model without lamps have a white sky; measuring refuses it, until it is asked for."""
+    """Pictures of a model without lamps have a studio; measuring refuses it, until it is asked for."""
     ground = tmp_path / "ground.obj"
     ground.write_text("v -9 0 -9\nv 9 0 -9\nv 9 0 9\nv -9 0 9\nf 4 3 2 1\n")
     refused = cli(ground, "--plane", "y=0.75", "--spp", 1, "-o", "-")
@@ -420,7 +420,7 @@ def test_light_is_not_invented(room: Path, tmp_path: Path) -> None:
     assert refused.stdout == ""
     with pytest.raises(glpath.SceneError, match="has no light to measure"):
         glpath.irradiance(ground, [[0, 1, 0]], [0, 1, 0], spp=1)
-    with pytest.warns(glpath.SceneWarning, match="white sky"):
+    with pytest.warns(glpath.SceneWarning, match="so a studio lights it"):
         loaded = load_scene(ground)
     with pytest.raises(glpath.SceneError, match="white_sky=True"):
         glpath.irradiance(loaded, [[0, 1, 0]], [0, 1, 0], spp=1)
@@ -459,7 +459,7 @@ def test_what_glows_in_a_model_is_measured_without_the_sky_that_pictures_have(tm
     )
     path = tmp_path / "panel.glb"
     trimesh.Scene([panel]).export(path)
-    with pytest.warns(glpath.SceneWarning, match="measured without the white sky"):
+    with pytest.warns(glpath.SceneWarning, match="measured without the studio"):
         found = glpath.irradiance(path, [[0, 0, 0]], [0, 1, 0], spp=256, max_depth=1)
     half = np.arctan(1 / np.sqrt(2)) / np.sqrt(2)
     np.testing.assert_allclose(found.values[0], 4 * half, rtol=0.01)
@@ -486,16 +486,16 @@ def test_planes_are_held_against_the_scene(room: Path, scene: Path) -> None:
 
 
 def test_bakes_of_a_model_without_light_say_what_lights_them(room: Path, tmp_path: Path) -> None:
-    """They are pictures, which have the white sky; but of the camera nobody need hear."""
+    """They are pictures, which have a studio; but of the camera nobody need hear."""
     bare = tmp_path / "bare.toml"
     bare.write_text(LIT[LIT.index("[[shapes]]") :])
-    for scene, light in ((room, "a white sky of radiance 1 from all around, as the"), (bare, "1 punctual light")):
+    for scene, light in ((room, "a studio, as the scene has no light of its own"), (bare, "1 punctual light")):
         result = CliRunner().invoke(
             app, ["radiosity", str(scene), "--patches", "20", "-o", str(tmp_path / "a.npz")]
         )
         assert result.exit_code == 0, result.stderr
         assert f"light: {light}" in result.stderr
-        assert ("has no light, so a white sky shines" in result.stderr) == (scene == room)
+        assert ("has no light, so a studio lights it" in result.stderr) == (scene == room)
         assert "camera" not in result.stderr
 
 

@@ -1,12 +1,14 @@
 """Animations: the pose of all nodes at a time.
 
-All animations of a file run at once, each held before its first and after its last key; where two of them move the
+The chosen one runs, or all at once, each held before its first and after its last key; where two of them move the
 same thing, the later one does.
 
 Source: glTF 2.0, 3.11 and appendix C (interpolation).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,8 +25,13 @@ _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 
 
-def poses_at(document: Document, accessors: Accessors, time: float | None) -> dict[int, dict[str, Float64]]:
-    """The animated values of nodes, by the number of the node; none without a time, in seconds."""
+def poses_at(
+    document: Document, accessors: Accessors, time: float | None, chosen: Sequence[tuple[int, Table]]
+) -> dict[int, dict[str, Float64]]:
+    """The animated values of nodes, by the number of the node; none without a time, in seconds.
+
+    chosen : the animations that run, with their numbers
+    """
     animations = document.all("animations")
     poses: dict[int, dict[str, Float64]] = {}
     if time is None:
@@ -38,7 +45,7 @@ def poses_at(document: Document, accessors: Accessors, time: float | None) -> di
     if not len(animations):
         document.notes.add("The time that was asked for: the file has no animations.")
     moved: dict[tuple[int, str], int] = {}
-    for number, animation in enumerate(animations):
+    for number, animation in chosen:
         samplers = animation.tables("samplers")
         for channel in animation.tables("channels"):
             target = channel.table("target")
@@ -58,13 +65,15 @@ def poses_at(document: Document, accessors: Accessors, time: float | None) -> di
     return poses
 
 
-def shutter_times(document: Document, accessors: Accessors, opened: float, closed: float) -> Float64:
+def shutter_times(
+    chosen: Sequence[tuple[int, Table]], accessors: Accessors, opened: float, closed: float
+) -> Float64:
     """(K,) times at which nodes are looked for, so that what lies between goes nearly straight: even ones and keys.
 
     Keys beyond `_MAX_KEYS` are left out.
     """
     keys: list[Float64] = []
-    for animation in document.all("animations"):
+    for _, animation in chosen:
         for sampler in animation.tables("samplers"):
             every, at = accessors.document.all("accessors"), sampler.location.field("input")
             times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]

@@ -44,6 +44,7 @@ KNOWN_EXTENSIONS = (
     "KHR_materials_transmission",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_unlit",
+    "KHR_materials_variants",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",

@@ -19,6 +19,7 @@ from glpath.film.units import Unit
 from glpath.io.gltf import limits
 from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.animation import poses_at, shutter_times
+from glpath.io.gltf.choices import chosen_animations, chosen_variant, material_of
 from glpath.io.gltf.document import Document, read_document
 from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import Nodes, Pose, instances
@@ -80,6 +81,8 @@ def read_gltf(
     time: float | None = None,
     shutter: float = 0.0,
     camera: str | int | None = None,
+    animation: str | None = None,
+    variant: str | None = None,
     light_factor: float = 1.0,
     unit: Unit = "photometric",
 ) -> Model:
@@ -88,6 +91,8 @@ def read_gltf(
     time         : seconds into its animations; None shows it at rest
     shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
     camera       : name or number of one of its cameras, for `Model.camera`
+    animation    : name or number of the one that runs; all do without it
+    variant      : name or number of one of its variants of materials; its own without it
     light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
                    Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
                    back its watts
@@ -95,22 +100,24 @@ def read_gltf(
                    "radiometric", as programs write them whose light is in watts
 
     Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
-    a camera that it does not have and numbers that are not finite.
+    a camera, an animation or a variant that it does not have and numbers that are not finite.
     """
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):
         raise UsageError(f"light_factor is {light_factor}; must be a finite number, at least 0.")
     document = read_document(path)
     accessors = Accessors(document)
-    poses = poses_at(document, accessors, time)
+    running = chosen_animations(document, animation)
+    poses = poses_at(document, accessors, time, running)
     nodes = Nodes.of(document, poses)
     surfaces = Surfaces(document)
     path_of = None
     if time is not None and shutter > 0:
-        times = shutter_times(document, accessors, time, time + shutter)
-        every = [poses_at(document, accessors, float(t)) for t in times]
+        times = shutter_times(running, accessors, time, time + shutter)
+        every = [poses_at(document, accessors, float(t), running) for t in times]
         path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
-    made = _Shapes(document, accessors, nodes, poses, surfaces, path_of)
+    look = chosen_variant(document, variant)
+    made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
     shapes = made.all()
     if shapes:
         warn_of_steps(document.location, made.step, made.low, made.high)
@@ -241,8 +248,9 @@ class _Shapes:
         poses: dict[int, dict[str, Float64]],
         surfaces: Surfaces,
         paths: NodePaths | None = None,
+        variant: int | None = None,
     ) -> None:
-        self.paths = paths
+        self.paths, self.variant = paths, variant
         self.document, self.accessors, self.nodes = document, accessors, nodes
         self.poses: dict[int, dict[str, Float64]] = poses
         self.surfaces = surfaces
@@ -329,8 +337,7 @@ class _Shapes:
 
     def _surface(self, primitive: Table) -> tuple[int, frozenset[int]]:
         """The material of a primitive, and the texture coordinates that it needs."""
-        material = primitive.index("material", self.document.all("materials"), "materials")
-        surface = self.surfaces.number(material)
+        surface = self.surfaces.number(material_of(primitive, self.variant, self.document))
         slots = self.surfaces.surfaces[surface].material.slots.values()
         return surface, frozenset(slot.uv_set for slot in slots)
 

@@ -40,6 +40,5 @@ UNUSED_MATERIALS = {
     "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
     "KHR_materials_dispersion": "dispersion of glass",
     "KHR_materials_iridescence": "iridescence",
-    "KHR_materials_variants": "variants of materials, other than the first",
     "KHR_materials_volume_scatter": "light that is scattered inside of solids",
 }

@@ -1,0 +1,70 @@
+"""The ground that catches a model's shadow: see `glpath.scene.background`.
+
+Where the eye sees the ground, a ray goes in a direction that is as dense as the light it would bring: the share of
+these rays that meets nothing is the share of the light that is left, without noise where nothing stands in between.
+
+Cost:     a ray for each path that meets the ground and no shape.
+Poor at:  light from lamps of the model itself, which the ground does not show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.gl.variants import defined
+from glpath.sampling.points import counter_hash
+from glpath.scene import Background, Environment, Scene, Sky
+
+Float64 = NDArray[np.float64]
+
+# Of a path set; which of them a pixel takes is random.
+_DIRECTIONS = 16
+# Steps of sequences of three numbers: powers of the root of x^4 = x + 1 [Roberts 2018], and square roots.
+_SET_STEP = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+_DIRECTION_STEP = np.sqrt([2.0, 3.0, 5.0]) % 1.0
+# Texels of the map of a sky that has none.
+_HEIGHT, _WIDTH = 32, 64
+
+
+class Ground:
+    """The ground of a scene that has one, in engines that cast rays.
+
+    uniforms, defines : constant ones, for path_rays.glsl
+    """
+
+    def __init__(self, background: Background, sky: Sky | Environment, seed: int) -> None:
+        assert background.ground is not None, "made for a ground"
+        up = background.up
+        self._light = _light_from_above(sky, up)
+        self._first = np.array([counter_hash(seed, axis, 0, 12) for axis in range(3)]) / 2.0**32
+        self.uniforms = {"ground": (*up.tolist(), float(up @ background.ground))}
+        self.defines = {**defined(HAS_GROUND=True), "GROUND_LIGHTS": _DIRECTIONS}
+
+    @classmethod
+    def of(cls, scene: Scene, seed: int) -> Ground | None:
+        """None where the eye sees no ground, or none that light comes to."""
+        background, sky = scene.background, scene.sky
+        if background is None or background.ground is None or sky is None or not sky.mean_integral > 0:
+            return None
+        return cls(background, sky, seed)
+
+    def of_set(self, index: int) -> dict[str, object]:
+        """Uniforms of a path set."""
+        numbers = np.arange(_DIRECTIONS)[:, None] * _DIRECTION_STEP
+        u = (self._first + index * _SET_STEP + numbers) % 1.0
+        return {"ground_lights": self._light.directions(u).astype(np.float32).tobytes()}
+
+
+def _light_from_above(sky: Sky | Environment, up: Float64) -> Environment:
+    """The sky, its radiance times the cosine to the ground: as dense as light comes to it."""
+    height, width = (_HEIGHT, _WIDTH) if isinstance(sky, Sky) else sky.image.shape[:2]
+    empty = Environment(np.zeros((height, width, 3), np.float32), up)
+    theta = (np.arange(height) + 0.5)[:, None] * (np.pi / height)
+    phi = (0.5 - (np.arange(width) + 0.5) / width)[None, :] * (2 * np.pi)
+    local = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + np.zeros_like(phi)], axis=2
+    )
+    light = sky.radiance(local @ empty.frame) * np.maximum(np.cos(theta), 0.0)[..., None]
+    # A tent of the row below the horizon would reach above it.
+    return Environment(light.astype(np.float32), up)

@@ -1,0 +1,83 @@
+"""What a file leaves to choose: which of its animations run, and which variant of its materials is shown.
+
+Source: glTF 2.0, 3.11; KHR_materials_variants.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+from glpath.errors import UsageError
+from glpath.io.gltf.accessors import Accessors
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.table import Table, Tables
+from glpath.scene.source_location import shown
+
+_VARIANTS = "KHR_materials_variants"
+
+
+def animation_names(document: Document) -> tuple[str, ...]:
+    """Of each animation, in order."""
+    return tuple(each.name(f"animation-{i}") for i, each in enumerate(document.all("animations")))
+
+
+def animation_lengths(document: Document, accessors: Accessors) -> tuple[float, ...]:
+    """Seconds until the last key of each animation."""
+    every = document.all("accessors")
+    lengths = []
+    for animation in document.all("animations"):
+        last = 0.0
+        for sampler in animation.tables("samplers"):
+            at = sampler.location.field("input")
+            times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)
+            last = max(last, float(times.max(initial=0.0)))
+        lengths.append(last)
+    return tuple(lengths)
+
+
+def chosen_animations(document: Document, wanted: str | None) -> list[tuple[int, Table]]:
+    """The animations that run, with their numbers: all, or the one by its name or number. Raises UsageError."""
+    every = list(enumerate(document.all("animations")))
+    if wanted is None:
+        return every
+    return [every[_number(wanted, animation_names(document), "animation", document)]]
+
+
+def variant_names(document: Document) -> tuple[str, ...]:
+    """Of each variant, in order."""
+    return tuple(each.name(f"variant-{i}") for i, each in enumerate(_variants(document)))
+
+
+def chosen_variant(document: Document, wanted: str | None) -> int | None:
+    """The number of a variant, by its name or number; None: the file's own materials. Raises UsageError."""
+    return None if wanted is None else _number(wanted, variant_names(document), "variant", document)
+
+
+def material_of(primitive: Table, variant: int | None, document: Document) -> int | None:
+    """The material of a primitive, its own where the variant has no other."""
+    materials = document.all("materials")
+    mapped = primitive.extension(_VARIANTS) if variant is not None else None
+    if mapped is not None:
+        for mapping in mapped.tables("mappings"):
+            if variant in mapping.indices("variants", _variants(document), "variants"):
+                return mapping.required_index("material", materials, "materials")
+    return primitive.index("material", materials, "materials")
+
+
+def _variants(document: Document) -> Tables | list[Table]:
+    extension = document.root.extension(_VARIANTS)
+    return [] if extension is None else extension.tables("variants")
+
+
+def _number(wanted: str, names: Sequence[str], what: str, document: Document) -> int:
+    if wanted in names:
+        return names.index(wanted)
+    if wanted.isdecimal() and int(wanted) < len(names):
+        return int(wanted)
+    listed = ", ".join(f"{i} {shown(name)}" for i, name in enumerate(names)) or "none"
+    near = difflib.get_close_matches(wanted, names, 1, 0.4)
+    raise UsageError(
+        f"{document.location}: {what} {shown(wanted)} was asked for, but its {what}s are: {listed}.",
+        f"Did you mean {shown(near[0])}?" if near else f"`glpath info` lists the {what}s.",
+    )

@@ -1,0 +1,107 @@
+"""What surrounds a scene, whatever file it comes from: an environment map as its sky, and a background.
+
+Parameters that every scene has (`load_scene`); a scene file's own sky is in `glpath.io.lights`. An environment
+replaces that sky, and the light that stands in for missing light. The file's other lights stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from glpath.errors import UsageError
+from glpath.io.convert import convert
+from glpath.io.lights import environment_map
+from glpath.io.plain_background import with_plain_background
+from glpath.scene.background import Background
+from glpath.scene.model import Scene
+from glpath.scene.source_location import SourceLocation
+
+BackgroundKind = Literal["environment", "plain", "transparent"]
+BACKGROUNDS = get_args(BackgroundKind)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Parameters of every scene.
+
+    Raises UsageError where one has no meaning without another.
+    """
+
+    environment: Annotated[
+        Path | None, Meta(description="an environment map (.hdr, .exr), which lights the scene instead of its sky")
+    ] = None
+    environment_rotation: Annotated[
+        float | None,
+        Meta(description="degrees that the environment is turned by, counter-clockwise seen from above"),
+    ] = None
+    environment_exposure: Annotated[
+        Annotated[float, Meta(ge=-100, le=100)] | None,
+        Meta(description="stops from -100 to 100 that the environment is brightened by"),
+    ] = None
+    background: Annotated[
+        BackgroundKind | None,
+        Meta(
+            description="environment, plain or transparent, what the camera sees behind all shapes: the sky; a "
+            "grey, as bright as a white ground in that light; or nothing, an alpha channel in .png and .exr"
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        for name in ("environment_rotation", "environment_exposure"):
+            if getattr(self, name) is not None and self.environment is None:
+                raise UsageError(
+                    f"{name}: of an environment, but no environment is given.",
+                    'Name the file: environment="studio.hdr", --environment studio.hdr.',
+                )
+
+    def __bool__(self) -> bool:
+        return self != Surroundings()
+
+    @classmethod
+    def taken_from(
+        cls, parameters: Mapping[str, object] | None, location: SourceLocation
+    ) -> tuple[Surroundings, dict[str, Any]]:
+        """Those among parameters, which may be text, and the other parameters. Raises SceneError."""
+        hints = get_type_hints(cls, include_extras=True)
+        values: dict[str, Any] = {}
+        others: dict[str, Any] = {}
+        for name, value in (parameters or {}).items():
+            if name not in hints:
+                others[name] = value
+            elif name == "environment" and value is not None:
+                values[name] = Path(str(value))
+            elif value is not None:
+                try:
+                    values[name] = convert(value, hints[name], strict=False)
+                except msgspec.ValidationError as error:
+                    description = hints[name].__metadata__[0].description
+                    raise location.field(name).wrong(value, description) from error
+        return cls(**values), others
+
+    def around(self, scene: Scene) -> Scene:
+        """The scene in these surroundings. Raises SceneError for a file that is no environment map."""
+        own = scene.background
+        if self.environment is not None:
+            location = SourceLocation(scene.source or scene.name)
+            up = scene.camera.up if scene.sky is None else scene.sky.up  # of any length
+            scale = 2.0 ** (self.environment_exposure or 0.0)
+            sky = environment_map(
+                self.environment, scale, self.environment_rotation or 0.0, up, location.field("environment")
+            )
+            scene = replace(scene, sky=sky, background=None)
+        ground = None if own is None else own.ground
+        if self.background == "environment":
+            return replace(scene, background=None)
+        if self.background == "transparent":
+            return replace(scene, background=Background(transparent=True))
+        return with_plain_background(scene, ground) if self.background == "plain" else scene
+
+
+#: Their names.
+SURROUNDINGS = tuple(field.name for field in fields(Surroundings))
