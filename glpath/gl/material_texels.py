@@ -19,7 +19,7 @@ MATERIAL_LAYOUT = {
     "SPECULAR": "Phong's coefficient; Phong's exponent",
     "MIRROR": "share of the mirrored light",
     "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the tangent, radians",
-    "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
+    "LAYER": "what the dielectric reflects at normal incidence, not clipped before its texture; at grazing",
     "COAT": "share under clearcoat; its roughness",
     "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a thin dielectric",
     "INSIDE": "attenuation of a solid of glass, per scene unit",
@@ -70,6 +70,13 @@ def _sheen(m: Material) -> list[list[float]]:
     return [[*m.sheen, m.sheen_alpha], [*fit[:4]], [*fit[4:]], b_to_e, [a, 0, 0, 0]]
 
 
+def _dielectric(m: Material) -> list[float]:
+    normal, grazing = m.dielectric
+    if m.specular_colour_texture is not None:
+        normal = grazing * m.dielectric_ratio  # which the shader clips after the texture
+    return [*normal, grazing]
+
+
 def material_table(materials: Sequence[Material]) -> Float64:
     """(n, its texels, 4) float64. Unlit materials show their emission alone."""
     rows = [
@@ -83,7 +90,7 @@ def material_table(materials: Sequence[Material]) -> Float64:
                 m.anisotropy,
                 np.radians(m.anisotropy_angle),
             ],
-            [*m.dielectric[0], m.dielectric[1]],
+            _dielectric(m),
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
             [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -24,7 +25,19 @@ CHARLIE_LAMBDA = (
     (21.5473, 3.82987, 0.19823, -1.97760, -4.32054),
 )
 #: The fields of a `Material` that are texture slots.
-SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
+SLOTS = (
+    "texture",
+    "surface_texture",
+    "normal_texture",
+    "emission_texture",
+    "transmission_texture",
+    "clearcoat_texture",
+    "clearcoat_roughness_texture",
+    "clearcoat_normal_texture",
+    "anisotropy_texture",
+    "specular_texture",
+    "specular_colour_texture",
+)
 
 
 @dataclass(frozen=True)
@@ -119,6 +132,12 @@ class Material:
     normal_texture       : of the tangent space [glTF 2.0, 3.9.3], x and y multiplied by normal_scale
     emission_texture     : what the emission of shapes is multiplied by
     transmission_texture : its red multiplies transmission
+    clearcoat_texture    : its red multiplies clearcoat; of clearcoat_roughness_texture the green its roughness
+    clearcoat_normal_texture : of the clearcoat alone, x and y multiplied by clearcoat_normal_scale. Without it the
+                           clearcoat has the normals of the vertices; normal_texture does not bend it
+    anisotropy_texture   : red and green, from -1 to 1, are the tangent before it is turned by the angle; blue
+                           multiplies anisotropy
+    specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
     name: str
@@ -151,6 +170,13 @@ class Material:
     normal_scale: float = 1.0
     emission_texture: TextureSlot | None = None
     transmission_texture: TextureSlot | None = None
+    clearcoat_texture: TextureSlot | None = None
+    clearcoat_roughness_texture: TextureSlot | None = None
+    clearcoat_normal_texture: TextureSlot | None = None
+    clearcoat_normal_scale: float = 1.0
+    anisotropy_texture: TextureSlot | None = None
+    specular_texture: TextureSlot | None = None
+    specular_colour_texture: TextureSlot | None = None
 
     @property
     def has_lobes(self) -> bool:
@@ -178,8 +204,12 @@ class Material:
 
         Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
         """
-        normal = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
-        return np.minimum(normal * self.specular_colour, 1.0) * self.specular_weight, self.specular_weight
+        return np.minimum(self.dielectric_ratio, 1.0) * self.specular_weight, self.specular_weight
+
+    @property
+    def dielectric_ratio(self) -> Float64:
+        """(3,) float64: what it reflects at normal incidence over what at grazing incidence, not clipped to 1."""
+        return ((self.ior - 1.0) / (self.ior + 1.0)) ** 2 * self.specular_colour
 
     @property
     def sheen_alpha(self) -> float:
@@ -236,6 +266,26 @@ class Material:
         """The textures that it uses, by the names of the fields."""
         found = {name: getattr(self, name) for name in SLOTS}
         return {name: slot for name, slot in found.items() if slot is not None}
+
+
+def averaged(material: Material, textures: Sequence[Texture]) -> Material:
+    """The material with its layers as their textures have them in the mean, for what knows nothing of places."""
+
+    def mean(slot: TextureSlot | None, channel: int) -> float:
+        if slot is None:
+            return 1.0
+        image = textures[slot.texture].linear()
+        return float(image[..., channel].mean()) if channel < image.shape[2] else 1.0
+
+    colour, slot = material.specular_colour, material.specular_colour_texture
+    if slot is not None:
+        colour = colour * textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
+    return replace(
+        material,
+        clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
+        specular_weight=material.specular_weight * mean(material.specular_texture, 3),
+        specular_colour=colour,
+    )
 
 
 def sheen_lambda(alpha: float) -> Float64:

@@ -149,7 +149,7 @@ void main()
         bool front = front_hit(s.normal, direction);
         vec3 normal = front ? s.normal : -s.normal;
         vec3 n = shading_normal(s, front, -direction);
-        Bsdf bsdf = bsdf_at(s, front);
+        Bsdf bsdf = bsdf_seen(s, front, -direction);
         vec3 size = abs(s.position);
         rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
 

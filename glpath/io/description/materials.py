@@ -139,6 +139,45 @@ class Principled(Surface, tag="principled", kw_only=True):
         Annotated[str, Meta(description="Name of a texture of this file: transmission is multiplied by its red.")]
         | UnsetType
     ) = UNSET
+    clearcoat_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: clearcoat is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+    clearcoat_roughness_texture: (
+        Annotated[
+            str, Meta(description="Name of a texture of this file: clearcoat_roughness is multiplied by its green.")
+        ]
+        | UnsetType
+    ) = UNSET
+    clearcoat_normal_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: a normal map of the clearcoat alone, which "
+                "normal_texture does not bend."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    clearcoat_normal_scale: Annotated[float, Meta(description="Strength of the clearcoat's normal map.")] = 1.0
+    anisotropy_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: its red and green, from -1 to 1, are the tangent; "
+                "anisotropy is multiplied by its blue."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    specular_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: specular is multiplied by its alpha.")]
+        | UnsetType
+    ) = UNSET
+    specular_color_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: specular_color is multiplied by it.")]
+        | UnsetType
+    ) = UNSET
 
 
 AnyMaterial = Diffuse | Phong | Principled

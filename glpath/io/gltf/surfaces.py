@@ -215,7 +215,8 @@ class Surfaces:
             fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
             fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
             if fields["specular_weight"] > 0:  # which textures multiply
-                self._unused(specular, "specularTexture", "specularColorTexture")
+                fields["specular_texture"] = self._slot(specular, "specularTexture", srgb=False)
+                fields["specular_colour_texture"] = self._slot(specular, "specularColorTexture", srgb=True)
         if ior is not None and ior.number("ior", 1.5) == 0:
             # 0 stands for a reflection that the colour alone decides.
             fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
@@ -227,13 +228,19 @@ class Surfaces:
                     fields[target] = (
                         self._shares(found, name, (0, 0, 0)) if is_colour else self._share(found, name, 0.0)
                     )
-                self._unused(found, *layer.textures)
+                if np.any(fields[layer.strength]):
+                    for name, into in layer.textures.items():
+                        fields[into.field] = self._slot(found, name, srgb=into.srgb)
+                        if into.scale is not None and name in found:
+                            fields[into.scale] = found.table(name).number("scale", 1.0)
+                self._unused(found, *layer.unread)
         anisotropic = table.extension("KHR_materials_anisotropy")
         if anisotropic is not None:
             fields["anisotropy"] = self._share(anisotropic, "anisotropyStrength", 0.0)
             # Counter-clockwise from u to v, as seen with v upwards, which ours is.
             fields["anisotropy_angle"] = float(np.degrees(anisotropic.number("anisotropyRotation", 0.0)))
-            self._unused(anisotropic, "anisotropyTexture")
+            if fields["anisotropy"] > 0:
+                fields["anisotropy_texture"] = self._slot(anisotropic, "anisotropyTexture", srgb=False)
         glass = table.extension("KHR_materials_transmission")
         if glass is not None:
             fields["transmission"] = self._share(glass, "transmissionFactor", 0.0)

@@ -91,6 +91,49 @@ def test_layers_of_the_extensions(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.exp(-2 * material.attenuation), [0.5, 1, 0.25])  # Beer's law over the distance
 
 
+def test_textures_of_the_layers(tmp_path: Path) -> None:
+    file = Gltf()
+    info = {"index": file.texture(FOUR)}
+    file.one_triangle(
+        extensions={
+            "KHR_materials_specular": {"specularTexture": info, "specularColorTexture": info},
+            "KHR_materials_clearcoat": {
+                "clearcoatFactor": 0.9,
+                "clearcoatTexture": info,
+                "clearcoatRoughnessTexture": info,
+                "clearcoatNormalTexture": info | {"scale": 0.5},
+            },
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyTexture": info},
+        },
+    )
+    model = read(file, tmp_path)
+    (material,) = model.materials
+    assert set(material.slots) == {
+        "clearcoat_texture",
+        "clearcoat_roughness_texture",
+        "clearcoat_normal_texture",
+        "anisotropy_texture",
+        "specular_texture",
+        "specular_colour_texture",
+    }
+    assert material.clearcoat_normal_scale == 0.5
+    colours = {name for name, slot in material.slots.items() if model.textures[slot.texture].srgb}
+    assert colours == {"specular_colour_texture"}
+    assert not any("factor holds" in note for note in model.notes)
+
+
+def test_textures_of_layers_that_are_not_there_are_not_read(tmp_path: Path) -> None:
+    file = Gltf()
+    info = {"index": file.texture(FOUR)}
+    layers = {
+        "KHR_materials_clearcoat": {"clearcoatTexture": info},
+        "KHR_materials_anisotropy": {"anisotropyTexture": info},
+    }
+    model = read(file.one_triangle(extensions=layers), tmp_path)
+    assert not model.materials[0].slots
+    assert not model.textures
+
+
 NO_REFLECTION = {"KHR_materials_specular": {"specularFactor": 0}}
 
 
