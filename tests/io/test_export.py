@@ -88,6 +88,7 @@ def every_material() -> tuple[Material, ...]:
             anisotropy=0.6,
             anisotropy_angle=30.0,
             anisotropy_texture=TextureSlot(1),
+            normal_texture=TextureSlot(2),
         ),
         Material(
             "plastic",
@@ -110,6 +111,7 @@ def every_material() -> tuple[Material, ...]:
             clearcoat_roughness_texture=TextureSlot(1),
             clearcoat_normal_texture=TextureSlot(2),
             clearcoat_normal_scale=0.7,
+            normal_texture=TextureSlot(2),
         ),
         Material("pane", gold, roughness=0.0, transmission=1.0),
         Material(
