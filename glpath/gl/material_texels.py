@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from glpath.scene.directional_albedo import CELLS, cells, directional_albedo
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Material, sheen_albedo_fit, sheen_lambda
 
@@ -28,6 +29,7 @@ MATERIAL_LAYOUT = {
     "SHEEN_ALBEDO1": "powers 4 to 7",
     "SHEEN_LAMBDA": "b, c, d, e of L(x) = a / (1 + b x^c) + d x + e, of Charlie's lambda",
     "SHEEN_LAMBDA_A": "a",
+    "ENERGY": "1 where energy is kept; first cells of its glass's albedo, from outside and from inside",
 }
 
 
@@ -50,6 +52,9 @@ MATERIAL_VARIANTS = {
     "HAS_MICROFACETS": MaterialVariant("a material has a roughness", _rough),
     "HAS_ANISOTROPY": MaterialVariant("a rough material is anisotropic", lambda m: _rough(m) and m.anisotropy > 0),
     "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
+    "HAS_MULTIPLE_SCATTERING": MaterialVariant(
+        "rough metal or rough glass keeps what it scatters more than once", lambda m: m.keeps_energy
+    ),
     "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
     "HAS_ROUGH_TRANSMISSION": MaterialVariant(
@@ -77,8 +82,27 @@ def _dielectric(m: Material) -> list[float]:
     return [*normal, grazing]
 
 
+def _bends(m: Material) -> bool:
+    return m.keeps_energy and m.transmission > 0 and not m.thin
+
+
+def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:
+    """Of each index of rough glass its first cells of `albedo_cells`, from outside and from inside."""
+    indices = dict.fromkeys(m.ior for m in materials if _bends(m))
+    return [(ior, (2 * i + 1) * CELLS**2, (2 * i + 2) * CELLS**2) for i, ior in enumerate(indices)]
+
+
+def albedo_cells(materials: Sequence[Material]) -> Float64:
+    """(cells, 1, 4) float64: of white metal, then of each index of rough glass; none where none keeps energy."""
+    if not any(m.keeps_energy for m in materials):
+        return np.zeros((0, 1, 4))
+    etas = [0.0] + [eta for ior, *_ in _glass_cells(materials) for eta in (ior, 1.0 / ior)]
+    return np.concatenate([cells(directional_albedo(eta)) for eta in etas])[:, None, :]
+
+
 def material_table(materials: Sequence[Material]) -> Float64:
     """(n, its texels, 4) float64. Unlit materials show their emission alone."""
+    first = {ior: (cell, last) for ior, cell, last in _glass_cells(materials)}
     rows = [
         [
             [*m.reflectance * lit, m.two_sided],
@@ -95,6 +119,7 @@ def material_table(materials: Sequence[Material]) -> Float64:
             [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],
             *_sheen(m),
+            [m.keeps_energy, *first.get(m.ior if _bends(m) else 0.0, (0, 0)), 0],
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)
     ]

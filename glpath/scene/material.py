@@ -123,6 +123,8 @@ class Material:
     clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     sheen            : (3,) float64 in [0, 1], colour of the sheen over all but the clearcoat, and
                        sheen_roughness, of which less than 0.1 is as 0.1 [KHR_materials_sheen]
+    multiple_scattering : light that microfacets of metal and of glass scatter more than once is kept, about; False:
+                       it is lost, as in Mitsuba
     unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
                        any emission does
     opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
@@ -161,6 +163,7 @@ class Material:
     clearcoat_roughness: float = 0.0
     sheen: Float64 = field(default_factory=lambda: np.zeros(3))
     sheen_roughness: float = 0.0
+    multiple_scattering: bool = True
     unlit: bool = False
     opacity: float = 1.0
     alpha: Literal["opaque", "mask", "blend"] = "opaque"
@@ -192,6 +195,12 @@ class Material:
     def is_smooth(self) -> bool:
         """Its microfacets, where it has some, are a mirror, or glass that one can see through."""
         return self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
+
+    @property
+    def keeps_energy(self) -> bool:
+        """It has rough metal or rough glass, and keeps what their microfacets scatter more than once."""
+        rough = self.roughness is not None and not self.is_smooth
+        return rough and self.multiple_scattering and (self.metallic > 0 or self.transmission > 0)
 
     @property
     def is_thin_dielectric(self) -> bool:

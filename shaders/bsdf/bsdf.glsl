@@ -1,7 +1,7 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
 // Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_SHEEN, HAS_GLASS,
-//         HAS_ROUGH_TRANSMISSION: where materials have them
+//         HAS_ROUGH_TRANSMISSION, HAS_MULTIPLE_SCATTERING: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
@@ -41,6 +41,10 @@ struct Bsdf
     float sheen_lambda_a;
 #endif
     vec3 transmission;       // share that is let through
+#ifdef HAS_MULTIPLE_SCATTERING
+    vec3 metal_gain;    // by which metal's lobe makes up for light that it would scatter more than once
+    float glass_share;  // of what is layered
+#endif
     float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or THIN_DIELECTRIC
 #endif
 };
@@ -55,6 +59,10 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.transmission = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
+#ifdef HAS_MULTIPLE_SCATTERING
+    b.metal_gain = vec3(1.0);
+    b.glass_share = 0.0;
+#endif
 #ifdef HAS_COAT_NORMALS
     b.coat_normal = vec3(0.0, 0.0, 1.0);
     b.coat_cosine = 1.0;
@@ -94,7 +102,11 @@ vec3 dielectric_reflects(Bsdf b, float cosine)
 
 vec3 microfacet_reflects(Bsdf b, float cosine)
 {
-    return b.metal + (b.metallic - b.metal) * schlick(cosine) + b.layered * dielectric_reflects(b, cosine);
+    vec3 metal = b.metal + (b.metallic - b.metal) * schlick(cosine);
+#ifdef HAS_MULTIPLE_SCATTERING
+    metal *= b.metal_gain;
+#endif
+    return metal + b.layered * dielectric_reflects(b, cosine);
 }
 
 // What is left for the base under a dielectric.

@@ -1,6 +1,7 @@
 // surface.glsl: what is hit, and what it does with light: the only file that reads materials and textures.
 // Needs:  <SCENE>; where the scene has them:
 //         HAS_NORMALS             normals to shade with that are not the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
+//         HAS_MULTIPLE_SCATTERING rough metal and glass that keep their energy
 //         HAS_COAT_NORMALS        clearcoats with other normals than their base
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES; see also
@@ -322,6 +323,9 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
         // The back of glass is its inside.
         if (transmission > 0.0) reflects = 1.0;
         b.transmission = base * transmission;
+#ifdef HAS_MULTIPLE_SCATTERING
+        b.glass_share = transmission / max(1.0 - metal, 1e-6);
+#endif
         b.eta = glass.w != 0.0 ? THIN_DIELECTRIC : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
 #endif
 #ifdef HAS_SPECULAR_TEXTURES
@@ -376,9 +380,42 @@ Bsdf bsdf_at(Surface s, bool front)
     return bsdf_of(s, front, base_colour(s).rgb, roughness_metallic(s), transmission_factor(s));
 }
 
-// What of it depends on where it is seen from: the clearcoat's normal.
+#ifdef HAS_MULTIPLE_SCATTERING
+// Of microfacets that reflect or let through all, what they do so once; first: cell of the table.
+float directional_albedo(int first, float cosine, vec2 alpha)
+{
+    float roughness = sqrt(sqrt(0.5 * dot(alpha, alpha)));
+    vec2 at = vec2(sqrt(clamp(cosine, 0.0, 1.0)), min(roughness, 1.0)) * float(ALBEDO_CELLS);
+    ivec2 cell = min(ivec2(at), ivec2(ALBEDO_CELLS - 1));
+    vec4 corners = albedo_texel(first + cell.y * ALBEDO_CELLS + cell.x, ALBEDO_CORNERS);
+    vec2 part = at - vec2(cell);
+    vec2 along = mix(corners.xz, corners.yw, part.x);
+    return mix(along.x, along.y, part.y);
+}
+
+// Turquin 2019, eq. 15 and 3.4: what is lost comes back in the lobe that lost it, of metal times its colour.
+void keep_energy(inout Bsdf b, int material, bool front, float cosine)
+{
+    vec4 energy = material_texel(material, MATERIAL_ENERGY);
+    if (energy.x == 0.0 || max(b.alpha.x, b.alpha.y) < SMOOTH) return;
+    float once = directional_albedo(0, cosine, b.alpha), lost = 1.0 / once - 1.0;
+    b.metal_gain = 1.0 + b.metal * (lost / max(b.metallic, 1e-6));
+#ifdef HAS_GLASS
+    if (b.glass_share <= 0.0) return;
+    if (b.eta > 0.0) lost = 1.0 / directional_albedo(int(front ? energy.y : energy.z), cosine, b.alpha) - 1.0;
+    b.layered *= 1.0 + b.glass_share * lost;
+    b.transmission *= 1.0 + lost;
+#endif
+}
+#endif
+
+// What of it depends on where it is seen from: the clearcoat's normal, and what microfacets lose.
 void see_along(inout Bsdf b, Surface s, bool front, vec3 wo)
 {
+#ifdef HAS_MULTIPLE_SCATTERING
+    vec3 mirroring = mirroring_normal(shading_normal(s, front, wo), front ? s.normal : -s.normal, wo);
+    keep_energy(b, s.material, front, dot(mirroring, wo));
+#endif
 #ifdef HAS_COAT_NORMALS
     vec3 n = facing_normal(front ? s.coat_normal : -s.coat_normal, wo);
     b.coat_cosine = dot(n, wo);

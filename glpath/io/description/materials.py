@@ -116,6 +116,13 @@ class Principled(Surface, tag="principled", kw_only=True):
             description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
         ),
     ] = 0.0
+    multiple_scattering: Annotated[
+        bool,
+        Meta(
+            description="true: rough metal and glass keep the light that their microfacets scatter more than once. "
+            "false: it is lost, as in Mitsuba, and white ones are darker the rougher they are."
+        ),
+    ] = True
     clearcoat: Annotated[_Share, Meta(description="Share that is under a clearcoat.")] = 0.0
     clearcoat_roughness: Annotated[_Share, Meta(description="The roughness of the clearcoat.")] = 0.0
     sheen: Annotated[

@@ -8,6 +8,7 @@ Poor at:  textures of more than eight bits.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,8 @@ class Surfaces:
         else:
             roughness, metallic = material.roughness, material.metallic
             self._layers(made.extensions, material)
+            if replace(material, multiple_scattering=True).keeps_energy and not material.multiple_scattering:
+                self._note(material, "light that its microfacets scatter twice is lost here, not where it is read")
         made.pbrMetallicRoughness = gltf.PbrMetallicRoughness(
             baseColorFactor=[*np.clip(base, 0.0, 1.0).tolist(), opacity],
             roughnessFactor=roughness,
