@@ -89,7 +89,7 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "slots": {
         "FIRST": "of a material: 1 + number of its slot texture, surface_texture, normal_texture, emission_texture",
-        "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit",
+        "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit; 1 where culled",
         "COAT": "of clearcoat_texture, clearcoat_roughness_texture, clearcoat_normal_texture, anisotropy_texture",
         "SPECULAR": "of specular_texture, specular_colour_texture",
     },
@@ -239,7 +239,7 @@ def uint_tables(
     triangles = np.s_[numbers.first_triangle : numbers.first_plane]
     apart = np.array(deviations or np.zeros(len(scene.shapes)), np.float32).view(np.uint32)
     shapes = [
-        (s.material, s.emission_two_sided, scene.materials[s.material].alpha != "opaque", int(deviation))
+        (s.material, s.emission_two_sided, scene.materials[s.material].lets_light_through, int(deviation))
         for s, deviation in zip(scene.shapes, apart, strict=True)
     ]
     punctual = [

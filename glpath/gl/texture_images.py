@@ -96,7 +96,7 @@ class TextureImages:
 
         self.of_materials = np.zeros((len(scene.materials), SLOT_TEXELS, 4), np.int64)
         for number, material in enumerate(scene.materials):
-            self.of_materials[number, 1, 1:3] = ALPHAS.index(material.alpha), material.unlit
+            self.of_materials[number, 1, 1:] = ALPHAS.index(material.alpha), material.unlit, material.culled
         self.slots = np.zeros((len(shown), 1, 4), np.int64)
         self.maps = np.zeros((len(shown), 2, 4))
         for i, (number, name, slot) in enumerate(shown):

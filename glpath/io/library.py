@@ -52,9 +52,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter`, `light_factor` and
-                 `unit`, or for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or of the
-                 parameter's type
+    parameters : values for a generated scene, for a glTF file: `camera`, `time`, `shutter`, `light_factor`,
+                 `unit` and `backs`, or for a TOML file: `time` (`scene_parameters`); as text (`-D key=value`) or
+                 of the parameter's type
 
     What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
     white sky; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has

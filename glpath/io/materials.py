@@ -56,8 +56,14 @@ def materials(
 def _material(
     name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
 ) -> Material:
+    if given.culled and (given.two_sided or (isinstance(given, Principled) and given.transmission > 0)):
+        raise location.field("culled").error(
+            "is true of a material that has a back: it is two-sided, or glass.",
+            "Say two_sided = false, or leave it out.",
+        )
     return replace(
         _reflecting(name, given, texture_number, location),
+        culled=given.culled,
         normal_texture=_slot(given.normal_texture, texture_number, location.field("normal_texture")),
         normal_scale=given.normal_scale,
         emission_texture=_slot(given.emission_texture, texture_number, location.field("emission_texture")),

@@ -108,6 +108,8 @@ class Material:
     reflectance      : (3,) float64 in [0, 1], linear Rec. 709: of the diffuse base, of metal at normal incidence;
                        of glass the share that is let through
     two_sided        : False makes the back black (it still blocks light); that of glass is its inside
+    culled           : of a one-sided material: its back is not there, for eyes, bounces and rays to lights; glass
+                       keeps its back
     specular         : (3,) float64 >= 0, Phong's coefficient
     exponent         : Phong's, > 0
     mirror           : (3,) float64 in [0, 1], share of the light from the mirror direction
@@ -164,6 +166,7 @@ class Material:
     sheen: Float64 = field(default_factory=lambda: np.zeros(3))
     sheen_roughness: float = 0.0
     multiple_scattering: bool = True
+    culled: bool = False
     unlit: bool = False
     opacity: float = 1.0
     alpha: Literal["opaque", "mask", "blend"] = "opaque"
@@ -185,6 +188,11 @@ class Material:
     def has_lobes(self) -> bool:
         """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
+
+    @property
+    def lets_light_through(self) -> bool:
+        """Rays pass it in places, by its opacity, or from behind."""
+        return self.alpha != "opaque" or self.culled
 
     @property
     def needs_uv(self) -> bool:
@@ -268,7 +276,9 @@ class Material:
             words += [f"clearcoat {self.clearcoat:g}"] * (self.clearcoat > 0)
             words += [f"sheen {self.sheen.max():g}"] * bool(np.any(self.sheen > 0))
         words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
-        return ", ".join(words + ["one-sided"] * (not self.two_sided))
+        return ", ".join(
+            words + ["one-sided"] * (not self.two_sided and not self.culled) + ["culled"] * self.culled
+        )
 
     @property
     def slots(self) -> dict[str, TextureSlot]:

@@ -30,6 +30,13 @@ class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True
         | UnsetType
     ) = UNSET
     two_sided: Annotated[bool, Meta(description="false makes the back black; it still blocks light.")] = True
+    culled: Annotated[
+        bool,
+        Meta(
+            description="true: its back is not there, for eyes, bounces and rays to lights, as in viewers of glTF; "
+            "it goes with two_sided = false, and not with glass."
+        ),
+    ] = False
     normal_texture: (
         Annotated[str, Meta(description="Name of a texture of this file: a normal map, of tangent space.")]
         | UnsetType

@@ -123,6 +123,8 @@ class _Surface:
             return _diffuse(rgb(np.zeros(3)))
         if np.any(material.sheen > 0):
             self._note("its sheen is left out: that of Mitsuba's principled surface is another lobe")
+        if material.culled:
+            self._note("its back blocks light in Mitsuba")
         if material.keeps_energy:
             self._note("Mitsuba loses what its microfacets scatter more than once, which is kept here")
         if material.slots.keys() & _UNSAID:

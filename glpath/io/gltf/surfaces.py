@@ -1,7 +1,7 @@
 """Materials and their textures.
 
-A material whose `doubleSided` is false is culled from behind in glTF: its back is not drawn. Here it is black and
-blocks light (`Material.two_sided`), as light must not pass a wall from one side alone; closed objects look alike.
+A material whose `doubleSided` is false is culled from behind in glTF: its back is not drawn. So it is here, for
+eyes, bounces and rays to lights (`Material.culled`), unless one asks for black backs that block light.
 Light that surfaces send is taken as W sr^-1 m^-2, one to one for glTF's nits. Unlit surfaces send their colour, and
 so light others.
 
