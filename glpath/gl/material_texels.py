@@ -29,6 +29,7 @@ MATERIAL_LAYOUT = {
     "SHEEN_ALBEDO1": "powers 4 to 7",
     "SHEEN_LAMBDA": "b, c, d, e of L(x) = a / (1 + b x^c) + d x + e, of Charlie's lambda",
     "SHEEN_LAMBDA_A": "a",
+    "FILM": "share under a thin film; its thickness where its texture is 0, nm; where it is 1; its index",
     "ENERGY": "1 where energy is kept; first cells of its glass's albedo, from outside and from inside",
 }
 
@@ -52,6 +53,9 @@ MATERIAL_VARIANTS = {
     "HAS_MICROFACETS": MaterialVariant("a material has a roughness", _rough),
     "HAS_ANISOTROPY": MaterialVariant("a rough material is anisotropic", lambda m: _rough(m) and m.anisotropy > 0),
     "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
+    "HAS_IRIDESCENCE": MaterialVariant(
+        "a rough material is under a thin film", lambda m: _rough(m) and m.iridescence > 0
+    ),
     "HAS_MULTIPLE_SCATTERING": MaterialVariant(
         "rough metal or rough glass keeps what it scatters more than once", lambda m: m.keeps_energy
     ),
@@ -119,6 +123,7 @@ def material_table(materials: Sequence[Material]) -> Float64:
             [m.transmission, m.ior, not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],
             *_sheen(m),
+            [m.iridescence, m.iridescence_thickness_min, m.iridescence_thickness, m.iridescence_ior],
             [m.keeps_energy, *first.get(m.ior if _bends(m) else 0.0, (0, 0)), 0],
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)

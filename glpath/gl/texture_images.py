@@ -67,6 +67,7 @@ class TextureImages:
             HAS_COAT_NORMALS=any(_coat_has_normals(scene.materials[number]) for number in used),
             HAS_COAT_TEXTURES=bool(slots & {"clearcoat_texture", "clearcoat_roughness_texture"}),
             HAS_SPECULAR_TEXTURES=bool(slots & {"specular_texture", "specular_colour_texture"}),
+            HAS_IRIDESCENCE_TEXTURES=bool(slots & {"iridescence_texture", "iridescence_thickness_texture"}),
             HAS_ANISOTROPY_TEXTURES="anisotropy_texture" in slots,
             HAS_EMISSION_TEXTURES="emission_texture" in slots,
             HAS_TRANSMISSION_TEXTURES="transmission_texture" in slots,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64
+from glpath.scene.iridescence import film_reflects
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 #: GGX's alpha below which microfacets are a mirror.
@@ -37,6 +38,8 @@ SLOTS = (
     "anisotropy_texture",
     "specular_texture",
     "specular_colour_texture",
+    "iridescence_texture",
+    "iridescence_thickness_texture",
 )
 
 
@@ -125,6 +128,9 @@ class Material:
     clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     sheen            : (3,) float64 in [0, 1], colour of the sheen over all but the clearcoat, and
                        sheen_roughness, of which less than 0.1 is as 0.1 [KHR_materials_sheen]
+    iridescence      : in [0, 1], share of what metal and dielectric reflect that is under a thin film
+    iridescence_ior  : the film's index, >= 1; iridescence_thickness nm, and iridescence_thickness_min where
+                       its texture is 0 [KHR_materials_iridescence]
     multiple_scattering : light that microfacets of metal and of glass scatter more than once is kept, about; False:
                        it is lost, as in Mitsuba
     unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
@@ -141,6 +147,8 @@ class Material:
                            clearcoat has the normals of the vertices; normal_texture does not bend it
     anisotropy_texture   : red and green, from -1 to 1, are the tangent before it is turned by the angle; blue
                            multiplies anisotropy
+    iridescence_texture  : its red multiplies iridescence; the green of iridescence_thickness_texture is where its
+                           thickness lies between the two
     specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
@@ -165,6 +173,10 @@ class Material:
     clearcoat_roughness: float = 0.0
     sheen: Float64 = field(default_factory=lambda: np.zeros(3))
     sheen_roughness: float = 0.0
+    iridescence: float = 0.0
+    iridescence_ior: float = 1.3
+    iridescence_thickness: float = 400.0
+    iridescence_thickness_min: float = 100.0
     multiple_scattering: bool = True
     culled: bool = False
     unlit: bool = False
@@ -183,6 +195,8 @@ class Material:
     anisotropy_texture: TextureSlot | None = None
     specular_texture: TextureSlot | None = None
     specular_colour_texture: TextureSlot | None = None
+    iridescence_texture: TextureSlot | None = None
+    iridescence_thickness_texture: TextureSlot | None = None
 
     @property
     def has_lobes(self) -> bool:
@@ -255,6 +269,10 @@ class Material:
         kept = 1.0 - clear / max(1.0 - self.metallic, 1e-9)
         under = layer + (1.0 - layer.max()) * base * kept
         metal = base + (1.0 - base) / 21.0
+        if self.iridescence > 0:
+            layer = self._under_film(layer, f0)
+            metal = self._under_film(metal, base)
+            under = layer + (1.0 - layer.max()) * base * kept
         coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         covered = self.metallic * metal + (1.0 - self.metallic) * under
         if np.any(self.sheen > 0):
@@ -263,6 +281,13 @@ class Material:
             covered = sheen + (1.0 - sheen.max()) * covered
         all_ = coat + (1.0 - coat) * covered
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
+
+    def _under_film(self, plain: Float64, f0: Float64) -> Float64:
+        """(3,) of light from everywhere."""
+        cosine = (np.arange(32) + 0.5) / 32
+        film = film_reflects(cosine, self.iridescence_thickness, self.iridescence_ior, f0)
+        seen = 2.0 * np.mean(cosine[:, None] * film, axis=0)
+        return np.asarray((1.0 - self.iridescence) * plain + self.iridescence * seen)
 
     def described(self) -> str:
         """Its other properties than diffuse, in a few words; "" without any."""
@@ -274,6 +299,7 @@ class Material:
             words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
             words += ["thin dielectric"] * (self.transmission > 0 and self.thin)
             words += [f"clearcoat {self.clearcoat:g}"] * (self.clearcoat > 0)
+            words += [f"iridescence {self.iridescence:g}"] * (self.iridescence > 0)
             words += [f"sheen {self.sheen.max():g}"] * bool(np.any(self.sheen > 0))
         words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
         return ", ".join(
@@ -296,6 +322,7 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         image = textures[slot.texture].linear()
         return float(image[..., channel].mean()) if channel < image.shape[2] else 1.0
 
+    thinnest, thickness = material.iridescence_thickness_min, material.iridescence_thickness_texture
     colour, slot = material.specular_colour, material.specular_colour_texture
     if slot is not None:
         colour = colour * textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
@@ -304,6 +331,8 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
         specular_weight=material.specular_weight * mean(material.specular_texture, 3),
         specular_colour=colour,
+        iridescence=material.iridescence * mean(material.iridescence_texture, 0),
+        iridescence_thickness=thinnest + (material.iridescence_thickness - thinnest) * mean(thickness, 1),
     )
 
 

@@ -1,6 +1,6 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
-// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_SHEEN, HAS_GLASS,
+// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
 //         HAS_ROUGH_TRANSMISSION, HAS_MULTIPLE_SCATTERING: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
@@ -9,6 +9,9 @@
 #include "sampling/directions.glsl"
 #ifdef HAS_MICROFACETS
 #include "bsdf/microfacets.glsl"
+#ifdef HAS_IRIDESCENCE
+#include "bsdf/iridescence.glsl"
+#endif
 #endif
 
 struct Bsdf
@@ -26,6 +29,9 @@ struct Bsdf
     vec2 alpha;       // GGX's, along the tangent and across
 #ifdef HAS_ANISOTROPY
     vec3 tangent;       // along the surface; 0 for none
+#endif
+#ifdef HAS_IRIDESCENCE
+    vec3 film;        // share under a thin film; its thickness, nm; its index
 #endif
     float coat;       // share under clearcoat
     float coat_alpha;
@@ -63,6 +69,9 @@ Bsdf lambertian(vec3 reflectance)
     b.metal_gain = vec3(1.0);
     b.glass_share = 0.0;
 #endif
+#ifdef HAS_IRIDESCENCE
+    b.film = vec3(0.0);
+#endif
 #ifdef HAS_COAT_NORMALS
     b.coat_normal = vec3(0.0, 0.0, 1.0);
     b.coat_cosine = 1.0;
@@ -90,19 +99,35 @@ float mean(vec3 v)
 const float THIN_DIELECTRIC = -1.0;  // smooth and thin: light goes straight through
 const float COAT_REFLECTS = 0.04;
 
+// `plain` but for the share that is under a thin film; weight: what is reflected at grazing incidence, f0 at normal
+// incidence without it.
+vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
+{
+#ifdef HAS_IRIDESCENCE
+    if (b.film.x <= 0.0 || weight <= 0.0) return plain;
+    return mix(plain, weight * film_reflects(cosine, b.film.y, b.film.z, f0 / weight), b.film.x);
+#else
+    return plain;
+#endif
+}
+
 // Of a dielectric; `cosine` of the angle to the microfacet's normal.
 vec3 dielectric_reflects(Bsdf b, float cosine)
 {
 #ifdef HAS_GLASS
-    // Schlick's formula does not know total reflection.
-    if (b.eta > 0.0) return vec3(fresnel(cosine, b.eta));
+    // Schlick's formula does not know total reflection. From inside a film changes nothing.
+    if (b.eta > 0.0) {
+        vec3 plain = vec3(fresnel(cosine, b.eta));
+        return b.eta > 1.0 ? under_film(b, cosine, plain, 1.0, b.dielectric) : plain;
+    }
 #endif
-    return b.dielectric + (b.grazing - b.dielectric) * schlick(cosine);
+    return under_film(b, cosine, b.dielectric + (b.grazing - b.dielectric) * schlick(cosine), b.grazing, b.dielectric);
 }
 
 vec3 microfacet_reflects(Bsdf b, float cosine)
 {
     vec3 metal = b.metal + (b.metallic - b.metal) * schlick(cosine);
+    metal = under_film(b, cosine, metal, b.metallic, b.metal);
 #ifdef HAS_MULTIPLE_SCATTERING
     metal *= b.metal_gain;
 #endif

@@ -4,8 +4,8 @@
 //         HAS_MULTIPLE_SCATTERING rough metal and glass that keep their energy
 //         HAS_COAT_NORMALS        clearcoats with other normals than their base
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
-//                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES; see also
-//                                 texture.glsl
+//                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
+//                                 HAS_IRIDESCENCE_TEXTURES; see also texture.glsl
 //         HAS_ANISOTROPY          microfacets of two roughnesses; HAS_ANISOTROPY_TEXTURES
 //         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
@@ -353,6 +353,15 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
         b.tangent = tangent.x * s.along_u + tangent.y * s.along_v;
 #endif
         b.alpha = ggx_alpha(surface.x, surface.z);
+#ifdef HAS_IRIDESCENCE
+        vec4 film = material_texel(s.material, MATERIAL_FILM);
+#ifdef HAS_IRIDESCENCE_TEXTURES
+        uvec4 film_slots = slots_texel(s.material, SLOTS_SPECULAR);
+        film.x *= slot_or_one(film_slots.z, s).x;
+        film.z = mix(film.y, film.z, slot_or_one(film_slots.w, s).y);
+#endif
+        b.film = film.xzw;
+#endif
 #ifdef HAS_COAT
         vec4 coat = material_texel(s.material, MATERIAL_COAT);
 #ifdef HAS_COAT_TEXTURES

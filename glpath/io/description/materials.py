@@ -123,6 +123,27 @@ class Principled(Surface, tag="principled", kw_only=True):
             description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
         ),
     ] = 0.0
+    iridescence: Annotated[
+        _Share, Meta(description="Share of what is reflected that is under a thin film, as a bubble's or oil.")
+    ] = 0.0
+    iridescence_ior: Annotated[float, Meta(ge=1, le=10, description="Index of refraction of the film.")] = 1.3
+    iridescence_thickness: Annotated[float, Meta(ge=0, description="Thickness of the film in nanometres.")] = 400.0
+    iridescence_thickness_min: Annotated[
+        float, Meta(ge=0, description="The same where iridescence_thickness_texture is 0.")
+    ] = 100.0
+    iridescence_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: iridescence is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+    iridescence_thickness_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: its green goes from the least thickness to the other."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     multiple_scattering: Annotated[
         bool,
         Meta(

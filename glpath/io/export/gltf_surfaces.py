@@ -162,6 +162,7 @@ class Surfaces:
                 made = {
                     name: np.asarray(getattr(material, field)).tolist() for name, field in layer.factors.items()
                 }
+                made |= {name: getattr(material, at) for name, at in layer.numbers.items()}
                 for name, into in layer.textures.items():
                     made |= self._info(name, getattr(material, into.field), srgb=into.srgb)
                     if into.scale is not None and name in made:

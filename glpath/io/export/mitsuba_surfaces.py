@@ -123,6 +123,8 @@ class _Surface:
             return _diffuse(rgb(np.zeros(3)))
         if np.any(material.sheen > 0):
             self._note("its sheen is left out: that of Mitsuba's principled surface is another lobe")
+        if material.iridescence > 0:
+            self._note("the thin film over it is left out")
         if material.culled:
             self._note("its back blocks light in Mitsuba")
         if material.keeps_energy:

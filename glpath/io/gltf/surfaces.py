@@ -228,6 +228,8 @@ class Surfaces:
                     fields[target] = (
                         self._shares(found, name, (0, 0, 0)) if is_colour else self._share(found, name, 0.0)
                     )
+                for name, target in layer.numbers.items():
+                    fields[target] = found.number(name, getattr(_PLAIN, target), 0.0)
                 if np.any(fields[layer.strength]):
                     for name, into in layer.textures.items():
                         fields[into.field] = self._slot(found, name, srgb=into.srgb)

@@ -276,11 +276,11 @@ def test_what_is_not_used_is_noted_once(tmp_path: Path) -> None:
     file = Gltf()
     texture = {"index": file.texture(FOUR)}
     for _ in range(2):
-        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_iridescence", iridescenceFactor=1))
-    file.json["extensionsUsed"] = ["KHR_materials_iridescence", "ACME_glitter", "ACME_dust"]
+        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_dispersion", dispersion=1))
+    file.json["extensionsUsed"] = ["KHR_materials_dispersion", "ACME_glitter", "ACME_dust"]
     notes = read(file, tmp_path).notes
     assert sum("Occlusion" in note for note in notes) == 1
-    assert sum("KHR_materials_iridescence" in note for note in notes) == 1
+    assert sum("KHR_materials_dispersion" in note for note in notes) == 1
     assert [note for note in notes if "ACME" in note] == ["The extensions ACME_dust, ACME_glitter."]
 
 
