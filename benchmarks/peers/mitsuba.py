@@ -100,11 +100,13 @@ def load_mitsuba(variant: str | None = None) -> Any:
 def comparable(scene: Scene) -> tuple[Scene, list[str]]:
     """The scene in triangles as every program here can have it, and notes on what was changed for that.
 
+    Microfacets scatter light once, as theirs do.
     Spheres become the triangles that glpath makes of them, so that all have the same ones. They are shaded flat:
     glpath divides by what smooth normals lose of light, other programs do not. Raises SceneError for what a peer
     cannot take, all of it at once.
     """
     scene = path_traceable(scene)
+    scene = replace(scene, materials=tuple(replace(m, multiple_scattering=False) for m in scene.materials))
     used = sorted({shape.material for shape in scene.shapes})
     of_materials = {
         "textures": [scene.materials[i].name for i in used if scene.materials[i].texture is not None],

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.appearance import Appearance, texture_at
+from glpath.scene.material import averaged
 from glpath.scene.model import Float64, Scene
 
 Int64 = NDArray[np.int64]
@@ -26,7 +27,8 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
     shape_of = scene.triangle_shape[triangle]
     for number in np.unique(shape_of):
         own = np.flatnonzero(shape_of == number)
-        shape, material = scene.shapes[number], scene.materials[scene.shapes[number].material]
+        shape = scene.shapes[number]
+        material = averaged(scene.materials[shape.material], scene.textures)
         if material.roughness is not None:
             metallic, clear = np.full(len(own), material.metallic), np.full(len(own), material.transmission)
             for share, slot, channel in (

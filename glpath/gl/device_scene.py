@@ -128,7 +128,8 @@ class DeviceScene(Owner):
             HAS_TRIANGLE_DENSITIES=len(densities) > 0,
             HAS_COLOURED_LIGHT=coloured
             and any(scene.materials[shape.material].unlit and shape.emits for shape in scene.shapes),
-            HAS_ALPHA=any(scene.materials[shape.material].alpha != "opaque" for shape in scene.shapes),
+            HAS_ALPHA=any(scene.materials[shape.material].lets_light_through for shape in scene.shapes),
+            HAS_CULLING=any(scene.materials[shape.material].culled for shape in scene.shapes),
         )
         floats, bases = make_store(
             gl,

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from glpath.scene.directional_albedo import CELLS, cells, directional_albedo
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Material, sheen_albedo_fit, sheen_lambda
 
@@ -19,7 +20,7 @@ MATERIAL_LAYOUT = {
     "SPECULAR": "Phong's coefficient; Phong's exponent",
     "MIRROR": "share of the mirrored light",
     "SURFACE": "roughness, -1 for none; share of metal; anisotropy; angle of the tangent, radians",
-    "LAYER": "what the dielectric reflects at normal incidence; at grazing incidence",
+    "LAYER": "what the dielectric reflects at normal incidence, not clipped before its texture; at grazing",
     "COAT": "share under clearcoat; its roughness",
     "GLASS": "share of the base that is glass; index of refraction; 1 for a solid; 1 for a thin dielectric",
     "INSIDE": "attenuation of a solid of glass, per scene unit",
@@ -28,6 +29,8 @@ MATERIAL_LAYOUT = {
     "SHEEN_ALBEDO1": "powers 4 to 7",
     "SHEEN_LAMBDA": "b, c, d, e of L(x) = a / (1 + b x^c) + d x + e, of Charlie's lambda",
     "SHEEN_LAMBDA_A": "a",
+    "FILM": "share under a thin film; its thickness where its texture is 0, nm; where it is 1; its index",
+    "ENERGY": "1 where energy is kept; first cells of its glass's albedo, from outside and from inside",
 }
 
 
@@ -50,6 +53,12 @@ MATERIAL_VARIANTS = {
     "HAS_MICROFACETS": MaterialVariant("a material has a roughness", _rough),
     "HAS_ANISOTROPY": MaterialVariant("a rough material is anisotropic", lambda m: _rough(m) and m.anisotropy > 0),
     "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
+    "HAS_IRIDESCENCE": MaterialVariant(
+        "a rough material is under a thin film", lambda m: _rough(m) and m.iridescence > 0
+    ),
+    "HAS_MULTIPLE_SCATTERING": MaterialVariant(
+        "rough metal or rough glass keeps what it scatters more than once", lambda m: m.keeps_energy
+    ),
     "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
     "HAS_ROUGH_TRANSMISSION": MaterialVariant(
@@ -70,8 +79,34 @@ def _sheen(m: Material) -> list[list[float]]:
     return [[*m.sheen, m.sheen_alpha], [*fit[:4]], [*fit[4:]], b_to_e, [a, 0, 0, 0]]
 
 
+def _dielectric(m: Material) -> list[float]:
+    normal, grazing = m.dielectric
+    if m.specular_colour_texture is not None:
+        normal = grazing * m.dielectric_ratio  # which the shader clips after the texture
+    return [*normal, grazing]
+
+
+def _bends(m: Material) -> bool:
+    return m.keeps_energy and m.transmission > 0 and not m.thin
+
+
+def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:
+    """Of each index of rough glass its first cells of `albedo_cells`, from outside and from inside."""
+    indices = dict.fromkeys(m.ior for m in materials if _bends(m))
+    return [(ior, (2 * i + 1) * CELLS**2, (2 * i + 2) * CELLS**2) for i, ior in enumerate(indices)]
+
+
+def albedo_cells(materials: Sequence[Material]) -> Float64:
+    """(cells, 1, 4) float64: of white metal, then of each index of rough glass; none where none keeps energy."""
+    if not any(m.keeps_energy for m in materials):
+        return np.zeros((0, 1, 4))
+    etas = [0.0] + [eta for ior, *_ in _glass_cells(materials) for eta in (ior, 1.0 / ior)]
+    return np.concatenate([cells(directional_albedo(eta)) for eta in etas])[:, None, :]
+
+
 def material_table(materials: Sequence[Material]) -> Float64:
     """(n, its texels, 4) float64. Unlit materials show their emission alone."""
+    first = {ior: (cell, last) for ior, cell, last in _glass_cells(materials)}
     rows = [
         [
             [*m.reflectance * lit, m.two_sided],
@@ -83,12 +118,14 @@ def material_table(materials: Sequence[Material]) -> Float64:
                 m.anisotropy,
                 np.radians(m.anisotropy_angle),
             ],
-            [*m.dielectric[0], m.dielectric[1]],
+            _dielectric(m),
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
             # What lets nothing through is no solid of glass, by whose formula it would reflect then.
             [m.transmission, m.ior, m.transmission > 0 and not m.thin, m.is_thin_dielectric],
             [*m.attenuation, 0],
             *_sheen(m),
+            [m.iridescence, m.iridescence_thickness_min, m.iridescence_thickness, m.iridescence_ior],
+            [m.keeps_energy, *first.get(m.ior if _bends(m) else 0.0, (0, 0)), 0],
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)
     ]

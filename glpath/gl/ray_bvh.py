@@ -265,7 +265,7 @@ class Grid:
 def _flags(scene: Scene) -> NDArray[np.uint8]:
     """(T,): of what lets light through."""
     materials = [scene.materials[shape.material] for shape in scene.shapes]
-    of_shape = [_ALPHA * (m.alpha != "opaque") + _THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
+    of_shape = [_ALPHA * m.lets_light_through + _THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
     return np.array(of_shape, np.uint8)[scene.triangle_shape]
 
 

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.geometry_stream import facet_planes
-from glpath.gl.material_texels import MATERIAL_LAYOUT, material_table
+from glpath.gl.material_texels import MATERIAL_LAYOUT, albedo_cells, material_table
 from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
+from glpath.scene.directional_albedo import CELLS
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
 #: The contents of an entry's texels, in order, by section.
@@ -52,6 +53,10 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "emission": {"RADIANCE": "of a shape; the density per area of a light sample on it, 0 where none is drawn"},
     "emitter": {"DENSITIES": "the same of four triangles, where those of a shape differ"},
     "material": MATERIAL_LAYOUT,
+    "albedo": {
+        "CORNERS": "of a cell of a table of microfacets' albedo: this roughness and cosine, (this, next), (next, "
+        "this), (next, next)"
+    },
     "cover": {"OPACITY": "of a material: opacity; cutoff"},
     "slot_map": {
         "U": "of a texture slot: u is x u + y v + z of the texture coordinates; normal_scale",
@@ -81,7 +86,9 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "slots": {
         "FIRST": "of a material: 1 + number of its slot texture, surface_texture, normal_texture, emission_texture",
-        "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit",
+        "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit; 1 where culled",
+        "COAT": "of clearcoat_texture, clearcoat_roughness_texture, clearcoat_normal_texture, anisotropy_texture",
+        "SPECULAR": "of specular_texture, specular_colour_texture, iridescence_texture and that of its thickness",
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
@@ -100,6 +107,7 @@ def scene_glsl() -> str:
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
+    lines += [f"const int ALBEDO_CELLS = {CELLS};"]
     lines += ["vec3 vertex_position(uint number) { return vertex_texel(int(number), VERTEX_POSITION).xyz; }"]
     lines += [
         "int shape_of(int primitive)",
@@ -203,6 +211,7 @@ def float_tables(
         "emission": _emission(scene, lighting),
         "emitter": densities,
         "material": material_table(scene.materials),
+        "albedo": albedo_cells(scene.materials),
         "cover": _texel(np.array([(m.opacity, m.cutoff) for m in scene.materials]).reshape(-1, 2)),
         "slot_map": images.maps,
         "image": images.floats,
@@ -227,7 +236,7 @@ def uint_tables(
     triangles = np.s_[numbers.first_triangle : numbers.first_plane]
     apart = np.array(deviations or np.zeros(len(scene.shapes)), np.float32).view(np.uint32)
     shapes = [
-        (s.material, s.emission_two_sided, scene.materials[s.material].alpha != "opaque", int(deviation))
+        (s.material, s.emission_two_sided, scene.materials[s.material].lets_light_through, int(deviation))
         for s, deviation in zip(scene.shapes, apart, strict=True)
     ]
     punctual = [

@@ -16,11 +16,14 @@ from glpath.errors import SceneError
 from glpath.gl.texel_store import WIDTH
 from glpath.gl.variants import defined
 from glpath.scene.geometry import Mesh
-from glpath.scene.material import SLOTS, Texture, TextureSlot, Wrap
+from glpath.scene.material import SLOTS, Material, Texture, TextureSlot, Wrap
 from glpath.scene.model import Scene
 
 #: The bits of `slot_texel(n, SLOT_IMAGE).w`, and where two bits of a wrap mode begin.
 IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}
+#: Of each slot, its number among the components of the section "slots": others stand behind the first five.
+SLOT_COMPONENTS = {name: i if i < 5 else i + 3 for i, name in enumerate(SLOTS)}
+SLOT_TEXELS = -(-(len(SLOTS) + 3) // 4)
 #: By their numbers in GLSL.
 WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
 ALPHAS = ("opaque", "mask", "blend")
@@ -31,7 +34,7 @@ MAX_TEXTURE_BYTES = 2 << 30
 class TextureImages:
     """The textures of a scene for shaders.
 
-    of_materials : (materials, 2, 4) int64, section "slots"
+    of_materials : (materials, its texels, 4) int64, section "slots"
     slots        : (slots, 1, 4) int64, section "slot"
     maps         : (slots, 2, 4) float64, section "slot_map"
     floats       : (texels, 1, 4) float32, section "image"
@@ -59,8 +62,13 @@ class TextureImages:
         self.defines = defined(
             HAS_TEXTURES=bool(shown),
             HAS_SURFACE_TEXTURES="surface_texture" in slots,
-            HAS_NORMAL_MAPS="normal_texture" in slots,
-            HAS_NORMALS="normal_texture" in slots,
+            HAS_NORMAL_MAPS=bool(slots & _NORMAL_MAPS),
+            HAS_NORMALS=bool(slots & _NORMAL_MAPS),
+            HAS_COAT_NORMALS=any(_coat_has_normals(scene.materials[number]) for number in used),
+            HAS_COAT_TEXTURES=bool(slots & {"clearcoat_texture", "clearcoat_roughness_texture"}),
+            HAS_SPECULAR_TEXTURES=bool(slots & {"specular_texture", "specular_colour_texture"}),
+            HAS_IRIDESCENCE_TEXTURES=bool(slots & {"iridescence_texture", "iridescence_thickness_texture"}),
+            HAS_ANISOTROPY_TEXTURES="anisotropy_texture" in slots,
             HAS_EMISSION_TEXTURES="emission_texture" in slots,
             HAS_TRANSMISSION_TEXTURES="transmission_texture" in slots,
             HAS_UV1=any(slot.uv_set == 1 for _, _, slot in shown),
@@ -87,18 +95,20 @@ class TextureImages:
                 pixels = texture.image.reshape(-1, texture.image.shape[2])
                 self.floats[first[number] : first[number] + len(pixels), 0, : pixels.shape[1]] = pixels
 
-        self.of_materials = np.zeros((len(scene.materials), 2, 4), np.int64)
+        self.of_materials = np.zeros((len(scene.materials), SLOT_TEXELS, 4), np.int64)
         for number, material in enumerate(scene.materials):
-            self.of_materials[number, 1, 1:3] = ALPHAS.index(material.alpha), material.unlit
+            self.of_materials[number, 1, 1:] = ALPHAS.index(material.alpha), material.unlit, material.culled
         self.slots = np.zeros((len(shown), 1, 4), np.int64)
         self.maps = np.zeros((len(shown), 2, 4))
         for i, (number, name, slot) in enumerate(shown):
-            self.of_materials[number].flat[SLOTS.index(name)] = i + 1
+            self.of_materials[number].flat[SLOT_COMPONENTS[name]] = i + 1
             texture = textures[slot.texture]
             height, width = texture.image.shape[:2]
             self.slots[i, 0] = first[slot.texture], width, height, _flags(texture, slot)
             self.maps[i, :, :3] = slot.uv_transform * np.array(texture.scale)[:, None]
-            self.maps[i, 0, 3] = scene.materials[number].normal_scale
+            material = scene.materials[number]
+            coat = name == "clearcoat_normal_texture"
+            self.maps[i, 0, 3] = material.clearcoat_normal_scale if coat else material.normal_scale
 
     def bytes_on_device(self) -> moderngl.Texture:
         """The images of bytes, written one by one, as all together are large."""
@@ -123,6 +133,14 @@ class TextureImages:
             if width > max_size:
                 raise _too_much(scene, self._bytes, max_size * max_size * 4)
         return width
+
+
+_NORMAL_MAPS = {"normal_texture", "clearcoat_normal_texture"}
+
+
+def _coat_has_normals(material: Material) -> bool:
+    """Whether its clearcoat and its base have different normals."""
+    return material.roughness is not None and material.clearcoat > 0 and bool(_NORMAL_MAPS & material.slots.keys())
 
 
 def _rows(texture: Texture, width: int) -> int:

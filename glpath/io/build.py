@@ -225,7 +225,7 @@ def _stream(
             "makes a stream a light, but light samples are drawn from triangles in memory.",
             "Make the parts that shine a mesh, or several.",
         )
-    if material.needs_uv or material.alpha != "opaque":
+    if material.needs_uv or material.lets_light_through:
         raise location.field("material").error(
             f'names "{material.name}", which has textures or an anisotropy, or lets light through; a stream\'s '
             "triangles have no texture coordinates.",

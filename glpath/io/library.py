@@ -63,7 +63,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
     parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
-                 `shutter`, `light_factor` and `unit`, or for a TOML file: `time` (`scene_parameters`); as
+                 `shutter`, `light_factor`, `unit` and `backs`, or for a TOML file: `time` (`scene_parameters`); as
                  text (`-D key=value`) or of the parameter's type
 
     Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it

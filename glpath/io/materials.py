@@ -32,9 +32,15 @@ from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 
-_NO_COLOURS = ("normal_texture", "surface_texture", "transmission_texture")
+_COLOURS = ("texture", "emission_texture", "specular_color_texture")
 # Fields of [materials.NAME] that `Material` has by another name.
-_RENAMED = {"specular": "specular_weight", "specular_color": "specular_colour"}
+_RENAMED = {
+    "specular": "specular_weight",
+    "specular_color": "specular_colour",
+    "specular_color_texture": "specular_colour_texture",
+}
+_GIVEN = {target: field for field, target in _RENAMED.items()}
+_NO_COLOURS = tuple(name for name in (_GIVEN.get(slot, slot) for slot in SLOTS) if name not in _COLOURS)
 # Its colours that may be above 1.
 _ABOVE_ONE = ("specular_color", "attenuation")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
@@ -50,8 +56,14 @@ def materials(
 def _material(
     name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
 ) -> Material:
+    if given.culled and (given.two_sided or (isinstance(given, Principled) and given.transmission > 0)):
+        raise location.field("culled").error(
+            "is true of a material that has a back: it is two-sided, or glass.",
+            "Say two_sided = false, or leave it out.",
+        )
     return replace(
         _reflecting(name, given, texture_number, location),
+        culled=given.culled,
         normal_texture=_slot(given.normal_texture, texture_number, location.field("normal_texture")),
         normal_scale=given.normal_scale,
         emission_texture=_slot(given.emission_texture, texture_number, location.field("emission_texture")),
@@ -96,7 +108,7 @@ def _principled(
     fields: dict[str, Any] = {}
     for field in sorted(set(Principled.__struct_fields__) - set(Surface.__struct_fields__)):
         value, target = getattr(given, field), _RENAMED.get(field, field)
-        if field in SLOTS:
+        if target in SLOTS:
             fields[target] = _slot(value, texture_number, location.field(field))
         elif np.ndim(getattr(made, target)) == 0:
             fields[target] = value
@@ -142,8 +154,9 @@ def textures(
     heights : names of those that displace surfaces
     """
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
+    alpha |= {getattr(m, "specular_texture", UNSET) for m in used_by.values()}
     values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS} | set(heights)
-    colours = {getattr(m, slot) for m in used_by.values() for slot in ("texture", "emission_texture")}
+    colours = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _COLOURS}
     shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}
     for name in given:
         if name in values and name in colours:

@@ -62,6 +62,10 @@ def read_gltf_as_asked(
         Unit,
         Meta(description="photometric (cd, lx, cd/m2) or radiometric, what the file's numbers of light are"),
     ] = "photometric",
+    backs: Annotated[
+        Literal["absent", "black"],
+        Meta(description="absent, as in viewers, or black: of materials that are not doubleSided"),
+    ] = "absent",
 ) -> Model:
     """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
     wanted: int | str | None = None if camera == "first" else camera
@@ -80,6 +84,7 @@ def read_gltf_as_asked(
         variant=None if variant == "none" else variant,
         light_factor=light_factor,
         unit=unit,
+        backs=backs,
     )
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64, Shape
-from glpath.scene.material import Material, Texture, TextureSlot
+from glpath.scene.material import Material, Texture, TextureSlot, averaged
 
 if TYPE_CHECKING:
     from glpath.scene.model import Scene
@@ -155,7 +155,8 @@ class Appearance:
                 # What is not there reflects nothing, not even as its layers do.
                 there = opacity[own, None]
                 base = front[own] / np.where(there > 0, there, 1.0)
-                front[own] = there * materials[number].hemispherical_reflectance(base, clear[number])
+                mean = averaged(materials[number], self.scene.textures)
+                front[own] = there * mean.hemispherical_reflectance(base, clear[number])
         two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
         return np.stack([front, front * two_sided])
 

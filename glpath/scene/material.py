@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64
+from glpath.scene.iridescence import film_reflects
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 #: GGX's alpha below which microfacets are a mirror.
@@ -27,7 +29,21 @@ CHARLIE_LAMBDA = (
 _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 #: The fields of a `Material` that are texture slots.
-SLOTS = ("texture", "surface_texture", "normal_texture", "emission_texture", "transmission_texture")
+SLOTS = (
+    "texture",
+    "surface_texture",
+    "normal_texture",
+    "emission_texture",
+    "transmission_texture",
+    "clearcoat_texture",
+    "clearcoat_roughness_texture",
+    "clearcoat_normal_texture",
+    "anisotropy_texture",
+    "specular_texture",
+    "specular_colour_texture",
+    "iridescence_texture",
+    "iridescence_thickness_texture",
+)
 
 
 @dataclass(frozen=True)
@@ -105,6 +121,8 @@ class Material:
     reflectance      : (3,) float64 in [0, 1], linear Rec. 709: of the diffuse base, of metal at normal incidence;
                        of glass the share that is let through
     two_sided        : False makes the back black (it still blocks light); that of glass is its inside
+    culled           : of a one-sided material: its back is not there, for eyes, bounces and rays to lights; glass
+                       keeps its back
     specular         : (3,) float64 >= 0, Phong's coefficient
     exponent         : Phong's, > 0
     mirror           : (3,) float64 in [0, 1], share of the light from the mirror direction
@@ -120,6 +138,11 @@ class Material:
     clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     sheen            : (3,) float64 in [0, 1], colour of the sheen over all but the clearcoat, and
                        sheen_roughness, of which less than 0.1 is as 0.1 [KHR_materials_sheen]
+    iridescence      : in [0, 1], share of what metal and dielectric reflect that is under a thin film
+    iridescence_ior  : the film's index, >= 1; iridescence_thickness nm, and iridescence_thickness_min where
+                       its texture is 0 [KHR_materials_iridescence]
+    multiple_scattering : light that microfacets of metal and of glass scatter more than once is kept, about; False:
+                       it is lost, as in Mitsuba
     unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
                        any emission does
     opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
@@ -129,6 +152,14 @@ class Material:
     normal_texture       : of the tangent space [glTF 2.0, 3.9.3], x and y multiplied by normal_scale
     emission_texture     : what the emission of shapes is multiplied by
     transmission_texture : its red multiplies transmission
+    clearcoat_texture    : its red multiplies clearcoat; of clearcoat_roughness_texture the green its roughness
+    clearcoat_normal_texture : of the clearcoat alone, x and y multiplied by clearcoat_normal_scale. Without it the
+                           clearcoat has the normals of the vertices; normal_texture does not bend it
+    anisotropy_texture   : red and green, from -1 to 1, are the tangent before it is turned by the angle; blue
+                           multiplies anisotropy
+    iridescence_texture  : its red multiplies iridescence; the green of iridescence_thickness_texture is where its
+                           thickness lies between the two
+    specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
     name: str
@@ -152,6 +183,12 @@ class Material:
     clearcoat_roughness: float = 0.0
     sheen: Float64 = field(default_factory=lambda: np.zeros(3))
     sheen_roughness: float = 0.0
+    iridescence: float = 0.0
+    iridescence_ior: float = 1.3
+    iridescence_thickness: float = 400.0
+    iridescence_thickness_min: float = 100.0
+    multiple_scattering: bool = True
+    culled: bool = False
     unlit: bool = False
     opacity: float = 1.0
     alpha: Literal["opaque", "mask", "blend"] = "opaque"
@@ -161,11 +198,25 @@ class Material:
     normal_scale: float = 1.0
     emission_texture: TextureSlot | None = None
     transmission_texture: TextureSlot | None = None
+    clearcoat_texture: TextureSlot | None = None
+    clearcoat_roughness_texture: TextureSlot | None = None
+    clearcoat_normal_texture: TextureSlot | None = None
+    clearcoat_normal_scale: float = 1.0
+    anisotropy_texture: TextureSlot | None = None
+    specular_texture: TextureSlot | None = None
+    specular_colour_texture: TextureSlot | None = None
+    iridescence_texture: TextureSlot | None = None
+    iridescence_thickness_texture: TextureSlot | None = None
 
     @property
     def has_lobes(self) -> bool:
         """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
+
+    @property
+    def lets_light_through(self) -> bool:
+        """Rays pass it in places, by its opacity, or from behind."""
+        return self.alpha != "opaque" or self.culled
 
     @property
     def needs_uv(self) -> bool:
@@ -178,6 +229,12 @@ class Material:
         return self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
 
     @property
+    def keeps_energy(self) -> bool:
+        """It has rough metal or rough glass, and keeps what their microfacets scatter more than once."""
+        rough = self.roughness is not None and not self.is_smooth
+        return rough and self.multiple_scattering and (self.metallic > 0 or self.transmission > 0)
+
+    @property
     def is_thin_dielectric(self) -> bool:
         """Glass that light goes straight through."""
         return self.is_smooth and self.transmission > 0 and self.thin
@@ -188,8 +245,12 @@ class Material:
 
         Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
         """
-        normal = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
-        return np.minimum(normal * self.specular_colour, 1.0) * self.specular_weight, self.specular_weight
+        return np.minimum(self.dielectric_ratio, 1.0) * self.specular_weight, self.specular_weight
+
+    @property
+    def dielectric_ratio(self) -> Float64:
+        """(3,) float64: what it reflects at normal incidence over what at grazing incidence, not clipped to 1."""
+        return ((self.ior - 1.0) / (self.ior + 1.0)) ** 2 * self.specular_colour
 
     @property
     def sheen_alpha(self) -> float:
@@ -218,6 +279,10 @@ class Material:
         kept = 1.0 - clear / max(1.0 - self.metallic, 1e-9)
         under = layer + (1.0 - layer.max()) * base * kept
         metal = base + (1.0 - base) / 21.0
+        if self.iridescence > 0:
+            layer = self._under_film(layer, f0)
+            metal = self._under_film(metal, base)
+            under = layer + (1.0 - layer.max()) * base * kept
         coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         covered = self.metallic * metal + (1.0 - self.metallic) * under
         if np.any(self.sheen > 0):
@@ -226,6 +291,13 @@ class Material:
             covered = sheen + (1.0 - sheen.max()) * covered
         all_ = coat + (1.0 - coat) * covered
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
+
+    def _under_film(self, plain: Float64, f0: Float64) -> Float64:
+        """(3,) of light from everywhere."""
+        cosine = (np.arange(32) + 0.5) / 32
+        film = film_reflects(cosine, self.iridescence_thickness, self.iridescence_ior, f0)
+        seen = 2.0 * np.mean(cosine[:, None] * film, axis=0)
+        return np.asarray((1.0 - self.iridescence) * plain + self.iridescence * seen)
 
     def described(self) -> str:
         """Its other properties than diffuse, in a few words; "" without any."""
@@ -237,15 +309,41 @@ class Material:
             words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
             words += ["thin dielectric"] * (self.transmission > 0 and self.thin)
             words += [f"clearcoat {self.clearcoat:g}"] * (self.clearcoat > 0)
+            words += [f"iridescence {self.iridescence:g}"] * (self.iridescence > 0)
             words += [f"sheen {self.sheen.max():g}"] * bool(np.any(self.sheen > 0))
         words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
-        return ", ".join(words + ["one-sided"] * (not self.two_sided))
+        return ", ".join(
+            words + ["one-sided"] * (not self.two_sided and not self.culled) + ["culled"] * self.culled
+        )
 
     @property
     def slots(self) -> dict[str, TextureSlot]:
         """The textures that it uses, by the names of the fields."""
         found = {name: getattr(self, name) for name in SLOTS}
         return {name: slot for name, slot in found.items() if slot is not None}
+
+
+def averaged(material: Material, textures: Sequence[Texture]) -> Material:
+    """The material with its layers as their textures have them in the mean, for what knows nothing of places."""
+
+    def mean(slot: TextureSlot | None, channel: int) -> float:
+        if slot is None:
+            return 1.0
+        image = textures[slot.texture].linear()
+        return float(image[..., channel].mean()) if channel < image.shape[2] else 1.0
+
+    thinnest, thickness = material.iridescence_thickness_min, material.iridescence_thickness_texture
+    colour, slot = material.specular_colour, material.specular_colour_texture
+    if slot is not None:
+        colour = colour * textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
+    return replace(
+        material,
+        clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
+        specular_weight=material.specular_weight * mean(material.specular_texture, 3),
+        specular_colour=colour,
+        iridescence=material.iridescence * mean(material.iridescence_texture, 0),
+        iridescence_thickness=thinnest + (material.iridescence_thickness - thinnest) * mean(thickness, 1),
+    )
 
 
 def sheen_lambda(alpha: float) -> Float64:

@@ -20,7 +20,7 @@ from glpath.scene.background import Background
 from glpath.scene.camera import Camera, framing, may_be_framing
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
-from glpath.scene.material import Material, Texture, TextureSlot, moved_textures
+from glpath.scene.material import Material, Texture, TextureSlot, averaged, moved_textures
 from glpath.scene.portal import MAX_PORTALS, Portal
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
@@ -237,7 +237,7 @@ class Scene:
         base = material.reflectance
         if material.texture is not None:
             base = base * self.textures[material.texture.texture].mean
-        return material.hemispherical_reflectance(base, clear)
+        return averaged(material, self.textures).hemispherical_reflectance(base, clear)
 
     @cached_property
     def side_reflectance(self) -> Float64:

@@ -74,7 +74,7 @@ def simplified(scene: Scene, share: float) -> Simplified:
 
 def _can_be_simpler(scene: Scene, shape: Shape, mesh: Mesh) -> bool:
     material = scene.materials[shape.material]
-    plain = not (material.needs_uv or has_colours(shape) or material.alpha != "opaque")
+    plain = not (material.needs_uv or has_colours(shape) or material.lets_light_through)
     return plain and not shape.emits and len(mesh.faces) > MIN_FACES
 
 

@@ -1,7 +1,7 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
-// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_SHEEN, HAS_GLASS, HAS_ROUGH_TRANSMISSION: where
-//         materials have them
+// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
+//         HAS_ROUGH_TRANSMISSION, HAS_MULTIPLE_SCATTERING: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
@@ -9,6 +9,9 @@
 #include "sampling/directions.glsl"
 #ifdef HAS_MICROFACETS
 #include "bsdf/microfacets.glsl"
+#ifdef HAS_IRIDESCENCE
+#include "bsdf/iridescence.glsl"
+#endif
 #endif
 
 struct Bsdf
@@ -27,8 +30,15 @@ struct Bsdf
 #ifdef HAS_ANISOTROPY
     vec3 tangent;       // along the surface; 0 for none
 #endif
+#ifdef HAS_IRIDESCENCE
+    vec3 film;        // share under a thin film; its thickness, nm; its index
+#endif
     float coat;       // share under clearcoat
     float coat_alpha;
+#ifdef HAS_COAT_NORMALS
+    vec3 coat_normal;   // to mirror with, on wo's side
+    float coat_cosine;  // of wo to the normal that the clearcoat is shaded with
+#endif
 #ifdef HAS_SHEEN
     vec3 sheen;           // its colour; sampled with the diffuse lobe
     float sheen_alpha;    // Charlie's
@@ -37,6 +47,10 @@ struct Bsdf
     float sheen_lambda_a;
 #endif
     vec3 transmission;       // share that is let through
+#ifdef HAS_MULTIPLE_SCATTERING
+    vec3 metal_gain;    // by which metal's lobe makes up for light that it would scatter more than once
+    float glass_share;  // of what is layered
+#endif
     float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or THIN_DIELECTRIC
 #endif
 };
@@ -51,6 +65,17 @@ Bsdf lambertian(vec3 reflectance)
     b.metal = b.dielectric = b.transmission = vec3(0.0);
     b.metallic = b.grazing = b.layered = b.coat = b.coat_alpha = b.eta = 0.0;
     b.alpha = vec2(1.0);
+#ifdef HAS_MULTIPLE_SCATTERING
+    b.metal_gain = vec3(1.0);
+    b.glass_share = 0.0;
+#endif
+#ifdef HAS_IRIDESCENCE
+    b.film = vec3(0.0);
+#endif
+#ifdef HAS_COAT_NORMALS
+    b.coat_normal = vec3(0.0, 0.0, 1.0);
+    b.coat_cosine = 1.0;
+#endif
 #ifdef HAS_SHEEN
     b.sheen = vec3(0.0);
     b.sheen_alpha = 1.0;
@@ -74,19 +99,39 @@ float mean(vec3 v)
 const float THIN_DIELECTRIC = -1.0;  // smooth and thin: light goes straight through
 const float COAT_REFLECTS = 0.04;
 
+// `plain` but for the share that is under a thin film; weight: what is reflected at grazing incidence, f0 at normal
+// incidence without it.
+vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
+{
+#ifdef HAS_IRIDESCENCE
+    if (b.film.x <= 0.0 || weight <= 0.0) return plain;
+    return mix(plain, weight * film_reflects(cosine, b.film.y, b.film.z, f0 / weight), b.film.x);
+#else
+    return plain;
+#endif
+}
+
 // Of a dielectric; `cosine` of the angle to the microfacet's normal.
 vec3 dielectric_reflects(Bsdf b, float cosine)
 {
 #ifdef HAS_GLASS
-    // Schlick's formula does not know total reflection.
-    if (b.eta > 0.0) return vec3(fresnel(cosine, b.eta));
+    // Schlick's formula does not know total reflection. From inside a film changes nothing.
+    if (b.eta > 0.0) {
+        vec3 plain = vec3(fresnel(cosine, b.eta));
+        return b.eta > 1.0 ? under_film(b, cosine, plain, 1.0, b.dielectric) : plain;
+    }
 #endif
-    return b.dielectric + (b.grazing - b.dielectric) * schlick(cosine);
+    return under_film(b, cosine, b.dielectric + (b.grazing - b.dielectric) * schlick(cosine), b.grazing, b.dielectric);
 }
 
 vec3 microfacet_reflects(Bsdf b, float cosine)
 {
-    return b.metal + (b.metallic - b.metal) * schlick(cosine) + b.layered * dielectric_reflects(b, cosine);
+    vec3 metal = b.metal + (b.metallic - b.metal) * schlick(cosine);
+    metal = under_film(b, cosine, metal, b.metallic, b.metal);
+#ifdef HAS_MULTIPLE_SCATTERING
+    metal *= b.metal_gain;
+#endif
+    return metal + b.layered * dielectric_reflects(b, cosine);
 }
 
 // What is left for the base under a dielectric.
@@ -102,6 +147,16 @@ float coat_reflects(Bsdf b, float cosine)
     return b.coat * (COAT_REFLECTS + (1.0 - COAT_REFLECTS) * schlick(cosine));
 #else
     return 0.0;
+#endif
+}
+
+// What the clearcoat takes from under it; `cosine` of wo to the base's normal.
+float coat_takes(Bsdf b, float cosine)
+{
+#ifdef HAS_COAT_NORMALS
+    return coat_reflects(b, b.coat_cosine);
+#else
+    return coat_reflects(b, cosine);
 #endif
 }
 
@@ -135,7 +190,7 @@ vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
     float h = dot(n, normalize(wo + wi)), sine2 = max(1.0 - h * h, 1e-12), over = 1.0 / b.sheen_alpha;
     float D = (2.0 + over) * pow(sine2, 0.5 * over) / (2.0 * PI);
     float seen = 1.0 / (4.0 * o * i * (1.0 + charlie_lambda(b, o) + charlie_lambda(b, i)));
-    return b.sheen * (PI * D * seen / max(sheen_albedo(b, o), 1.0) * (1.0 - coat_reflects(b, o)));
+    return b.sheen * (PI * D * seen / max(sheen_albedo(b, o), 1.0) * (1.0 - coat_takes(b, o)));
 }
 #endif
 
@@ -143,7 +198,7 @@ vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 // `cosine` of wo to the normal.
 float under_layers(Bsdf b, float cosine)
 {
-    float left = 1.0 - coat_reflects(b, cosine);
+    float left = 1.0 - coat_takes(b, cosine);
 #ifdef HAS_SHEEN
     left *= 1.0 - max(b.sheen.r, max(b.sheen.g, b.sheen.b)) * min(sheen_albedo(b, cosine), 1.0);
 #endif
@@ -159,7 +214,7 @@ float diffuse_importance(Bsdf b, float cosine)
     share *= base_transmittance(b, cosine) * under_layers(b, cosine);
 #endif
 #ifdef HAS_SHEEN
-    share += mean(b.sheen) * min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_reflects(b, cosine));
+    share += mean(b.sheen) * min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_takes(b, cosine));
 #endif
     return share;
 }
@@ -172,7 +227,7 @@ vec3 diffuse_reflectance(Bsdf b, float cosine)
     sent *= base_transmittance(b, cosine) * under_layers(b, cosine);
 #endif
 #ifdef HAS_SHEEN
-    sent += b.sheen * (min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_reflects(b, cosine)));
+    sent += b.sheen * (min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_takes(b, cosine)));
 #endif
     return sent;
 }
@@ -201,7 +256,7 @@ vec3 mirrored(Bsdf b, float cosine)
 #ifdef HAS_MICROFACETS
     if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * under_layers(b, cosine);
 #ifdef HAS_COAT
-    if (b.coat_alpha < SMOOTH) share += coat_reflects(b, cosine);
+    if (b.coat_alpha < SMOOTH) share += coat_takes(b, cosine);
 #endif
 #endif
     return share;
@@ -298,6 +353,19 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 #endif
 #endif
 
+// Those of the clearcoat, which is alike along all tangents; `axes`: those of the base.
+mat3 coat_axes(Bsdf b, mat3 axes)
+{
+#ifdef HAS_COAT_NORMALS
+    vec3 x, y;
+    axes_across(b.coat_normal, x, y);
+    return mat3(x, y, b.coat_normal);
+#else
+    return axes;
+#endif
+}
+
+// wo and wi in the clearcoat's own axes.
 Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
 #ifdef HAS_COAT
@@ -320,7 +388,12 @@ vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 #ifdef HAS_MICROFACETS
     mat3 axes = surface_axes(b, n);
     vec3 o = wo * axes, i = wi * axes;
+#ifdef HAS_COAT_NORMALS
+    mat3 over = coat_axes(b, axes);
+    f += microfacet_lobe(b, o, i).f + coat_lobe(b, wo * over, wi * over).f;
+#else
     f += microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f;
+#endif
 #endif
     return f;
 }

@@ -22,7 +22,7 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     float cosine = dot(v.n, v.wo);
     Lobes q = Lobes(diffuse_importance(b, cosine), 0.0, 0.0, mean(b.mirror));
 #ifdef HAS_MICROFACETS
-    q.coat = coat_reflects(b, cosine);
+    q.coat = coat_takes(b, cosine);
     float through = mean(b.transmission) * base_transmittance(b, cosine);
     q.microfacets = (mean(microfacet_reflects(b, cosine)) + through) * under_layers(b, cosine);
 #endif
@@ -60,11 +60,18 @@ void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, ou
     vec3 wo = v.wo * axes, wi = direct.wi * axes;
     Lobe base = microfacet_lobe(v.bsdf, wo, wi);
     vec3 f = base.f * mis_weight(direct.pdf, q.microfacets * base.pdf);
-#ifdef HAS_COAT
+#if defined(HAS_COAT) && !defined(HAS_COAT_NORMALS)
     Lobe coat = coat_lobe(v.bsdf, wo, wi);
     f += coat.f * mis_weight(direct.pdf, q.coat * coat.pdf);
 #endif
     others = f * direct.light * (max(wi.z, 0.0) / max(cosine, 1e-6));
+#ifdef HAS_COAT_NORMALS
+    mat3 over = coat_axes(v.bsdf, axes);
+    vec3 coat_wi = direct.wi * over;
+    Lobe coat = coat_lobe(v.bsdf, v.wo * over, coat_wi);
+    others += coat.f * direct.light
+            * (mis_weight(direct.pdf, q.coat * coat.pdf) * max(coat_wi.z, 0.0) / max(cosine, 1e-6));
+#endif
 #endif
 }
 
@@ -106,6 +113,9 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         vec2 alpha = coat ? vec2(b.coat_alpha) : b.alpha;
         bool smooth_one = max(alpha.x, alpha.y) < SMOOTH;
         mat3 axes = mirroring_axes(v);
+#ifdef HAS_COAT_NORMALS
+        if (coat) axes = coat_axes(b, axes);
+#endif
         vec3 wo = v.wo * axes, m = smooth_one ? vec3(0.0, 0.0, 1.0) : visible_normal(wo, alpha, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
@@ -156,6 +166,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #else
     Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
 #endif
+    see_along(b, s, front, wo);
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
     return b.transmission * (base_transmittance(b, cosine) * under_layers(b, cosine));

@@ -21,7 +21,7 @@ void main()
 {
 #ifdef HAS_ALPHA
     new_opacity_key(ivec2(gl_FragCoord.xy) + eye_corner, 0u);
-    if (lets_through(gl_PrimitiveID, world)) discard;
+    if (lets_through(gl_PrimitiveID, world, eye_direction(ivec2(gl_FragCoord.xy)))) discard;
 #endif
 #ifdef EYE_ORTHOGRAPHIC
     gl_FragDepth = gl_FragCoord.z;

@@ -32,7 +32,7 @@ struct PathVertex
 PathVertex path_vertex(Surface s, int triangle, vec4 plane, bool front, vec3 wo)
 {
     vec3 normal = front ? s.normal : -s.normal;
-    return PathVertex(s, triangle, plane, front, wo, normal, shading_normal(s, front, wo), bsdf_at(s, front));
+    return PathVertex(s, triangle, plane, front, wo, normal, shading_normal(s, front, wo), bsdf_seen(s, front, wo));
 }
 
 // Where a ray meets a triangle; t: how far along its unit direction.

@@ -38,7 +38,7 @@ vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
 
 #ifdef HAS_ALPHA
 // Of the paths that hit, those that the surface lets through do not.
-bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, bvec4 hit)
+bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, vec4 direction_sign, bvec4 hit)
 {
     // Random for each path: its number is that of its slot, the scan's is in the seed.
     uvec4 numbers = texel(cell_slots, cell) & NUMBER_MASK, face = face_texel(int(s.number), FACE_CORNERS);
@@ -49,7 +49,8 @@ bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, bvec4 hit)
         vec2 bc = vec2(p.x * ac.y - p.y * ac.x, ab.x * p.y - ab.y * p.x) / area;
         if (s.see_through == 2u) bc = bc.yx;
         opacity_key = pcg(numbers[k] + pcg(permutation_seed));
-        if (hit[k] && triangle_lets_through(int(s.number), face, vec3(1.0 - bc.x - bc.y, bc))) hit[k] = false;
+        bool front = (s.see_through == 2u) == (direction_sign[k] > 0.0);
+        if (hit[k] && triangle_lets_through(int(s.number), face, vec3(1.0 - bc.x - bc.y, bc), front)) hit[k] = false;
     }
     return hit;
 }
@@ -78,7 +79,7 @@ vec4 scan_cell(ivec2 cell, ScanTriangle s, out bvec4 hit)
 #endif
     hit = bvec4(uvec4(greaterThan(inside, vec4(0.0))) & uvec4(greaterThan(t, vec4(min_t))));
 #ifdef HAS_ALPHA
-    if (s.see_through != 0u && any(hit)) hit = stopped(cell, s, a, x, y, hit);
+    if (s.see_through != 0u && any(hit)) hit = stopped(cell, s, a, x, y, direction_sign, hit);
 #endif
 #if defined(PACKED)
     return mix(vec4(NOTHING_FOUND), uintBitsToFloat(scan_words(t, s.number)), hit);

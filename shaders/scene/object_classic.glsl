@@ -8,7 +8,7 @@
 // Where a surface lets the ray through, its next hit with the same primitive: a sphere has two.
 #ifdef HAS_ALPHA
 #define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)                                                                   \
-    for (int k = 0; k < 2 && AT < NO_HIT && primitive_lets_through(PRIMITIVE, origin, direction, AT); ++k)     \
+    for (int k = 0; k < 2 && AT < NO_HIT && primitive_lets_through(PRIMITIVE, origin, direction, AT, false); ++k)     \
         AT = ROUTINE(PRIMITIVE, origin, direction, AT, exclude);
 #else
 #define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)

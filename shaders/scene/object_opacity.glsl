@@ -4,12 +4,14 @@
 #include "scene/opacity.glsl"
 
 #ifdef HAS_ALPHA
-bool primitive_lets_through(int primitive, vec3 origin, vec3 direction, float t)
+// to_eye: the ray goes from a light, against those of an eye.
+bool primitive_lets_through(int primitive, vec3 origin, vec3 direction, float t, bool to_eye)
 {
     if (!is_see_through(shape_of(primitive))) return false;
     Surface s = surface_at(primitive, origin, direction, t);
     // A sphere is hit twice.
-    uint number = 2u * uint(primitive) + uint(front_hit(s.normal, direction));
-    return alpha_lets_through(s.material, base_colour(s).a, number);
+    bool front = front_hit(s.normal, direction);
+    uint number = 2u * uint(primitive) + uint(front);
+    return alpha_lets_through(s.material, base_colour(s).a, number, front != to_eye);
 }
 #endif

@@ -1,7 +1,9 @@
 // opacity.glsl: does light pass through a surface where a ray meets it? A mask lets it through where opacity is below the
 // cutoff, blended surfaces at random, so that on average their share of it is hit (Enderton et al. 2010, Stochastic
 // Transparency): whatever is behind them needs no order. Everything here is for scenes that have such (HAS_ALPHA).
-// Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS
+// And the backs of surfaces that have none (`Material.culled`) let all rays through that go as those from an eye do, so that
+// light sees them as the eye does: what is behind such a back is lit through it.
+// Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS, HAS_CULLING
 #include "sampling/random.glsl"
 #ifdef HAS_TEXTURES
 #include "scene/texture.glsl"
@@ -21,8 +23,14 @@ void new_opacity_key(ivec2 pixel_of_image, uint use)
 }
 
 // alpha: of the texture and the vertices; number: of the surface, as of its triangle.
-bool alpha_lets_through(int material, float alpha, uint number)
+// front: is it met there by a ray that goes as those from an eye do?
+bool alpha_lets_through(int material, float alpha, uint number, bool front)
 {
+#ifdef HAS_CULLING
+    uvec4 says = slots_texel(material, SLOTS_SECOND);
+    if (says.w != 0u && !front) return true;
+    if (says.y == ALPHA_OPAQUE) return false;
+#endif
     vec4 cover = cover_texel(material, COVER_OPACITY);
     float opacity = cover.x * alpha;
     bool mask = slots_texel(material, SLOTS_SECOND).y == ALPHA_MASK;
@@ -30,7 +38,7 @@ bool alpha_lets_through(int material, float alpha, uint number)
 }
 
 // By the weights of the triangle's corners.
-bool triangle_lets_through(int triangle, uvec4 face, vec3 weight)
+bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
 {
     int material = int(shape_texel(int(face.w), SHAPE_MATERIAL).x);
     float alpha = 1.0;
@@ -46,17 +54,17 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight)
     alpha *= weight.x * colour_texel(int(face.x), COLOUR_LINEAR).a + weight.y * colour_texel(int(face.y), COLOUR_LINEAR).a
            + weight.z * colour_texel(int(face.z), COLOUR_LINEAR).a;
 #endif
-    return alpha_lets_through(material, alpha, uint(triangle));
+    return alpha_lets_through(material, alpha, uint(triangle), front);
 }
 
-// At a point of the triangle's plane.
-bool lets_through(int triangle, vec3 position)
+// At a point of the triangle's plane, which a ray from an eye would meet along `direction`, of any length.
+bool lets_through(int triangle, vec3 position, vec3 direction)
 {
     uvec4 face = face_texel(triangle, FACE_CORNERS);
     if (!is_see_through(int(face.w))) return false;
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
-    return triangle_lets_through(triangle, face, vec3(1.0 - bc.x - bc.y, bc));
+    return triangle_lets_through(triangle, face, vec3(1.0 - bc.x - bc.y, bc), dot(n, direction) < 0.0);
 }
 #endif

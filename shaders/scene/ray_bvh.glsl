@@ -187,7 +187,7 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
                 nearest = triangle;
             }
         } while (!asks && walk_continues(walk));
-        if (asks && !lets_through(triangle, origin + at * direction)) {
+        if (asks && !lets_through(triangle, origin + at * direction, direction)) {
             t = at;
             nearest = triangle;
         }
@@ -255,7 +255,7 @@ bool is_blocked(vec3 origin, vec3 direction, float tmax, int exclude)
         } while (!blocked && thin_ones.w < 0 && walk_continues(walk));
 #ifdef HAS_ALPHA
         if (asks) {
-            blocked = !lets_through(triangle, origin + at * direction);
+            blocked = !lets_through(triangle, origin + at * direction, direction);
 #ifdef HAS_THIN_DIELECTRICS
             is_thin = blocked && (flags & ITEM_THIN_DIELECTRIC) != 0u;
             thin_ones = is_thin ? ivec4(triangle, thin_ones.xyz) : thin_ones;

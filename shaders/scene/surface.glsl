@@ -1,9 +1,12 @@
 // surface.glsl: what is hit, and what it does with light: the only file that reads materials and textures.
 // Needs:  <SCENE>; where the scene has them:
 //         HAS_NORMALS             normals to shade with that are not the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
+//         HAS_MULTIPLE_SCATTERING rough metal and glass that keep their energy
+//         HAS_COAT_NORMALS        clearcoats with other normals than their base
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
-//                                 HAS_TRANSMISSION_TEXTURES; see also texture.glsl
-//         HAS_ANISOTROPY          microfacets of two roughnesses
+//                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
+//                                 HAS_IRIDESCENCE_TEXTURES; see also texture.glsl
+//         HAS_ANISOTROPY          microfacets of two roughnesses; HAS_ANISOTROPY_TEXTURES
 //         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
 //         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light samples of different densities
@@ -21,6 +24,9 @@ struct Surface
     vec3 position;
     vec3 normal;   // geometric, unit, out of the front
     vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them
+#ifdef HAS_COAT_NORMALS
+    vec3 coat_normal;    // the same of the clearcoat
+#endif
     vec2 uv;
     vec2 uv1;      // the second texture coordinates
 #ifdef HAS_ANISOTROPY
@@ -40,13 +46,22 @@ bool front_hit(vec3 normal, vec3 direction)
     return dot(normal, direction) < 0.0;
 }
 
+// Unit, out of the front; vertices and normal maps may have others to shade with.
+void set_normal(inout Surface s, vec3 normal)
+{
+    s.normal = s.smooth_normal = normal;
+#ifdef HAS_COAT_NORMALS
+    s.coat_normal = normal;
+#endif
+}
+
 // All that follows from the shape that was hit.
 Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 {
     uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;
     Surface s;
     s.position = position;
-    s.normal = s.smooth_normal = normal;
+    set_normal(s, normal);
     s.uv = s.uv1 = vec2(0.0);
 #ifdef HAS_ANISOTROPY
     s.along_u = s.along_v = vec3(0.0);
@@ -60,14 +75,13 @@ Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 }
 
 #ifdef HAS_NORMAL_MAPS
-// The normal that a normal map has, about the smooth one [glTF 2.0, 3.9.3]. along_u, along_v: of any length, on the
+// The normal that a normal map has, about the smooth one `n` [glTF 2.0, 3.9.3]. along_u, along_v: of any length, on the
 // surface, the directions in which only u and only v of the slot grow; where they are mirrored, so is the map.
-void map_normal(inout Surface s, int slot, vec3 along_u, vec3 along_v)
+vec3 mapped_normal(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
-    vec3 n = s.smooth_normal;
     vec3 t = along_u - dot(along_u, n) * n;
     float square = dot(t, t);
-    if (!(square > 0.0)) return;
+    if (!(square > 0.0)) return n;
     t *= inversesqrt(square);
     vec3 b = cross(n, t);
     if (dot(b, along_v) < 0.0) b = -b;
@@ -75,10 +89,22 @@ void map_normal(inout Surface s, int slot, vec3 along_u, vec3 along_v)
     stored.xy *= slot_map_texel(slot, SLOT_MAP_U).w;
     vec3 mapped = stored.x * t + stored.y * b + stored.z * n;
     float length2 = dot(mapped, mapped);
-    if (length2 > 0.0) s.smooth_normal = mapped * inversesqrt(length2);
+    return length2 > 0.0 ? mapped * inversesqrt(length2) : n;
 }
 
 int normal_slot(int material) { return int(slots_texel(material, SLOTS_FIRST).z) - 1; }
+#ifdef HAS_COAT_NORMALS
+int coat_normal_slot(int material) { return int(slots_texel(material, SLOTS_COAT).z) - 1; }
+#endif
+
+// The same by the texture coordinates of a triangle's corners, (u, v) of both sets.
+vec3 mapped_on_triangle(Surface s, vec3 n, int slot, vec4 uv_a, vec4 uv_b, vec4 uv_c, vec3 ab, vec3 ac)
+{
+    vec2 p = slot_uv(slot, uv_a.xy, uv_a.zw);
+    vec2 to_b = slot_uv(slot, uv_b.xy, uv_b.zw) - p, to_c = slot_uv(slot, uv_c.xy, uv_c.zw) - p;
+    float turn = to_b.x * to_c.y - to_b.y * to_c.x < 0.0 ? -1.0 : 1.0;
+    return mapped_normal(s, n, slot, turn * (to_c.y * ab - to_b.y * ac), turn * (to_b.x * ac - to_c.x * ab));
+}
 #endif
 
 // What the vertices of a triangle bring, by the weights of its corners; ab, ac: its edges from the first.
@@ -111,27 +137,31 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
     // A mesh without vertex normals has zeros; one whose normals are those of another surface is shaded flat.
     if (dot(n, s.normal) > 0.0) s.smooth_normal = normalize(n);
 #endif
+#ifdef HAS_COAT_NORMALS
+    s.coat_normal = s.smooth_normal;
+    int coat_slot = coat_normal_slot(s.material);
+    if (coat_slot >= 0) s.coat_normal = mapped_on_triangle(s, s.coat_normal, coat_slot, uv_a, uv_b, uv_c, ab, ac);
+#endif
 #ifdef HAS_NORMAL_MAPS
     int slot = normal_slot(s.material);
-    if (slot >= 0) {
-        vec2 p = slot_uv(slot, uv_a.xy, uv_a.zw);
-        vec2 to_b = slot_uv(slot, uv_b.xy, uv_b.zw) - p, to_c = slot_uv(slot, uv_c.xy, uv_c.zw) - p;
-        float turn = to_b.x * to_c.y - to_b.y * to_c.x < 0.0 ? -1.0 : 1.0;
-        map_normal(s, slot, turn * (to_c.y * ab - to_b.y * ac), turn * (to_b.x * ac - to_c.x * ab));
-    }
+    if (slot >= 0) s.smooth_normal = mapped_on_triangle(s, s.smooth_normal, slot, uv_a, uv_b, uv_c, ab, ac);
 #endif
 }
 
 // The normal to shade with, on the side that is seen. Where it looks away from the eye, which the surface does not, it is
 // turned until it does not any more, or the outline of a smooth object would be black.
-vec3 shading_normal(Surface s, bool front, vec3 wo)
+vec3 facing_normal(vec3 n, vec3 wo)
 {
-    vec3 n = front ? s.smooth_normal : -s.smooth_normal;
 #ifdef HAS_NORMALS
     float away = dot(n, wo);
     if (away < 1e-3) n = normalize(n + (1e-3 - away) * wo);
 #endif
     return n;
+}
+
+vec3 shading_normal(Surface s, bool front, vec3 wo)
+{
+    return facing_normal(front ? s.smooth_normal : -s.smooth_normal, wo);
 }
 
 // The normal to mirror with. Where the shading normal `n` sends the mirror direction below the surface, that direction is
@@ -167,7 +197,14 @@ vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 {
     mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));
     vec3 o = wo * axes, i = wi * axes;
+#ifdef HAS_COAT_NORMALS
+    mat3 over = coat_axes(b, axes);
+    vec3 coat_i = wi * over;
+    vec3 f = microfacet_lobe(b, o, i).f * max(i.z, 0.0) + coat_lobe(b, wo * over, coat_i).f * max(coat_i.z, 0.0);
+    return f / max(dot(normal, wi), 1e-6);
+#else
     return (microfacet_lobe(b, o, i).f + coat_lobe(b, o, i).f) * (max(i.z, 0.0) / max(dot(normal, wi), 1e-6));
+#endif
 }
 #endif
 
@@ -286,7 +323,15 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
         // The back of glass is its inside.
         if (transmission > 0.0) reflects = 1.0;
         b.transmission = base * transmission;
+#ifdef HAS_MULTIPLE_SCATTERING
+        b.glass_share = transmission / max(1.0 - metal, 1e-6);
+#endif
         b.eta = glass.w != 0.0 ? THIN_DIELECTRIC : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+#endif
+#ifdef HAS_SPECULAR_TEXTURES
+        uvec4 specular_slots = slots_texel(s.material, SLOTS_SPECULAR);
+        float weight = slot_or_one(specular_slots.x, s).a;
+        layer = vec4(min(layer.rgb * slot_or_one(specular_slots.y, s).rgb, vec3(layer.w)), layer.w) * weight;
 #endif
         b.diffuse = base * ((1.0 - metal - transmission) * reflects);
         b.metal = base * metal * reflects;
@@ -294,12 +339,35 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
         b.dielectric = layer.rgb;
         b.grazing = layer.w;
         b.layered = (1.0 - metal) * reflects;
-        b.alpha = ggx_alpha(surface.x, surface.z);
 #ifdef HAS_ANISOTROPY
-        b.tangent = cos(surface.w) * s.along_u + sin(surface.w) * s.along_v;
+        vec2 tangent = vec2(cos(surface.w), sin(surface.w));
+#ifdef HAS_ANISOTROPY_TEXTURES
+        uint anisotropy_slot = slots_texel(s.material, SLOTS_COAT).w;
+        if (anisotropy_slot != 0u) {
+            vec3 stored = slot_value(int(anisotropy_slot) - 1, s.uv, s.uv1).xyz;
+            vec2 along = 2.0 * stored.xy - 1.0;
+            tangent = vec2(along.x * tangent.x - along.y * tangent.y, along.x * tangent.y + along.y * tangent.x);
+            surface.z *= stored.z;
+        }
+#endif
+        b.tangent = tangent.x * s.along_u + tangent.y * s.along_v;
+#endif
+        b.alpha = ggx_alpha(surface.x, surface.z);
+#ifdef HAS_IRIDESCENCE
+        vec4 film = material_texel(s.material, MATERIAL_FILM);
+#ifdef HAS_IRIDESCENCE_TEXTURES
+        uvec4 film_slots = slots_texel(s.material, SLOTS_SPECULAR);
+        film.x *= slot_or_one(film_slots.z, s).x;
+        film.z = mix(film.y, film.z, slot_or_one(film_slots.w, s).y);
+#endif
+        b.film = film.xzw;
 #endif
 #ifdef HAS_COAT
         vec4 coat = material_texel(s.material, MATERIAL_COAT);
+#ifdef HAS_COAT_TEXTURES
+        uvec4 coat_slots = slots_texel(s.material, SLOTS_COAT);
+        coat.xy *= vec2(slot_or_one(coat_slots.x, s).x, slot_or_one(coat_slots.y, s).y);
+#endif
         b.coat = coat.x * reflects;
         b.coat_alpha = coat.y * coat.y;
 #endif
@@ -319,6 +387,56 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 Bsdf bsdf_at(Surface s, bool front)
 {
     return bsdf_of(s, front, base_colour(s).rgb, roughness_metallic(s), transmission_factor(s));
+}
+
+#ifdef HAS_MULTIPLE_SCATTERING
+// Of microfacets that reflect or let through all, what they do so once; first: cell of the table.
+float directional_albedo(int first, float cosine, vec2 alpha)
+{
+    float roughness = sqrt(sqrt(0.5 * dot(alpha, alpha)));
+    vec2 at = vec2(sqrt(clamp(cosine, 0.0, 1.0)), min(roughness, 1.0)) * float(ALBEDO_CELLS);
+    ivec2 cell = min(ivec2(at), ivec2(ALBEDO_CELLS - 1));
+    vec4 corners = albedo_texel(first + cell.y * ALBEDO_CELLS + cell.x, ALBEDO_CORNERS);
+    vec2 part = at - vec2(cell);
+    vec2 along = mix(corners.xz, corners.yw, part.x);
+    return mix(along.x, along.y, part.y);
+}
+
+// Turquin 2019, eq. 15 and 3.4: what is lost comes back in the lobe that lost it, of metal times its colour.
+void keep_energy(inout Bsdf b, int material, bool front, float cosine)
+{
+    vec4 energy = material_texel(material, MATERIAL_ENERGY);
+    if (energy.x == 0.0 || max(b.alpha.x, b.alpha.y) < SMOOTH) return;
+    float once = directional_albedo(0, cosine, b.alpha), lost = 1.0 / once - 1.0;
+    b.metal_gain = 1.0 + b.metal * (lost / max(b.metallic, 1e-6));
+#ifdef HAS_GLASS
+    if (b.glass_share <= 0.0) return;
+    if (b.eta > 0.0) lost = 1.0 / directional_albedo(int(front ? energy.y : energy.z), cosine, b.alpha) - 1.0;
+    b.layered *= 1.0 + b.glass_share * lost;
+    b.transmission *= 1.0 + lost;
+#endif
+}
+#endif
+
+// What of it depends on where it is seen from: the clearcoat's normal, and what microfacets lose.
+void see_along(inout Bsdf b, Surface s, bool front, vec3 wo)
+{
+#ifdef HAS_MULTIPLE_SCATTERING
+    vec3 mirroring = mirroring_normal(shading_normal(s, front, wo), front ? s.normal : -s.normal, wo);
+    keep_energy(b, s.material, front, dot(mirroring, wo));
+#endif
+#ifdef HAS_COAT_NORMALS
+    vec3 n = facing_normal(front ? s.coat_normal : -s.coat_normal, wo);
+    b.coat_cosine = dot(n, wo);
+    b.coat_normal = mirroring_normal(n, front ? s.normal : -s.normal, wo);
+#endif
+}
+
+Bsdf bsdf_seen(Surface s, bool front, vec3 wo)
+{
+    Bsdf b = bsdf_at(s, front);
+    see_along(b, s, front, wo);
+    return b;
 }
 
 // Radiance that a surface emits to the side that is seen; `pdf_area` per area of a light sample there, 0 without light.

@@ -14,13 +14,21 @@ vec2 sphere_uv(vec3 unit)
 
 #ifdef HAS_NORMAL_MAPS
 // From the gradients of the texture coordinates to those of the slot, which an affine map has made of them.
-void map_normal_by(inout Surface s, vec3 along_u, vec3 along_v)
+vec3 mapped_by(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
-    int slot = normal_slot(s.material);
-    if (slot < 0) return;
     vec2 u = slot_map_texel(slot, SLOT_MAP_U).xy, v = slot_map_texel(slot, SLOT_MAP_V).xy;
     float side = u.x * v.y - u.y * v.x < 0.0 ? -1.0 : 1.0;
-    map_normal(s, slot, side * (v.y * along_u - v.x * along_v), side * (u.x * along_v - u.y * along_u));
+    return mapped_normal(s, n, slot, side * (v.y * along_u - v.x * along_v), side * (u.x * along_v - u.y * along_u));
+}
+
+void map_normals(inout Surface s, vec3 along_u, vec3 along_v)
+{
+    int slot = normal_slot(s.material);
+    if (slot >= 0) s.smooth_normal = mapped_by(s, s.smooth_normal, slot, along_u, along_v);
+#ifdef HAS_COAT_NORMALS
+    slot = coat_normal_slot(s.material);
+    if (slot >= 0) s.coat_normal = mapped_by(s, s.coat_normal, slot, along_u, along_v);
+#endif
 }
 
 // linear: world_from_unit, of any scale; unit: the point on the unit sphere.
@@ -29,7 +37,7 @@ void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
     float across = max(dot(unit.xy, unit.xy), 1e-12);
     vec3 along_u = vec3(-unit.y, unit.x, 0.0) * (2.0 * PI);
     vec3 along_v = vec3(-unit.z * unit.xy / sqrt(across), sqrt(across)) * PI;
-    map_normal_by(s, linear * along_u, linear * along_v);
+    map_normals(s, linear * along_u, linear * along_v);
 }
 #endif
 
@@ -40,7 +48,7 @@ void complete_sphere(inout Surface s, int sphere)
     vec3 out_of = normalize(s.position - ball.xyz);
     // Back onto the sphere, as t of a far one has lost the last digits of the position.
     s.position = ball.xyz + abs(ball.w) * out_of;
-    s.normal = s.smooth_normal = ball.w < 0.0 ? -out_of : out_of;
+    set_normal(s, ball.w < 0.0 ? -out_of : out_of);
     mat3 rows = mat3(
         unit_texel(sphere, UNIT_ROW0).xyz, unit_texel(sphere, UNIT_ROW1).xyz, unit_texel(sphere, UNIT_ROW2).xyz);
     vec3 unit = normalize(to_unit(rows, out_of));
@@ -58,7 +66,7 @@ void complete_ellipsoid(inout Surface s, int primitive)
     vec4 row2 = unit_texel(primitive, UNIT_ROW2);
     mat3 rows = mat3(row0.xyz, row1.xyz, row2.xyz);
     vec3 unit = normalize(to_unit(rows, s.position - vec3(row0.w, row1.w, row2.w)));
-    s.normal = s.smooth_normal = normalize(rows * unit) * sign(determinant(rows));
+    set_normal(s, normalize(rows * unit) * sign(determinant(rows)));
     s.uv = sphere_uv(unit);
 #ifdef HAS_NORMAL_MAPS
     map_normal_of_sphere(s, inverse(transpose(rows)), unit);
@@ -73,7 +81,7 @@ void complete_triangle(inout Surface s, int primitive, vec3 origin, vec3 directi
     float extent;
     vec3 weight = triangle_weights(from, direction, extent);
     weight /= weight.x + weight.y + weight.z;
-    s.normal = s.smooth_normal = normalize(from.plane.xyz);
+    set_normal(s, normalize(from.plane.xyz));
     s.triangle = primitive - first_triangle;
     interpolate(s, face_texel(s.triangle, FACE_CORNERS), weight, from.corner1 - from.corner0, from.corner2 - from.corner0);
 }
@@ -82,12 +90,12 @@ void complete_triangle(inout Surface s, int primitive, vec3 origin, vec3 directi
 #ifdef HAS_PLANES
 void complete_plane(inout Surface s, int plane)
 {
-    s.normal = s.smooth_normal = plane_texel(plane, PLANE_NORMAL).xyz;
+    set_normal(s, plane_texel(plane, PLANE_NORMAL).xyz);
     vec3 from_point = s.position - plane_texel(plane, PLANE_POINT).xyz;
     vec3 along_u = plane_texel(plane, PLANE_U).xyz, along_v = plane_texel(plane, PLANE_V).xyz;
     s.uv = vec2(dot(from_point, along_u), dot(from_point, along_v));
 #ifdef HAS_NORMAL_MAPS
-    map_normal_by(s, along_u / dot(along_u, along_u), along_v / dot(along_v, along_v));
+    map_normals(s, along_u / dot(along_u, along_u), along_v / dot(along_v, along_v));
 #endif
 }
 #endif

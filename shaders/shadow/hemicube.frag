@@ -12,6 +12,7 @@ const int chunk_first = 0;
 #endif
 #ifdef HAS_ALPHA
 in vec3 world;
+uniform vec3 light_position;
 #endif
 
 layout(location = 0) out uint seen;
@@ -20,7 +21,7 @@ void main()
 {
 #ifdef HAS_ALPHA
     new_opacity_key(ivec2(gl_FragCoord.xy), 0u);
-    if (lets_through(gl_PrimitiveID, world)) discard;
+    if (lets_through(gl_PrimitiveID, world, light_position - world)) discard;
 #endif
     gl_FragDepth = 1.0 / (gl_FragCoord.w * light_range.y);
     seen = uint(gl_PrimitiveID + chunk_first) + 1u;

@@ -53,7 +53,8 @@ void main()
     vec3 d = normalize(shadow_direction(face, cell));
     float t = meet(d, 0.0);
 #ifdef HAS_ALPHA
-    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(int(primitive), light_position, d, t); ++k) t = meet(d, t);
+    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(int(primitive), light_position, d, t, true); ++k)
+        t = meet(d, t);
 #endif
 #if defined(KIND_SPHERE)
     vec3 normal = from.xyz + t * d;

@@ -105,7 +105,7 @@ float shoot(int primitive, Target aim, ivec2 pixel)
     float t = SHOOT(aim, direction, 0.0);
 #ifdef HAS_ALPHA
     new_opacity_key(pixel + eye_corner, 0u);
-    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(primitive, origin, direction, t); ++k)
+    for (int k = 0; k < 2 && t < NO_HIT && primitive_lets_through(primitive, origin, direction, t, false); ++k)
         t = SHOOT(aim, direction, t);
 #endif
     return t;

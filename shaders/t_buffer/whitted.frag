@@ -60,7 +60,7 @@ Shaded shaded_at(int primitive, vec3 origin, vec3 direction, float t, float roun
     at.normal = at.front ? at.surface.normal : -at.surface.normal;
     at.wo = -direction;
     at.n = shading_normal(at.surface, at.front, at.wo);
-    at.bsdf = bsdf_at(at.surface, at.front);
+    at.bsdf = bsdf_seen(at.surface, at.front, at.wo);
     vec3 size = abs(at.surface.position);
     at.rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
     return at;

@@ -59,7 +59,8 @@ def test_a_surface_under_a_uniform_sky_sends_back_what_a_quadrature_finds(
     cosine: float, roughness: float, metallic: float
 ) -> None:
     base = np.array([0.9, 0.5, 0.1])
-    scene = plane_under_the_sky(Material("m", base, roughness=roughness, metallic=metallic), cosine)
+    material = Material("m", base, roughness=roughness, metallic=metallic, multiple_scattering=False)
+    scene = plane_under_the_sky(material, cosine)
     found = glpath.render(scene, spp=256, max_depth=2).mean.mean(axis=(0, 1))
     expected = directional_albedo(cosine, roughness, np.full(3, 0.04), base, metallic)
     assert found == pytest.approx(expected, rel=0.01)
@@ -247,7 +248,7 @@ def test_brushed_metal_shines_across_its_brush() -> None:
 
 def test_a_brush_agrees_with_a_quadrature() -> None:
     """Of light from everywhere; along the brush and across, which differ."""
-    material = Material("m", np.ones(3), roughness=0.4, metallic=1.0, anisotropy=0.6)
+    material = Material("m", np.ones(3), roughness=0.4, metallic=1.0, anisotropy=0.6, multiple_scattering=False)
     found = []
     for turn in (0.0, 90.0):
         scene = plane_under_the_sky(replace(material, anisotropy_angle=turn), 0.3)

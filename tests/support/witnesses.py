@@ -56,7 +56,10 @@ def room(
     resolution: int = 64,
     **more: Any,
 ) -> Scene:
-    """A ball and a card of `it` in the room, under a lamp that is a square where nothing else is given."""
+    """A ball and a card of `it` in the room, under a lamp that is a square where nothing else is given.
+
+    Its microfacets scatter light once, as the witnesses' do.
+    """
     scene = scene_from_dict(
         {
             "camera": {"position": [0, 1.2, 4.6], "target": [0, 0.85, 0], "fov": 38},
@@ -94,7 +97,11 @@ def room(
     walls = tuple(m for m in scene.materials if m.name in ("chalk", "red", "green"))
     fields_of = {"sky": None, **more}
     return replace(
-        scene, materials=(*walls, replace(it, name="it")), shapes=Shapes(shapes), textures=textures, **fields_of
+        scene,
+        materials=(*walls, replace(it, name="it", multiple_scattering=False)),
+        shapes=Shapes(shapes),
+        textures=textures,
+        **fields_of,
     )
 
 

@@ -30,6 +30,13 @@ class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True
         | UnsetType
     ) = UNSET
     two_sided: Annotated[bool, Meta(description="false makes the back black; it still blocks light.")] = True
+    culled: Annotated[
+        bool,
+        Meta(
+            description="true: its back is not there, for eyes, bounces and rays to lights, as in viewers of glTF; "
+            "it goes with two_sided = false, and not with glass."
+        ),
+    ] = False
     normal_texture: (
         Annotated[str, Meta(description="Name of a texture of this file: a normal map, of tangent space.")]
         | UnsetType
@@ -116,6 +123,34 @@ class Principled(Surface, tag="principled", kw_only=True):
             description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
         ),
     ] = 0.0
+    iridescence: Annotated[
+        _Share, Meta(description="Share of what is reflected that is under a thin film, as a bubble's or oil.")
+    ] = 0.0
+    iridescence_ior: Annotated[float, Meta(ge=1, le=10, description="Index of refraction of the film.")] = 1.3
+    iridescence_thickness: Annotated[float, Meta(ge=0, description="Thickness of the film in nanometres.")] = 400.0
+    iridescence_thickness_min: Annotated[
+        float, Meta(ge=0, description="The same where iridescence_thickness_texture is 0.")
+    ] = 100.0
+    iridescence_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: iridescence is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+    iridescence_thickness_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: its green goes from the least thickness to the other."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    multiple_scattering: Annotated[
+        bool,
+        Meta(
+            description="true: rough metal and glass keep the light that their microfacets scatter more than once. "
+            "false: it is lost, as in Mitsuba, and white ones are darker the rougher they are."
+        ),
+    ] = True
     clearcoat: Annotated[_Share, Meta(description="Share that is under a clearcoat.")] = 0.0
     clearcoat_roughness: Annotated[_Share, Meta(description="The roughness of the clearcoat.")] = 0.0
     sheen: Annotated[
@@ -137,6 +172,45 @@ class Principled(Surface, tag="principled", kw_only=True):
     ) = UNSET
     transmission_texture: (
         Annotated[str, Meta(description="Name of a texture of this file: transmission is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+    clearcoat_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: clearcoat is multiplied by its red.")]
+        | UnsetType
+    ) = UNSET
+    clearcoat_roughness_texture: (
+        Annotated[
+            str, Meta(description="Name of a texture of this file: clearcoat_roughness is multiplied by its green.")
+        ]
+        | UnsetType
+    ) = UNSET
+    clearcoat_normal_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: a normal map of the clearcoat alone, which "
+                "normal_texture does not bend."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    clearcoat_normal_scale: Annotated[float, Meta(description="Strength of the clearcoat's normal map.")] = 1.0
+    anisotropy_texture: (
+        Annotated[
+            str,
+            Meta(
+                description="Name of a texture of this file: its red and green, from -1 to 1, are the tangent; "
+                "anisotropy is multiplied by its blue."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    specular_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: specular is multiplied by its alpha.")]
+        | UnsetType
+    ) = UNSET
+    specular_color_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file: specular_color is multiplied by it.")]
         | UnsetType
     ) = UNSET
 

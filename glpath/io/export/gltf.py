@@ -76,7 +76,8 @@ class _Writer:
         for what, present in (("the sky", self.scene.sky), ("ambient light", np.any(self.scene.ambient > 0))):
             if present:
                 self.notes.add(f"{what} is left out")
-        self.file.save(path, **BLACK_BACKS)
+        culled = {m.name for m in (self.scene.materials[s.material] for s in self.scene.shapes) if m.culled}
+        self.file.save(path, **({} if culled else BLACK_BACKS))
         return self.notes.texts
 
     # Geometry

@@ -8,6 +8,7 @@ Poor at:  textures of more than eight bits.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,8 @@ class Surfaces:
         else:
             roughness, metallic = material.roughness, material.metallic
             self._layers(made.extensions, material)
+            if replace(material, multiple_scattering=True).keeps_energy and not material.multiple_scattering:
+                self._note(material, "light that its microfacets scatter twice is lost here, not where it is read")
         made.pbrMetallicRoughness = gltf.PbrMetallicRoughness(
             baseColorFactor=[*np.clip(base, 0.0, 1.0).tolist(), opacity],
             roughnessFactor=roughness,
@@ -143,26 +146,39 @@ class Surfaces:
         use = self.file.use
         if material.ior != 1.5:
             extensions[use("KHR_materials_ior")] = {"ior": material.ior}
-        if material.specular_weight != 1 or np.any(material.specular_colour != 1):
+        if (
+            material.specular_weight != 1
+            or np.any(material.specular_colour != 1)
+            or {"specular_texture", "specular_colour_texture"} & material.slots.keys()
+        ):
             extensions[use("KHR_materials_specular")] = {
                 "specularFactor": material.specular_weight,
                 "specularColorFactor": material.specular_colour.tolist(),
+                **self._info("specularTexture", material.specular_texture, alpha=True),
+                **self._info("specularColorTexture", material.specular_colour_texture, srgb=True),
             }
         for extension, layer in LAYERS.items():
             if np.any(getattr(material, layer.strength) > 0):
-                extensions[use(extension)] = {
+                made = {
                     name: np.asarray(getattr(material, field)).tolist() for name, field in layer.factors.items()
                 }
+                made |= {name: getattr(material, at) for name, at in layer.numbers.items()}
+                for name, into in layer.textures.items():
+                    made |= self._info(name, getattr(material, into.field), srgb=into.srgb)
+                    if into.scale is not None and name in made:
+                        made[name]["scale"] = getattr(material, into.scale)
+                extensions[use(extension)] = made
         if material.anisotropy > 0:
             extensions[use("KHR_materials_anisotropy")] = {
                 "anisotropyStrength": material.anisotropy,
                 "anisotropyRotation": math.radians(material.anisotropy_angle),
+                **self._info("anisotropyTexture", material.anisotropy_texture),
             }
         if material.transmission > 0:
-            glass: dict[str, Any] = {"transmissionFactor": material.transmission}
-            if material.transmission_texture is not None:
-                glass["transmissionTexture"] = _as_dictionary(self._slot(material.transmission_texture))
-            extensions[use("KHR_materials_transmission")] = glass
+            extensions[use("KHR_materials_transmission")] = {
+                "transmissionFactor": material.transmission,
+                **self._info("transmissionTexture", material.transmission_texture),
+            }
             if not material.thin:
                 extensions[use("KHR_materials_volume")] = _volume(material)
 
@@ -212,6 +228,16 @@ class Surfaces:
                 self.notes.add("its coordinates are not sheared", "texture", texture.name)
             info.extensions = {self.file.use("KHR_texture_transform"): transform}
         return info
+
+    def _info(
+        self, name: str, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
+    ) -> dict[str, Any]:
+        """The same as a property of an extension; none where there is no texture."""
+        info = self._slot(slot, srgb=srgb, alpha=alpha)
+        if info is None:
+            return {}
+        made = {"index": info.index, "texCoord": info.texCoord}
+        return {name: made | ({"extensions": info.extensions} if info.extensions else {})}
 
     def _texture(self, number: int, srgb: bool, alpha: bool) -> int:
         import pygltflib as gltf
@@ -274,8 +300,3 @@ def _uv_transform(matrix: Float64) -> tuple[dict[str, Any], bool]:
     if angle != 0:
         made["rotation"] = angle
     return made, bool(np.allclose(rebuilt, matrix[:2, :2], rtol=1e-6, atol=1e-9))
-
-
-def _as_dictionary(info: Any) -> dict[str, Any]:
-    made = {"index": info.index, "texCoord": info.texCoord}
-    return made | ({"extensions": info.extensions} if info.extensions else {})

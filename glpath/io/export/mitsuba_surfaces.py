@@ -15,7 +15,7 @@ import numpy as np
 
 from glpath.io.export.geometry import Notes, map_downwards
 from glpath.scene.geometry import Float64
-from glpath.scene.material import SMOOTH, Material, Texture, TextureSlot
+from glpath.scene.material import SLOTS, SMOOTH, Material, Texture, TextureSlot
 from glpath.scene.model import Scene
 
 #: A plugin with its parameters, see `glpath.io.export.mitsuba`.
@@ -23,6 +23,14 @@ Plugin = dict[str, Any]
 
 # Mitsuba's principled surface is as glTF's where its `specular` is this: an index of 1.5.
 _SPECULAR = 0.5
+# Textures that Mitsuba's surface has no place for.
+_UNSAID = set(SLOTS) - {
+    "texture",
+    "surface_texture",
+    "normal_texture",
+    "emission_texture",
+    "transmission_texture",
+}
 
 
 class Names:
@@ -115,6 +123,14 @@ class _Surface:
             return _diffuse(rgb(np.zeros(3)))
         if np.any(material.sheen > 0):
             self._note("its sheen is left out: that of Mitsuba's principled surface is another lobe")
+        if material.iridescence > 0:
+            self._note("the thin film over it is left out")
+        if material.culled:
+            self._note("its back blocks light in Mitsuba")
+        if material.keeps_energy:
+            self._note("Mitsuba loses what its microfacets scatter more than once, which is kept here")
+        if material.slots.keys() & _UNSAID:
+            self._note("textures of its clearcoat, anisotropy and dielectric are left out")
         if material.roughness is None:
             made = self._without_microfacets()
         elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:

@@ -7,9 +7,10 @@ that lie, nodes in a circle) is a SceneError that names the location.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from glpath.io.gltf.choices import chosen_animations, chosen_variant, material_o
 from glpath.io.gltf.document import Document, read_document
 from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import Nodes, Pose, instances
-from glpath.io.gltf.primitives import Primitives, Skin, is_open, skin_of
+from glpath.io.gltf.primitives import Primitives, Skin, is_solid, skin_of
 from glpath.io.gltf.profiles import Profiles
 from glpath.io.gltf.surfaces import Surfaces
 from glpath.io.gltf.table import Table
@@ -85,6 +86,7 @@ def read_gltf(
     variant: str | None = None,
     light_factor: float = 1.0,
     unit: Unit = "photometric",
+    backs: Literal["absent", "black"] = "absent",
 ) -> Model:
     """Read a .gltf or .glb.
 
@@ -98,6 +100,8 @@ def read_gltf(
                    back its watts
     unit         : what the numbers of its light are: "photometric" (cd, lx, cd m^-2), as glTF has it, or
                    "radiometric", as programs write them whose light is in watts
+    backs        : of materials that are not doubleSided: "absent", as viewers have them, or "black", so that walls
+                   block light from both sides
 
     Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
     a camera, an animation or a variant that it does not have and numbers that are not finite.
@@ -119,6 +123,8 @@ def read_gltf(
     look = chosen_variant(document, variant)
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
     shapes = made.all()
+    if backs == "absent" and not made.backs_were_black:
+        made.cull_backs()
     if shapes:
         warn_of_steps(document.location, made.step, made.low, made.high)
     profiles = Profiles(document)
@@ -293,7 +299,6 @@ class _Shapes:
                     motion=group.motion,
                 )
             )
-        self._note_single_sided()
         return shapes
 
     def _plain_mesh(self, index: int) -> int | None:
@@ -445,20 +450,22 @@ class _Shapes:
             self.low = np.minimum(self.low, (centre - extent).min(axis=0))
             self.high = np.maximum(self.high, (centre + extent).max(axis=0))
 
-    def _note_single_sided(self) -> None:
+    @property
+    def backs_were_black(self) -> bool:
+        """The file is of `glpath export`, whose scene had black backs."""
         extras = self.document.root.values.get("extras")  # of any type
-        if isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items():
-            return
-        seen = (
-            group
-            for group in self.groups.values()
-            if not self.surfaces.surfaces[group.surface].material.two_sided and len(group.mesh.faces) <= _LONG_TEST
-        )
-        if any(is_open(group.mesh) for group in seen):
-            self.document.notes.add(
-                "Culling of backs: materials that are not doubleSided are black from behind and block light, where "
-                "viewers do not draw them."
-            )
+        return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
+
+    def cull_backs(self) -> None:
+        """Of materials that are not doubleSided, where backs can be seen: those of solids cannot from outside."""
+        surfaces = self.surfaces.surfaces
+        for number, surface in enumerate(surfaces):
+            material = surface.material
+            if material.two_sided or material.transmission > 0:
+                continue
+            meshes = [group.mesh for group in self.groups.values() if group.surface == number]
+            if not all(len(mesh.faces) <= _LONG_TEST and is_solid(mesh) for mesh in meshes):
+                surfaces[number] = replace(surface, material=replace(material, culled=True))
 
 
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:

@@ -6,18 +6,32 @@ An extension is a row of LAYERS: neither the reader nor the writer names it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
+
+
+class LayerTexture(NamedTuple):
+    """field : of `Material`; srgb: its texture has colours; scale: the field of a normal map's scale"""
+
+    field: str
+    srgb: bool = False
+    scale: str | None = None
 
 
 class Layer(NamedTuple):
     """An extension whose properties are fields of `Material`.
 
     factors  : the field of each property, in [0, 1]; without the first, which is 0 by default, there is no layer
-    textures : properties that are not read
+    numbers  : the field of each property from 0 on, with the default of `Material`
+    textures : the field of each texture
+    unread   : properties that are not read
     """
 
     factors: dict[str, str]
-    textures: tuple[str, ...]
+    numbers: Mapping[str, str] = MappingProxyType({})
+    textures: Mapping[str, LayerTexture] = MappingProxyType({})
+    unread: tuple[str, ...] = ()
 
     @property
     def strength(self) -> str:
@@ -28,17 +42,32 @@ class Layer(NamedTuple):
 LAYERS = {
     "KHR_materials_clearcoat": Layer(
         {"clearcoatFactor": "clearcoat", "clearcoatRoughnessFactor": "clearcoat_roughness"},
-        ("clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"),
+        textures={
+            "clearcoatTexture": LayerTexture("clearcoat_texture"),
+            "clearcoatRoughnessTexture": LayerTexture("clearcoat_roughness_texture"),
+            "clearcoatNormalTexture": LayerTexture("clearcoat_normal_texture", scale="clearcoat_normal_scale"),
+        },
     ),
     "KHR_materials_sheen": Layer(
         {"sheenColorFactor": "sheen", "sheenRoughnessFactor": "sheen_roughness"},
-        ("sheenColorTexture", "sheenRoughnessTexture"),
+        unread=("sheenColorTexture", "sheenRoughnessTexture"),
+    ),
+    "KHR_materials_iridescence": Layer(
+        {"iridescenceFactor": "iridescence"},
+        {
+            "iridescenceIor": "iridescence_ior",
+            "iridescenceThicknessMinimum": "iridescence_thickness_min",
+            "iridescenceThicknessMaximum": "iridescence_thickness",
+        },
+        {
+            "iridescenceTexture": LayerTexture("iridescence_texture"),
+            "iridescenceThicknessTexture": LayerTexture("iridescence_thickness_texture"),
+        },
     ),
 }
 #: Extensions of materials that are lost, and the part of the look that is lost with each.
 UNUSED_MATERIALS = {
     "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
     "KHR_materials_dispersion": "dispersion of glass",
-    "KHR_materials_iridescence": "iridescence",
     "KHR_materials_volume_scatter": "light that is scattered inside of solids",
 }

@@ -290,3 +290,9 @@ def is_open(mesh: Mesh) -> bool:
     a = number[mesh.faces].astype(np.int64)
     b, count = np.roll(a, -1, axis=1), len(points)
     return not np.array_equal(np.sort((a * count + b).ravel()), np.sort((b * count + a).ravel()))
+
+
+def is_solid(mesh: Mesh) -> bool:
+    """Whether it is closed, with its fronts outward."""
+    a, b, c = (mesh.vertices - mesh.vertices.mean(axis=0))[mesh.faces].transpose(1, 0, 2)
+    return not is_open(mesh) and float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0

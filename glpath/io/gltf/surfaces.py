@@ -1,7 +1,7 @@
 """Materials and their textures.
 
-A material whose `doubleSided` is false is culled from behind in glTF: its back is not drawn. Here it is black and
-blocks light (`Material.two_sided`), as light must not pass a wall from one side alone; closed objects look alike.
+A material whose `doubleSided` is false is culled from behind in glTF: its back is not drawn. So it is here, for
+eyes, bounces and rays to lights (`Material.culled`), unless one asks for black backs that block light.
 Light that surfaces send is taken as W sr^-1 m^-2, one to one for glTF's nits. Unlit surfaces send their colour, and
 so light others.
 
@@ -215,7 +215,8 @@ class Surfaces:
             fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
             fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
             if fields["specular_weight"] > 0:  # which textures multiply
-                self._unused(specular, "specularTexture", "specularColorTexture")
+                fields["specular_texture"] = self._slot(specular, "specularTexture", srgb=False)
+                fields["specular_colour_texture"] = self._slot(specular, "specularColorTexture", srgb=True)
         if ior is not None and ior.number("ior", 1.5) == 0:
             # 0 stands for a reflection that the colour alone decides.
             fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
@@ -227,13 +228,21 @@ class Surfaces:
                     fields[target] = (
                         self._shares(found, name, (0, 0, 0)) if is_colour else self._share(found, name, 0.0)
                     )
-                self._unused(found, *layer.textures)
+                for name, target in layer.numbers.items():
+                    fields[target] = found.number(name, getattr(_PLAIN, target), 0.0)
+                if np.any(fields[layer.strength]):
+                    for name, into in layer.textures.items():
+                        fields[into.field] = self._slot(found, name, srgb=into.srgb)
+                        if into.scale is not None and name in found:
+                            fields[into.scale] = found.table(name).number("scale", 1.0)
+                self._unused(found, *layer.unread)
         anisotropic = table.extension("KHR_materials_anisotropy")
         if anisotropic is not None:
             fields["anisotropy"] = self._share(anisotropic, "anisotropyStrength", 0.0)
             # Counter-clockwise from u to v, as seen with v upwards, which ours is.
             fields["anisotropy_angle"] = float(np.degrees(anisotropic.number("anisotropyRotation", 0.0)))
-            self._unused(anisotropic, "anisotropyTexture")
+            if fields["anisotropy"] > 0:
+                fields["anisotropy_texture"] = self._slot(anisotropic, "anisotropyTexture", srgb=False)
         glass = table.extension("KHR_materials_transmission")
         if glass is not None:
             fields["transmission"] = self._share(glass, "transmissionFactor", 0.0)

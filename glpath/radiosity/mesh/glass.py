@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from glpath.radiosity.mesh.lattice import Int64
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
+from glpath.scene.material import averaged
 from glpath.scene.model import Float64
 from glpath.system.kernels import inner_kernel
 
@@ -39,7 +40,7 @@ class Glass(NamedTuple):
 
     @classmethod
     def of_scene(cls, scene: Scene) -> Glass:
-        materials = [scene.materials[shape.material] for shape in scene.shapes]
+        materials = [averaged(scene.materials[shape.material], scene.textures) for shape in scene.shapes]
         shape: Int64 = scene.triangle_shape.astype(np.int64)
 
         def of_shapes(values: list[object], width: int) -> Float64:

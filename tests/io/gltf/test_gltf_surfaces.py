@@ -15,6 +15,7 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.image import decode_srgb
 from glpath.io.gltf import Model, read_gltf
 from glpath.io.gltf.glossiness import metal_and_roughness
+from glpath.io.gltf.primitives import is_solid
 from glpath.scene.model import Material, Mesh, Texture, TextureSlot
 from tests.support.gltf_files import Gltf, encoded, ktx2_of_solid_blocks
 
@@ -91,6 +92,49 @@ def test_layers_of_the_extensions(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.exp(-2 * material.attenuation), [0.5, 1, 0.25])  # Beer's law over the distance
 
 
+def test_textures_of_the_layers(tmp_path: Path) -> None:
+    file = Gltf()
+    info = {"index": file.texture(FOUR)}
+    file.one_triangle(
+        extensions={
+            "KHR_materials_specular": {"specularTexture": info, "specularColorTexture": info},
+            "KHR_materials_clearcoat": {
+                "clearcoatFactor": 0.9,
+                "clearcoatTexture": info,
+                "clearcoatRoughnessTexture": info,
+                "clearcoatNormalTexture": info | {"scale": 0.5},
+            },
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyTexture": info},
+        },
+    )
+    model = read(file, tmp_path)
+    (material,) = model.materials
+    assert set(material.slots) == {
+        "clearcoat_texture",
+        "clearcoat_roughness_texture",
+        "clearcoat_normal_texture",
+        "anisotropy_texture",
+        "specular_texture",
+        "specular_colour_texture",
+    }
+    assert material.clearcoat_normal_scale == 0.5
+    colours = {name for name, slot in material.slots.items() if model.textures[slot.texture].srgb}
+    assert colours == {"specular_colour_texture"}
+    assert not any("factor holds" in note for note in model.notes)
+
+
+def test_textures_of_layers_that_are_not_there_are_not_read(tmp_path: Path) -> None:
+    file = Gltf()
+    info = {"index": file.texture(FOUR)}
+    layers = {
+        "KHR_materials_clearcoat": {"clearcoatTexture": info},
+        "KHR_materials_anisotropy": {"anisotropyTexture": info},
+    }
+    model = read(file.one_triangle(extensions=layers), tmp_path)
+    assert not model.materials[0].slots
+    assert not model.textures
+
+
 NO_REFLECTION = {"KHR_materials_specular": {"specularFactor": 0}}
 
 
@@ -108,7 +152,7 @@ def test_without_any_reflection_a_surface_is_diffuse(tmp_path: Path) -> None:
     }
     file.one_triangle(pbrMetallicRoughness=pbr | rough, normalTexture=texture, extensions=layers)
     material = read(file, tmp_path).materials[0]
-    plain = Material("plain", np.array([0.1, 0.2, 0.3]), two_sided=False)
+    plain = Material("plain", np.array([0.1, 0.2, 0.3]), two_sided=False, culled=True)
     for each in fields(Material):
         if each.name not in ("name", "texture", "normal_texture"):
             np.testing.assert_array_equal(getattr(material, each.name), getattr(plain, each.name), each.name)
@@ -232,28 +276,40 @@ def test_what_is_not_used_is_noted_once(tmp_path: Path) -> None:
     file = Gltf()
     texture = {"index": file.texture(FOUR)}
     for _ in range(2):
-        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_iridescence", iridescenceFactor=1))
-    file.json["extensionsUsed"] = ["KHR_materials_iridescence", "ACME_glitter", "ACME_dust"]
+        file.one_triangle(occlusionTexture=texture, **extended("KHR_materials_dispersion", dispersion=1))
+    file.json["extensionsUsed"] = ["KHR_materials_dispersion", "ACME_glitter", "ACME_dust"]
     notes = read(file, tmp_path).notes
     assert sum("Occlusion" in note for note in notes) == 1
-    assert sum("KHR_materials_iridescence" in note for note in notes) == 1
+    assert sum("KHR_materials_dispersion" in note for note in notes) == 1
     assert [note for note in notes if "ACME" in note] == ["The extensions ACME_dust, ACME_glitter."]
 
 
-def test_open_meshes_without_backs_are_noted(tmp_path: Path) -> None:
-    for both, noted in ((True, 0), (False, 1)):
-        _, model = the_material(tmp_path, doubleSided=both)
-        assert sum("doubleSided" in note for note in model.notes) == noted
+def test_open_meshes_that_are_not_double_sided_have_no_backs(tmp_path: Path) -> None:
+    for both in (True, False):
+        material, _ = the_material(tmp_path, doubleSided=both)
+        assert material.culled == (not both)
+        assert material.two_sided == both
+    glass = {"KHR_materials_transmission": {"transmissionFactor": 1}}
+    material, _ = the_material(tmp_path, doubleSided=False, extensions=glass)
+    assert not material.culled
+
+
+@pytest.mark.parametrize("inward", [False, True])
+def test_backs_of_solids_are_black_as_no_eye_outside_sees_them(inward: bool) -> None:
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    assert is_solid(Mesh(corners + 5, faces[:, ::-1].copy() if inward else faces)) != inward
+    assert not is_solid(Mesh(corners, faces[:3]))
 
 
 @pytest.mark.parametrize(
-    ("extras", "noted"), [({"backs": "black", "more": []}, 0), ({"backs": "glass"}, 1), (["backs", "black"], 1)]
+    ("extras", "black"), [({"backs": "black", "more": []}, True), ({"backs": "glass"}, False), (["backs"], False)]
 )
-def test_backs_that_were_black_are_not_noted(extras: Any, noted: int, tmp_path: Path) -> None:
+def test_backs_that_were_black_are_kept(extras: Any, black: bool, tmp_path: Path) -> None:
     """As in a file of `glpath export`, which says so; extras of others are of any type."""
     file = Gltf().one_triangle(doubleSided=False)
     file.json["extras"] = extras
-    assert sum("doubleSided" in note for note in read(file, tmp_path).notes) == noted
+    assert read(file, tmp_path).materials[0].culled != black
 
 
 def test_the_first_row_of_an_image_is_at_the_top_and_so_is_v_of_1(tmp_path: Path) -> None:

@@ -1,0 +1,72 @@
+"""What rough metal and rough glass send back of light from everywhere when their microfacets scatter it once.
+
+The rest is light that meets another microfacet. Where it is kept (`Material.multiple_scattering`), the lobes are
+divided by this albedo of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. Of a
+colour, every further scattering takes its share: a lobe's factor is 1 + F0 (1 - E) / E.
+
+Cost:    0.1 s a table of an index, made once; read by one texel a vertex.
+Poor at: anisotropy, of which the table has the mean roughness; rough light at grazing incidence, as what is added
+         has the lobe of what is there. It is not reciprocal.
+Source:  Turquin 2019, Practical multiple scattering compensation for microfacet models, 3.1 and 3.4.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from glpath.scene.geometry import Float64
+
+#: Cells of a table along the root of the cosine and along the roughness.
+CELLS = 24
+_AZIMUTHS, _HEIGHTS = 16, 32  # points of the quadrature
+
+
+@lru_cache(maxsize=64)
+def directional_albedo(eta: float) -> Float64:
+    """(CELLS + 1, CELLS + 1) float64 in [0, 1]: of roughness i / CELLS and of the cosine (j / CELLS)².
+
+    eta : of glass, the index of the far side over that of the near one; 0 of white metal, and of thin glass, which
+          sends light to both sides as metal sends it to one
+    """
+    steps = np.arange(CELLS + 1) / CELLS
+    cosine = np.maximum(steps**2, 1e-4)
+    return np.stack([_scattered_once(cosine, float(max(r, 1e-3) ** 2), eta) for r in steps])
+
+
+def _scattered_once(cosine: Float64, alpha: float, eta: float) -> Float64:
+    """(n,) of (n,), by the midpoint rule over the normals that are seen [Dupuy & Benyoub 2023]."""
+    phi = np.pi * (np.arange(_AZIMUTHS)[:, None] + 0.5) / _AZIMUTHS
+    v = (np.arange(_HEIGHTS)[None, :] + 0.5) / _HEIGHTS
+    z = cosine[:, None, None]
+    x = np.sqrt(1.0 - z * z)
+    stretched = np.sqrt((alpha * x) ** 2 + z * z)
+    sx, sz = alpha * x / stretched, z / stretched
+    cap = (1.0 - v) * (1.0 + sz) - sz
+    r = np.sqrt(np.clip(1.0 - cap * cap, 0.0, 1.0))
+    mx, my, mz = alpha * (r * np.cos(phi) + sx), alpha * r * np.sin(phi), np.maximum(cap + sz, 1e-9)
+    length = np.sqrt(mx * mx + my * my + mz * mz)
+    mx, mz = mx / length, mz / length
+    o = x * mx + z * mz  # cosine to the microfacet
+    reflected = _seen(2.0 * o * mz - z, alpha)
+    if eta == 0:
+        return np.asarray(reflected.mean(axis=(1, 2)))
+    sine2 = (1.0 - o * o) / (eta * eta)
+    far = np.sqrt(np.clip(1.0 - sine2, 0.0, 1.0))
+    across, along = (o - eta * far) / (o + eta * far), (eta * o - far) / (eta * o + far)
+    F = np.where(sine2 < 1.0, 0.5 * (across**2 + along**2), 1.0)
+    through = _seen(-((o / eta - far) * mz - z / eta), alpha)
+    return np.asarray((F * reflected + (1.0 - F) * through).mean(axis=(1, 2)))
+
+
+def _seen(z: Float64, alpha: float) -> Float64:
+    """Smith's masking of directions at a cosine z; 0 below the surface."""
+    z = np.clip(z, 0.0, 1.0)
+    return np.asarray(2.0 * z / np.maximum(z + np.sqrt(z * z + alpha * alpha * (1.0 - z * z)), 1e-12))
+
+
+def cells(table: Float64) -> Float64:
+    """(CELLS², 4): each cell's corners: this roughness and cosine, the next cosine; of the next roughness both."""
+    corners = [table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]]
+    return np.stack(corners, axis=2).reshape(-1, 4)

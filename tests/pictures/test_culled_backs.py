@@ -1,0 +1,140 @@
+"""Materials whose back is not there: for eyes, for bounces and for rays to lights, in every engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.scene.model import Float64, Scene
+from tests.support.gltf_files import Gltf
+
+ENGINES: dict[str, dict[str, Any]] = {
+    "path": {},
+    "path-buffer": {"integrator": "path-buffer"},
+    "t-buffer": {"integrator": "t-buffer"},
+    "classic": {"integrator": "classic"},
+    "t-buffer without shadow-buffers": {"integrator": "t-buffer", "shadows": "rays"},
+}
+
+
+def pane_before_a_wall(towards: str, light: str = "sky", culled: bool = True, side: float = 3.0) -> Scene:
+    """A white wall behind a red square, whose front looks towards the eye or the wall. Seen along -z."""
+    s = side
+    corners = [[-s, -s, 1], [s, -s, 1], [s, s, 1], [-s, s, 1]]
+    given: dict[str, Any] = {
+        "camera": {"position": [0, 0, 6], "target": [0, 0, 0], "fov": 20},
+        "film": {"resolution": [16, 16]},
+        "materials": {
+            "wall": {"reflectance": 0.5},
+            "red": {"reflectance": [0.5, 0, 0], "two_sided": False, "culled": culled},
+        },
+        "shapes": [
+            {"type": "quad", "corners": [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]], "material": "wall"},
+            {
+                "type": "quad",
+                "corners": corners if towards == "eye" else corners[::-1],
+                "material": "red",
+            },
+        ],
+    }
+    if light == "sky":
+        given["sky"] = {"zenith": 1.0, "horizon": 1.0}
+    elif light == "point":
+        given["lights"] = [{"type": "point", "position": [2, 0, 5], "intensity": 100}]
+    elif light == "lamp":
+        square = [[1, -1, 5], [1, 1, 5], [3, 1, 5], [3, -1, 5]]
+        given["shapes"].append({"type": "quad", "corners": square, "emission": {"radiance": 9}})
+    return glpath.load_scene(given)
+
+
+def seen(scene: Scene, **options: Any) -> Float64:
+    options = {"spp": 64, **options}
+    return np.asarray(glpath.render(scene, **options).mean.mean(axis=(0, 1)))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_eye_sees_through_a_back_and_not_through_a_front(engine: str) -> None:
+    front = seen(pane_before_a_wall("eye", "point"), **ENGINES[engine])
+    assert front[1] == 0 < front[0]
+    for culled in (True, False):
+        scene = pane_before_a_wall("wall", "point", culled=culled)
+        shines = replace(scene.shapes[0], emission=np.ones(3))
+        found = seen(replace(scene, shapes=[shines, scene.shapes[1]]), max_depth=1, **ENGINES[engine])
+        np.testing.assert_allclose(found, 1.0 if culled else 0.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("light", ["point", "lamp"])
+def test_a_wall_is_lit_through_what_it_sees_as_its_eye_does(engine: str, light: str) -> None:
+    """From the wall, a pane that looks at the eye is seen from behind: light comes through it, not the other."""
+    if light == "lamp" and engine not in ("path", "path-buffer"):
+        pytest.skip("lit by its lights alone")
+    bare = pane_before_a_wall("eye", light)
+    bare = replace(bare, shapes=[shape for i, shape in enumerate(bare.shapes) if i != 1])
+    options = {"max_depth": 1, **ENGINES[engine]}
+    lit = seen(bare, **options)
+    # Of a small pane the eye sees the wall beside it, and through its back.
+    towards_wall, towards_eye = (
+        seen(pane_before_a_wall(towards, light, side=0.5), **options) for towards in ("wall", "eye")
+    )
+    assert towards_wall[1] < 0.8 * lit[1]  # its front, as the wall sees it, throws a shadow
+    beside = seen(pane_before_a_wall("eye", light, side=0.5, culled=False), **options)
+    assert towards_eye[1] > 1.1 * beside[1]  # and so does a black back, but not one that is not there
+
+
+@pytest.mark.parametrize("engine", ["path", "path-buffer"])
+def test_bounces_pass_backs(engine: str) -> None:
+    """A box of inward walls, seen from outside in a furnace: within, all is as if the near wall were not there."""
+    inner = {"type": "box", "min": [-1, -1, -1], "max": [1, 1, 1], "material": "red"}
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 0, 9], "target": [0, 0, 0], "fov": 10},
+            "film": {"resolution": [8, 8]},
+            "materials": {"red": {"reflectance": 0.0, "two_sided": False, "culled": True}},
+            "shapes": [inner],
+            "sky": {"zenith": 1.0, "horizon": 1.0},
+        }
+    )
+    mesh = scene.shapes[0].geometry
+    assert not isinstance(mesh, str)
+    turned = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]), normals=None)
+    inward = replace(scene, shapes=[replace(scene.shapes[0], geometry=turned)])
+    lamp = replace(inward, shapes=[replace(inward.shapes[0], emission=np.array([2.0, 2, 2]))])
+    np.testing.assert_allclose(seen(lamp, max_depth=3, **ENGINES[engine]), 2.0, rtol=1e-5)  # the far wall
+
+
+def test_paths_and_scans_agree_where_light_goes_one_way() -> None:
+    scene = pane_before_a_wall("eye", "lamp", side=0.5)
+    own, shared = (seen(scene, spp=2048, max_depth=4, **ENGINES[name]) for name in ("path", "path-buffer"))
+    np.testing.assert_allclose(own, shared, rtol=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")
+def test_files_of_viewers_have_no_backs_unless_asked(tmp_path: Path) -> None:
+    file = Gltf()
+    file.one_triangle(doubleSided=False)
+    path = file.write(tmp_path)
+    assert glpath.load_scene(path).materials[0].culled
+    kept = glpath.load_scene(path, {"backs": "black"}).materials[0]
+    assert not kept.culled
+    assert not kept.two_sided
+    with DeviceScene(get_context().gl, glpath.load_scene(path, {"backs": "black"})) as device:
+        assert not {"HAS_ALPHA", "HAS_CULLING"} & device.defines.keys()
+
+
+def test_what_has_a_back_cannot_be_culled() -> None:
+    with pytest.raises(glpath.SceneError, match="culled"):
+        glpath.load_scene(
+            {
+                "camera": {"position": [0, 0, 6], "target": [0, 0, 0]},
+                "materials": {"m": {"reflectance": 0.5, "culled": True}},
+                "shapes": [{"type": "sphere", "radius": 1, "material": "m"}],
+            }
+        )

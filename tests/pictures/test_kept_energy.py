@@ -1,0 +1,100 @@
+"""What the microfacets of rough metal and rough glass scatter more than once [Turquin 2019]."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.gl.context import get_context
+from glpath.gl.device_scene import DeviceScene
+from glpath.scene.directional_albedo import CELLS, directional_albedo
+from glpath.scene.model import Float64, Material
+from tests.support.uniform_sky import furnace, plane_under_the_sky
+
+WHITE = np.ones(3)
+METAL = Material("m", WHITE, roughness=0.5, metallic=1.0)
+PANE = Material("m", WHITE, roughness=0.5, transmission=1.0)
+ENGINES: list[dict[str, Any]] = [{}, {"integrator": "path-buffer"}, {"integrator": "classic", "light_samples": 64}]
+
+
+def seen(material: Material, cosine: float, **options: Any) -> Float64:
+    options = {"spp": 1024, "max_depth": 2, **options}
+    return np.asarray(glpath.render(plane_under_the_sky(material, cosine), **options).mean.mean(axis=(0, 1)))
+
+
+def ggx_albedo(cosine: float, alpha: float, n: int = 1500) -> float:
+    """By the midpoint rule over directions of light; by the formulas of glTF 2.0, B.3.2 with F = 1."""
+    z, phi = np.meshgrid(((np.arange(n) + 0.5) / n) ** 2, np.pi * (np.arange(n) + 0.5) / n, indexing="ij")
+    r, sine = np.sqrt(1 - z * z), np.sqrt(1 - cosine**2)
+    h = np.stack([r * np.cos(phi) + sine, r * np.sin(phi), z + cosine])
+    h /= np.linalg.norm(h, axis=0)
+    D = alpha**2 / (np.pi * ((h[2] * alpha) ** 2 + 1 - h[2] ** 2) ** 2)
+
+    def seen_from(w: Any) -> Any:
+        return 1 / (w + np.sqrt(alpha**2 + (1 - alpha**2) * w * w))
+
+    f = D * seen_from(z) * seen_from(np.array(cosine))
+    return float((f * z * 2 * np.sqrt(z)).sum() / n * (2 * np.pi / n))
+
+
+@pytest.mark.parametrize("roughness", [0.25, 0.5, 1.0])
+def test_the_table_is_quadrature_over_the_light(roughness: float) -> None:
+    table = directional_albedo(0.0)[round(roughness * CELLS)]
+    for j in (4, 9, 15, 24):
+        assert table[j] == pytest.approx(ggx_albedo((j / CELLS) ** 2, roughness**2), abs=0.004)
+
+
+def test_a_boundary_that_sends_all_light_one_way_is_like_metal() -> None:
+    """Of an index that reflects nearly all, the table of glass is that of metal."""
+    np.testing.assert_allclose(directional_albedo(1e4), directional_albedo(0.0), atol=0.02)
+
+
+@pytest.mark.filterwarnings("ignore:.*reflects all light")
+@pytest.mark.parametrize("roughness", [0.05, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0])
+@pytest.mark.parametrize("kind", ["metal", "pane", "glass"])
+def test_a_white_furnace_stays_white_at_all_roughnesses(kind: str, roughness: float) -> None:
+    made = {"metal": METAL, "pane": PANE, "glass": replace(PANE, thin=False)}[kind]
+    film = glpath.render(furnace(replace(made, roughness=roughness), 16), spp=256, max_depth=60)
+    np.testing.assert_allclose(np.asarray(film.mean)[5:11, 5:11].mean(), 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize("roughness", [0.4, 1.0])
+def test_half_metal_half_pane_stays_white(roughness: float) -> None:
+    np.testing.assert_allclose(
+        seen(replace(PANE, metallic=0.5, specular_weight=0.0, roughness=roughness), 0.6), 1.0, atol=0.01
+    )
+
+
+@pytest.mark.parametrize("options", ENGINES, ids=["path", "path-buffer", "classic"])
+@pytest.mark.parametrize("cosine", [0.2, 0.6, 0.95])
+def test_every_engine_keeps_the_energy_of_metal(options: dict[str, Any], cosine: float) -> None:
+    """Sampled, as of paths, or evaluated, as of the others."""
+    np.testing.assert_allclose(seen(replace(METAL, roughness=0.8), cosine, **options), 1.0, atol=0.025)
+
+
+def test_a_coloured_metal_takes_its_colour_at_each_scattering() -> None:
+    gold, lost = np.array([0.9, 0.5, 0.1]), seen(replace(METAL, roughness=0.9, multiple_scattering=False), 0.7)
+    found = seen(replace(METAL, reflectance=gold, roughness=0.9), 0.7)
+    once = seen(replace(METAL, reflectance=gold, roughness=0.9, multiple_scattering=False), 0.7)
+    np.testing.assert_allclose(found / once, 1 + gold * (1 / lost - 1), rtol=0.02)
+    assert lost.max() < 0.85
+
+
+def test_brushed_metal_keeps_about_all() -> None:
+    brushed = replace(METAL, roughness=0.4, anisotropy=0.7)
+    assert seen(brushed, 0.7).mean() == pytest.approx(1.0, abs=0.06)
+    assert seen(replace(brushed, multiple_scattering=False), 0.7).mean() < 0.9
+
+
+def test_where_nothing_is_kept_programs_know_nothing_of_it() -> None:
+    plastic = Material("m", WHITE, roughness=0.5)
+    mirror = replace(METAL, roughness=0.0)
+    for material in (plastic, mirror, replace(METAL, multiple_scattering=False)):
+        with DeviceScene(get_context().gl, furnace(material)) as device:
+            assert "HAS_MULTIPLE_SCATTERING" not in device.defines
+    with DeviceScene(get_context().gl, furnace(METAL)) as device:
+        assert "HAS_MULTIPLE_SCATTERING" in device.defines
