@@ -21,7 +21,7 @@ from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
 
 if TYPE_CHECKING:
-    from glpath.gl.ray_bvh import Grid
+    from glpath.gl.bvh_grid import Grid
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -46,8 +46,18 @@ def compiled_items(vertices: Float32, faces: Int32, paths: NDArray[np.int64] | N
 
 def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
     """The tree over items, with boxes of 32 bits: those of corners of 32 bits are exact."""
+    return tree_over(item_boxes(vertices, faces, items))
+
+
+def item_boxes(vertices: Float32, faces: Int32, items: Int32) -> Float32:
+    """(N, 6): lower and upper corners of the boxes around items."""
     boxes = np.empty((len(items), 6), np.float32)
     _in_threads(len(items), lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
+    return boxes
+
+
+def tree_over(boxes: Float32) -> WideBvh:
+    """The tree over boxes (N, 6), whose order is lost."""
     tree = build_in_threads(boxes)
     x, y, z = (boxes[:: max(1, len(boxes) // _ASKED), 3:] - boxes[:: max(1, len(boxes) // _ASKED), :3]).T
     return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
@@ -56,7 +66,7 @@ def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
 class CompiledSlots:
     """The slots of a tree as `ray_bvh.Slots.table` has them, made when they are asked for, by ranges.
 
-    nodes : (W, 4, 4), the slots of the wide nodes
+    nodes : (W, 4, 4) uint32, the slots of the wide nodes
     lanes : (W, 4), of each their children: a node's number, -2 - an item's, -1 for none
 
     geometry : vertices (V, 3), faces (T, 3), items (N, 3)
@@ -69,10 +79,10 @@ class CompiledSlots:
         self, wide: WideBvh, grid: Grid, geometry: tuple[Float32, Int32, Int32], flags: NDArray[np.uint8]
     ) -> None:
         self._geometry, self._flags = geometry, flags
-        self._nodes, self._lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
+        self.nodes, self.lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
         tree, steps = wide.tree, np.stack([grid.lower, grid.step, grid.pad])
         shape = (tree.lower, tree.upper, tree.first, tree.count, tree.order)
-        rest = (wide.children, wide.number, octant_orders(wide), steps, self._nodes, self._lanes)
+        rest = (wide.children, wide.number, octant_orders(wide), steps, self.nodes, self.lanes)
         _in_threads(len(wide), lambda begin, end: _fill_nodes(*shape, *rest, begin, end))
         self.shape = (WIDTH * (len(wide) + 1), 4, 4)
 
@@ -82,7 +92,7 @@ class CompiledSlots:
         assert (step, begin % WIDTH, end % WIDTH) == (1, 0, 0), "whole groups"
         slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
         rest = (*self._geometry, self._flags, slots, slots.view(np.float32))
-        _fill(self._nodes, self._lanes, *rest, begin // WIDTH)
+        _fill(self.nodes, self.lanes, *rest, begin // WIDTH)
         return slots
 
 

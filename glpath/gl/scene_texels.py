@@ -26,6 +26,7 @@ from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
+from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
 #: The contents of an entry's texels, in order, by section.
@@ -74,6 +75,11 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "candela": {"CORNERS": "of a cell, W sr^-1: (C, gamma), (C, next), (next C, gamma), (next, next)"},
     "environment": {"RADIANCE": "of a texel of the environment map, row by row"},
+    "instance": {
+        "ROW0": "of an instance, after an identity: first row of world_from_mesh",
+        "ROW1": "second row",
+        "ROW2": "third row",
+    },
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
@@ -87,8 +93,14 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
         "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit",
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
+    "instance_block": {
+        "OF": "of so many numbers of instances' triangles, after one entry for all others: 1 + number of the "
+        "instance; 1 + number of its shape; what to subtract for the mesh's triangle"
+    },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
+# Triangles of instances have numbers in blocks of so many, each block of one instance.
+_BLOCK = 64
 # A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
 _ROUND = 1e-12
 
@@ -101,6 +113,7 @@ def scene_glsl() -> str:
     lines += [f"const uint WRAP_{name.upper()} = {i}u;" for i, name in enumerate(WRAPS)]
     lines += [f"const uint ALPHA_{name.upper()} = {i}u;" for i, name in enumerate(ALPHAS)]
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
+    lines += ["uniform int first_instanced;", f"const int INSTANCE_SHIFT = {_BLOCK.bit_length() - 1};"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += ["vec3 vertex_position(uint number) { return vertex_texel(int(number), VERTEX_POSITION).xyz; }"]
@@ -184,6 +197,7 @@ def float_tables(
     lights: Sequence[Light],
     densities: Float64,
     has: Collection[str],
+    instances: InstancedScene | None,
 ) -> dict[str, Rows]:
     """The sections of FLOAT_LAYOUT, each (n, its texels, 4), for `make_store`.
 
@@ -191,6 +205,7 @@ def float_tables(
     lights    : the punctual ones, in the order of the device's
     densities : of `triangle_densities`
     has       : the names that programs are compiled with: HAS_VERTEX_NORMALS, ...
+    instances : of which `scene` is the resident part
     """
     none, shapes = np.zeros((0, 4)), scene.shapes
     return {
@@ -212,6 +227,7 @@ def float_tables(
         "light": _lights(lights),
         **_profiles(scene),
         "environment": _environment(scene),
+        "instance": np.zeros((0, 3, 4)) if instances is None else _instances(instances),
     }
 
 
@@ -221,11 +237,13 @@ def uint_tables(
     images: TextureImages,
     lights: Sequence[Light],
     deviations: Sequence[float] | None,
+    instances: InstancedScene | None,
 ) -> dict[str, NDArray[Any]]:
     """The sections of UINT_LAYOUT, each (n, 1, 4) or (n, its texels, 4), for `make_store`.
 
     lights     : the punctual ones, in the order of the device's
     deviations : of each shape, where the scene is a simpler one
+    instances  : of which `scene` is the resident part
     """
     triangles = np.s_[numbers.first_triangle : numbers.first_plane]
     apart = np.array(deviations or np.zeros(len(scene.shapes)), np.float32).view(np.uint32)
@@ -243,6 +261,7 @@ def uint_tables(
         "shape": _texel(_integers(shapes, 4)),
         "slots": images.of_materials,
         "slot": images.slots,
+        "instance_block": _texel(np.zeros((0, 3), np.int64) if instances is None else _blocks(instances)),
         "punctual": _texel(_integers(punctual, 3)),
     }
 
@@ -256,6 +275,29 @@ def _texel(rows: NDArray[np.generic]) -> NDArray[np.generic]:
 
 def _integers(rows: Sequence[tuple[int, ...]], columns: int) -> NDArray[np.int64]:
     return np.array(rows, np.int64).reshape(-1, columns)
+
+
+def _instances(instances: InstancedScene) -> Float64:
+    return np.concatenate([np.eye(3, 4)[None], instances.world_from_mesh])
+
+
+def instance_numbers(instances: InstancedScene) -> tuple[NDArray[np.int64], int]:
+    """(I,) by what the numbers of an instance's triangles are more than those of its mesh's, and the end of all."""
+    first = np.array([part.start for part in instances.ranges])[instances.mesh]
+    sizes = _block_counts(instances) * _BLOCK
+    begins = len(instances.mesh_of_triangle) + np.cumsum(sizes) - sizes
+    return begins - first, int(begins[-1] + sizes[-1])
+
+
+def _block_counts(instances: InstancedScene) -> NDArray[np.int64]:
+    """(I,) how many blocks of numbers an instance has."""
+    return np.array([-(-(part.stop - part.start) // _BLOCK) for part in instances.ranges])[instances.mesh]
+
+
+def _blocks(instances: InstancedScene) -> NDArray[np.int64]:
+    more, _ = instance_numbers(instances)
+    entries = np.column_stack([1 + np.arange(len(instances)), 1 + instances.shape, more])
+    return np.concatenate([np.zeros((1, 3), np.int64), np.repeat(entries, _block_counts(instances), axis=0)])
 
 
 def facets(triangles: Float64) -> Float64:

@@ -26,6 +26,7 @@ from glpath.integrators.settings import (
 )
 from glpath.integrators.solution_lookup import device_radiosity, solution_digest
 from glpath.scene import Scene, path_traceable
+from glpath.scene.instances import instanced
 from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors.sensor import CameraSensor, Sensor
 
@@ -231,9 +232,11 @@ def _engine_with_solution(
 ) -> PathSetEngine:
     """The engine, with the plan's radiosity solution where there is one."""
     solution, settings = plan.solution, plan.settings
+    # Solutions are of the triangles of all instances, and points are found on these.
+    parted = instanced(scene) if solution is None and isinstance(sensor, CameraSensor) else None
     return path_engine(
         context.gl,
-        DeviceScene(context.gl, scene),
+        DeviceScene(context.gl, parted or scene),
         settings,
         window,
         sensor=sensor,
@@ -259,7 +262,7 @@ def _solved(scene: Scene, say: Say) -> RadiositySolution:
 def _move_camera(engine: Engine, scene: Scene) -> None:
     """Continue with the camera of a scene that is otherwise the same."""
     assert isinstance(engine, PathSetEngine), f"an engine of another plan: {engine!r}"
-    if scene.digest(camera=False) != engine.scene.scene.digest(camera=False):
+    if scene.digest(camera=False) != engine.scene.given.digest(camera=False):
         raise SceneError(
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
             'Only "t-buffer" and "classic" continue with another scene; with the others, render it alone.',

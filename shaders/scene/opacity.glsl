@@ -3,6 +3,7 @@
 // Transparency): whatever is behind them needs no order. Everything here is for scenes that have such (HAS_ALPHA).
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS
 #include "sampling/random.glsl"
+#include "scene/instances.glsl"
 #ifdef HAS_TEXTURES
 #include "scene/texture.glsl"
 #endif
@@ -52,9 +53,10 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight)
 // At a point of the triangle's plane.
 bool lets_through(int triangle, vec3 position)
 {
-    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    uvec4 face = triangle_face(triangle);
     if (!is_see_through(int(face.w))) return false;
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
+    place_edges(triangle, a, ab, ac);
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
     return triangle_lets_through(triangle, face, vec3(1.0 - bc.x - bc.y, bc));
