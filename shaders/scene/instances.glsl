@@ -28,7 +28,7 @@ vec3 placed_position(Placing p, vec3 v) { return placed_direction(p, v) + vec3(p
 // Turned by the matrix of cofactors, as the cross products of edges are; 0 stays 0.
 vec3 placed_normal(Placing p, vec3 n)
 {
-    vec3 turned = cross(p.y.xyz, p.z.xyz) * n.x + cross(p.z.xyz, p.x.xyz) * n.y + cross(p.x.xyz, p.y.xyz) * n.z;
+    vec3 turned = vec3(dot(cross(p.y.xyz, p.z.xyz), n), dot(cross(p.z.xyz, p.x.xyz), n), dot(cross(p.x.xyz, p.y.xyz), n));
     float square = dot(turned, turned);
     return square > 0.0 ? turned * inversesqrt(square) : vec3(0.0);
 }

@@ -75,7 +75,7 @@ const Visit NOWHERE = Visit(0u);
 
 #ifdef HAS_INSTANCES
 // A slot of the root's group that is empty, below an instance on the stack: there the ray is back in the world.
-Visit leave_instance() { return visit(0u, 2u); }
+Visit leave_instance() { return visit(0u, 17u); }
 #endif
 
 bool has_children(Visit v) { return (children_of(v) & 15u) != 0u; }
