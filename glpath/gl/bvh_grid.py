@@ -1,4 +1,4 @@
-"""What boxes and items of a BVH for rays of paths are made of, whoever builds it: see `glpath.gl.ray_bvh`."""
+"""What boxes and items of a BVH for rays of paths are made of, compiled or not: see `glpath.gl.ray_bvh`."""
 
 from __future__ import annotations
 

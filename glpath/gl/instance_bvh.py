@@ -57,7 +57,7 @@ class InstanceBvh:
         of_triangle = instances.mesh_of_triangle
         items = compiled_items(vertices, faces, of_triangle.astype(np.int64))
         mesh_of_item = of_triangle[items[:, 0]]
-        inverse = np.linalg.inv(instances.world_from_mesh[:, :, :3])
+        inverse = np.asarray(np.linalg.inv(instances.world_from_mesh[:, :, :3]), np.float64)
         mesh_grid = _mesh_grid(inverse, instances)
 
         loose = np.ascontiguousarray(items[mesh_of_item == 0])
@@ -109,12 +109,13 @@ def _instance_slots(
 
 def _taken_by_instances(world: CompiledSlots, items: int) -> NDArray[np.int64]:
     """(I,) the slots of instances, which are the items from `items` on; they become nodes."""
-    wide, lane = np.nonzero(world.lanes <= -2 - items)
-    slots = np.empty(len(wide), np.int64)
-    slots[-2 - items - world.lanes[wide, lane]] = WIDTH * (wide + 1) + lane
-    np.add.at(world.nodes, (wide, 3, 0), (1 << lane).astype(np.uint32))
-    np.subtract.at(world.nodes, (wide, 3, 0), (16 << lane).astype(np.uint32))
-    world.lanes[wide, lane] = -1
+    taken = world.lanes <= -2 - items
+    slots = np.empty(int(taken.sum()), np.int64)
+    for lane in range(WIDTH):
+        wide = np.flatnonzero(taken[:, lane])
+        slots[-2 - items - world.lanes[wide, lane]] = WIDTH * (wide + 1) + lane
+        world.nodes[wide, 3, 0] ^= np.uint32(1 << lane | 16 << lane)
+    world.lanes[taken] = -1
     return slots
 
 

@@ -80,6 +80,7 @@ class RayBvh:
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
         moving: _Built | None = None
+        table: Rows
         of_meshes: dict[str, object] = {}
         if scene.instances is not None:
             from glpath.gl.instance_bvh import InstanceBvh  # with numba, which is slow to import

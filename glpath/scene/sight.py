@@ -55,15 +55,15 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
     spheres = (centre - camera.position) @ axes.T
     limit = np.array([wide, high])
 
-    def reach(lower: Float64, upper: Float64) -> bool:
+    def is_within(lower: Float64, upper: Float64) -> bool:
         within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
         return bool(within.any())
 
-    if reach(spheres - extent, spheres + extent):
+    if is_within(spheres - extent, spheres + extent):
         return True
     for part in _triangles(scene):
         triangles = (part - camera.position) @ axes.T
-        if reach(triangles.min(axis=1), triangles.max(axis=1)):
+        if is_within(triangles.min(axis=1), triangles.max(axis=1)):
             return True
     # From the corners of the image: a plane is in front of one of them, or beside them all.
     corners = camera.origins([[0, 0], [camera.resolution[0], 0], [0, camera.resolution[1]], camera.resolution])
@@ -145,14 +145,14 @@ def _about(scene: Scene, index: int, point: Float64, margin: float = 0.0) -> Ite
     """A shape's triangles, some at a time.
 
     Of many, those of the instances in whose boxes, so much wider, a point is: then an instance is closed around it
-    by itself, and no shape is by several.
+    alone, and no shape is by several.
     """
     shape = scene.shapes[index]
     if not _are_many(scene):
         yield from _chunks(scene.triangles[scene.shapes.ranges[index]])
     elif isinstance(shape.geometry, Mesh):
         lower, upper = instance_boxes(shape.geometry, shape.world_from_object)
-        around = ((lower - margin <= point) & (upper + margin >= point)).all(axis=1)
+        around = np.asarray(((lower - margin <= point) & (upper + margin >= point)).all(axis=1))
         for triangles in scene.shapes.triangles_of(index, around):
             yield from _chunks(triangles)
 

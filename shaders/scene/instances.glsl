@@ -49,7 +49,7 @@ vec4 triangle_plane(int triangle)
 }
 
 // A corner of a triangle and the edges from there.
-void place_edges(int triangle, inout vec3 a, inout vec3 ab, inout vec3 ac)
+void edges_in_world(int triangle, inout vec3 a, inout vec3 ab, inout vec3 ac)
 {
     Placing p = placing_of(triangle);
     a = placed_position(p, a);
@@ -59,5 +59,5 @@ void place_edges(int triangle, inout vec3 a, inout vec3 ab, inout vec3 ac)
 #else
 #define triangle_face(triangle) face_texel(triangle, FACE_CORNERS)
 #define triangle_plane(triangle) facet_texel(triangle, FACET_PLANE)
-#define place_edges(triangle, a, ab, ac)
+#define edges_in_world(triangle, a, ab, ac)
 #endif

@@ -56,7 +56,7 @@ bool lets_through(int triangle, vec3 position)
     uvec4 face = triangle_face(triangle);
     if (!is_see_through(int(face.w))) return false;
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
-    place_edges(triangle, a, ab, ac);
+    edges_in_world(triangle, a, ab, ac);
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
     return triangle_lets_through(triangle, face, vec3(1.0 - bc.x - bc.y, bc));

@@ -186,7 +186,7 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     s.triangle = triangle;
 #if defined(HAS_UV) || defined(HAS_NORMALS) || defined(HAS_VERTEX_COLOURS)
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
-    place_edges(triangle, a, ab, ac);
+    edges_in_world(triangle, a, ab, ac);
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
     interpolate(s, face, vec3(1.0 - bc.x - bc.y, bc), ab, ac);
