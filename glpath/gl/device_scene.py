@@ -20,6 +20,7 @@ import numpy as np
 
 from glpath.errors import SceneError
 from glpath.gl.geometry_stream import GeometryStream
+from glpath.gl.instance_numbers import InstanceNumbers
 from glpath.gl.material_texels import material_variants
 from glpath.gl.moving import MovingScene
 from glpath.gl.owner import Owner
@@ -29,7 +30,6 @@ from glpath.gl.scene_texels import (
     UINT_LAYOUT,
     facets,
     float_tables,
-    instance_numbers,
     number_primitives,
     primitive_boxes,
     scene_glsl,
@@ -88,9 +88,12 @@ class DeviceScene(Owner):
         deviations : of each shape, where the scene is a simpler one
         """
         self.gl = gl
-        self.instances = scene if isinstance(scene, InstancedScene) else None
-        self.given = scene.given if isinstance(scene, InstancedScene) else scene
-        scene = scene.resident if isinstance(scene, InstancedScene) else scene
+        self.instances: InstanceNumbers | None = None
+        if isinstance(scene, InstancedScene):
+            self.instances = InstanceNumbers.of(scene)
+            self.given, scene = scene.given, scene.resident
+        else:
+            self.given = scene
         self.moving: MovingScene | None = MovingScene(scene) if scene.moving_shapes else None
         self.scene = scene = self.moving.middle if self.moving else scene
         self.numbering = numbers = number_primitives(scene)
@@ -99,7 +102,7 @@ class DeviceScene(Owner):
         source = scene.source or scene.name
         streamed = scene.shapes.total("stream")
         assert not streamed or geometry_budget is not None, "streams for an engine that does not know them"
-        numbered = self.count + streamed if self.instances is None else instance_numbers(self.instances)[1]
+        numbered = self.count + streamed if self.instances is None else self.instances.end
         if numbered > MAX_PRIMITIVES:
             raise SceneError(
                 f"{source}: {numbered:,} primitives; a buffer's entries tell {MAX_PRIMITIVES:,} apart.",
@@ -156,6 +159,7 @@ class DeviceScene(Owner):
             "first_plane": numbers.first_plane,
             "primitive_count": numbers.count,
             "first_instanced": self.triangle_count,
+            "instance_shift": 0 if self.instances is None else self.instances.shift,
             "light_count": len(lights),
             "opacity_seed": 0,  # unless a path set has its own
             **bases,

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from glpath.accel.wide import WIDTH
 from glpath.gl.bvh_grid import Grid, triangle_flags
+from glpath.gl.instance_numbers import InstanceNumbers
 from glpath.gl.ray_bvh_kernels import CompiledSlots, compiled_items, item_boxes, tree_over
 from glpath.scene.instances import InstancedScene
-from glpath.scene.model import Scene
 
 Float64 = NDArray[np.float64]
 Uint32 = NDArray[np.uint32]
@@ -47,11 +47,9 @@ class InstanceBvh:
     uniforms: dict[str, object]
 
     @classmethod
-    def of(cls, resident: Scene, instances: InstancedScene, more: NDArray[np.int64]) -> InstanceBvh:
-        """The trees of a scene.
-
-        more : (I,) see `scene_texels.instance_numbers`
-        """
+    def of(cls, numbers: InstanceNumbers) -> InstanceBvh:
+        """The trees of a scene."""
+        instances, resident = numbers.instances, numbers.instances.resident
         shapes, flags = resident.shapes, triangle_flags(resident)
         vertices, faces = shapes.vertices.astype(np.float32), np.ascontiguousarray(shapes.faces, np.int32)
         of_triangle = instances.mesh_of_triangle
@@ -76,7 +74,7 @@ class InstanceBvh:
             parts.append(CompiledSlots(tree, mesh_grid, (vertices, faces, of_mesh), flags))
             stacks.append(tree.stack)
             groups.append(groups[-1] + parts[-1].shape[0] // WIDTH)
-        entries = _instance_slots(instances, inverse, np.array(groups[1:-1])[instances.mesh], more)
+        entries = _instance_slots(instances, inverse, np.array(groups[1:-1])[instances.mesh], numbers.more)
         at = _taken_by_instances(world, len(loose))
         return cls(
             grid,

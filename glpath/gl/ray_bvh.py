@@ -26,7 +26,6 @@ from glpath.accel.wide import WIDTH, WideBvh, collapse
 from glpath.gl.bvh_grid import ITEM_ALPHA, ITEM_THIN_DIELECTRIC, Grid, triangle_flags
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.moving import Refitting
-from glpath.gl.scene_texels import instance_numbers
 from glpath.gl.texel_store import UINTS, Rows, StoreRows, make_store, store_glsl
 from glpath.gl.texel_store import WIDTH as STORE_WIDTH
 from glpath.gl.variants import defined
@@ -85,7 +84,7 @@ class RayBvh:
         if scene.instances is not None:
             from glpath.gl.instance_bvh import InstanceBvh  # with numba, which is slow to import
 
-            trees = InstanceBvh.of(scene.scene, scene.instances, instance_numbers(scene.instances)[0])
+            trees = InstanceBvh.of(scene.instances)
             grid, table, stack, of_meshes = trees.grid, trees.table, trees.stack, trees.uniforms
             del trees
         else:

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.geometry_stream import facet_planes
+from glpath.gl.instance_numbers import InstanceNumbers
 from glpath.gl.material_texels import MATERIAL_LAYOUT, material_table
 from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
-from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
 #: The contents of an entry's texels, in order, by section.
@@ -94,13 +94,11 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
     "instance_block": {
-        "OF": "of so many numbers of instances' triangles, after one entry for all others: 1 + number of the "
+        "OF": "of a block of numbers of instances' triangles, after an entry for all others: 1 + number of the "
         "instance; 1 + number of its shape; what to subtract for the mesh's triangle"
     },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
-# Triangles of instances have numbers in blocks of so many, each block of one instance.
-_BLOCK = 64
 # A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
 _ROUND = 1e-12
 
@@ -113,7 +111,7 @@ def scene_glsl() -> str:
     lines += [f"const uint WRAP_{name.upper()} = {i}u;" for i, name in enumerate(WRAPS)]
     lines += [f"const uint ALPHA_{name.upper()} = {i}u;" for i, name in enumerate(ALPHAS)]
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
-    lines += ["uniform int first_instanced;", f"const int INSTANCE_SHIFT = {_BLOCK.bit_length() - 1};"]
+    lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += ["vec3 vertex_position(uint number) { return vertex_texel(int(number), VERTEX_POSITION).xyz; }"]
@@ -197,7 +195,7 @@ def float_tables(
     lights: Sequence[Light],
     densities: Float64,
     has: Collection[str],
-    instances: InstancedScene | None,
+    instances: InstanceNumbers | None,
 ) -> dict[str, Rows]:
     """The sections of FLOAT_LAYOUT, each (n, its texels, 4), for `make_store`.
 
@@ -227,7 +225,7 @@ def float_tables(
         "light": _lights(lights),
         **_profiles(scene),
         "environment": _environment(scene),
-        "instance": np.zeros((0, 3, 4)) if instances is None else _instances(instances),
+        "instance": np.zeros((0, 3, 4)) if instances is None else instances.maps(),
     }
 
 
@@ -237,7 +235,7 @@ def uint_tables(
     images: TextureImages,
     lights: Sequence[Light],
     deviations: Sequence[float] | None,
-    instances: InstancedScene | None,
+    instances: InstanceNumbers | None,
 ) -> dict[str, NDArray[Any]]:
     """The sections of UINT_LAYOUT, each (n, 1, 4) or (n, its texels, 4), for `make_store`.
 
@@ -261,7 +259,7 @@ def uint_tables(
         "shape": _texel(_integers(shapes, 4)),
         "slots": images.of_materials,
         "slot": images.slots,
-        "instance_block": _texel(np.zeros((0, 3), np.int64) if instances is None else _blocks(instances)),
+        "instance_block": _texel(np.zeros((0, 3), np.int64) if instances is None else instances.block_table()),
         "punctual": _texel(_integers(punctual, 3)),
     }
 
@@ -275,29 +273,6 @@ def _texel(rows: NDArray[np.generic]) -> NDArray[np.generic]:
 
 def _integers(rows: Sequence[tuple[int, ...]], columns: int) -> NDArray[np.int64]:
     return np.array(rows, np.int64).reshape(-1, columns)
-
-
-def _instances(instances: InstancedScene) -> Float64:
-    return np.concatenate([np.eye(3, 4)[None], instances.world_from_mesh])
-
-
-def instance_numbers(instances: InstancedScene) -> tuple[NDArray[np.int64], int]:
-    """(I,) by what the numbers of an instance's triangles are more than those of its mesh's, and the end of all."""
-    first = np.array([part.start for part in instances.ranges])[instances.mesh]
-    sizes = _block_counts(instances) * _BLOCK
-    begins = len(instances.mesh_of_triangle) + np.cumsum(sizes) - sizes
-    return begins - first, int(begins[-1] + sizes[-1])
-
-
-def _block_counts(instances: InstancedScene) -> NDArray[np.int64]:
-    """(I,) how many blocks of numbers an instance has."""
-    return np.array([-(-(part.stop - part.start) // _BLOCK) for part in instances.ranges])[instances.mesh]
-
-
-def _blocks(instances: InstancedScene) -> NDArray[np.int64]:
-    more, _ = instance_numbers(instances)
-    entries = np.column_stack([1 + np.arange(len(instances)), 1 + instances.shape, more])
-    return np.concatenate([np.zeros((1, 3), np.int64), np.repeat(entries, _block_counts(instances), axis=0)])
 
 
 def facets(triangles: Float64) -> Float64:

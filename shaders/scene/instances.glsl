@@ -14,7 +14,7 @@ struct Placing
 
 Placing placing_of(int triangle)
 {
-    int block = triangle < first_instanced ? 0 : 1 + ((triangle - first_instanced) >> INSTANCE_SHIFT);
+    int block = triangle < first_instanced ? 0 : 1 + ((triangle - first_instanced) >> instance_shift);
     uvec4 of = instance_block_texel(block, INSTANCE_BLOCK_OF);
     int instance = int(of.x);
     return Placing(int(of.z), int(of.y) - 1, instance_texel(instance, INSTANCE_ROW0), instance_texel(instance, INSTANCE_ROW1),

@@ -10,11 +10,11 @@ import pytest
 
 import glpath
 from glpath.film.film import Film
-from glpath.gl import ray_bvh
+from glpath.gl import instance_numbers, ray_bvh
 from glpath.integrators.settings import PathSettings
 from glpath.rendering import factory
 from glpath.scene import instances
-from glpath.scene.model import Material, Mesh, Scene, Shape, Sky, Texture, TextureSlot
+from glpath.scene.model import Material, Mesh, Scene, Shape, Shapes, Sky, Texture, TextureSlot
 from glpath.scene.motion import Motion
 from tests.support.surfaces import camera, lamp, level, quad, scene_of, squares
 from tests.support.witnesses import bumps, noise
@@ -115,11 +115,13 @@ def test_blended_instances_let_the_same_share_of_light_through(monkeypatch: pyte
     assert np.mean(np.abs(blocks) > 3 * error) < 0.01
 
 
-def test_far_nodes_and_near_ones_find_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("where", "name"), [(ray_bvh, "_NEAR_GROUPS"), (instance_numbers, "_FREE")])
+def test_numbers_of_large_scenes_find_the_same(where: Any, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of nodes beyond 20 bits, and of triangles in several blocks an instance."""
     scene = many_things()
-    near = film(scene, monkeypatch, True, spp=1)
-    monkeypatch.setattr(ray_bvh, "_NEAR_GROUPS", 0)
-    assert np.array_equal(near.mean, film(scene, monkeypatch, True, spp=1).mean)
+    small = film(scene, monkeypatch, True, spp=1)
+    monkeypatch.setattr(where, name, 0)
+    assert np.array_equal(small.mean, film(scene, monkeypatch, True, spp=1).mean)
 
 
 def test_what_has_no_second_instance_or_shines_is_left_as_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +156,7 @@ def test_a_scene_that_saves_little_or_moves_is_left_as_it_is(monkeypatch: pytest
     times, keys = np.array([0.0, 1.0]), np.stack([np.eye(3, 4)] * 2)
     keys[1, :, 3] = 1.0
     moving = replace(scene.shapes[0], motion=Motion(times, keys, scene.shapes[0].world_from_object))
-    shapes = glpath.scene.model.Shapes([moving, *scene.shapes[1:]])
+    shapes = Shapes([moving, *scene.shapes[1:]])
     shutter = replace(scene.camera, shutter=(0.0, 1.0))
     assert instances.instanced(replace(scene, shapes=shapes, camera=shutter)) is None
 
@@ -163,9 +165,9 @@ def test_a_solution_is_of_all_triangles(monkeypatch: pytest.MonkeyPatch) -> None
     """A gather finds its elements by their numbers."""
     asked: list[Scene] = []
     monkeypatch.setattr(factory, "instanced", lambda scene: asked.append(scene))
-    scene = many_things()
-    opaque = replace(scene, materials=tuple(Material(m.name, np.full(3, 0.5)) for m in scene.materials))
-    small = opaque.with_camera(resolution=(16, 12))
+    things = many_things()
+    balls = Shape("balls", bumpy_ball(6), 0, maps(2, 0.0))
+    small = replace(things, shapes=Shapes([*things.shapes[:2], balls])).with_camera(resolution=(16, 12))
     glpath.render(small, integrator="gather", spp=1)
     assert not asked
     glpath.render(small, integrator="path", guide="cosine", spp=1)
