@@ -130,13 +130,13 @@ uint in_order(uint bits, uint order)
 }
 
 #ifdef HAS_INSTANCES
-void push(inout Walk walk, Visit visit)
+void push(inout Walk walk, Visit above)
 {
     for (int i = 0; i < RAY_STACK; ++i)
     {
         Visit own = walk.later[i];
-        walk.later[i] = visit;
-        visit = own;
+        walk.later[i] = above;
+        above = own;
     }
 }
 
