@@ -82,21 +82,41 @@ def instanced(scene: Scene) -> InstancedScene | None:
     """
     if scene.moving_shapes:
         return None
-    of_mesh: dict[tuple[Mesh, int], list[int]] = {}
-    for index, shape in enumerate(scene.shapes):
-        if isinstance(shape.geometry, Mesh) and len(shape.geometry.faces) >= MIN_TRIANGLES and _is_kept(shape):
-            of_mesh.setdefault((shape.geometry, shape.material), []).append(index)
-    counts = {key: sum(len(scene.shapes[i].world_from_object) for i in which) for key, which in of_mesh.items()}
-    of_mesh = {key: which for key, which in of_mesh.items() if counts[key] > 1}
-    saved = sum((counts[key] - 1) * len(key[0].faces) for key in of_mesh)
-    return _parted(scene, of_mesh) if saved >= MIN_SAVED else None
+    placed = [i for i, shape in enumerate(scene.shapes) if _is_mesh_to_keep(shape)]
+    if _saved(scene, _by_mesh(scene, placed)) < MIN_SAVED:
+        return None
+    of_mesh = _by_mesh(scene, [i for i in placed if not _flattens(scene.shapes[i])])
+    return _parted(scene, of_mesh) if _saved(scene, of_mesh) >= MIN_SAVED else None
 
 
-def _is_kept(shape: Shape) -> bool:
-    if shape.emits or not shape.count:
-        return False
+def _is_mesh_to_keep(shape: Shape) -> bool:
+    big = isinstance(shape.geometry, Mesh) and len(shape.geometry.faces) >= MIN_TRIANGLES
+    return big and shape.count > 0 and not shape.emits
+
+
+def _flattens(shape: Shape) -> bool:
     sizes = np.linalg.svd(shape.world_from_object[:, :, :3], compute_uv=False)
-    return bool(np.all(sizes[:, 2] > _FLATTEST * sizes[:, 0]))
+    return bool(np.any(sizes[:, 2] <= _FLATTEST * sizes[:, 0]))
+
+
+def _by_mesh(scene: Scene, which: list[int]) -> dict[tuple[Mesh, int], list[int]]:
+    """Shapes by mesh and material, those that have several instances."""
+    found: dict[tuple[Mesh, int], list[int]] = {}
+    counts: dict[tuple[Mesh, int], int] = {}
+    for index in which:
+        shape = scene.shapes[index]
+        assert isinstance(shape.geometry, Mesh), "meshes alone"
+        key = (shape.geometry, shape.material)
+        found.setdefault(key, []).append(index)
+        counts[key] = counts.get(key, 0) + len(shape.world_from_object)
+    return {key: of_mesh for key, of_mesh in found.items() if counts[key] > 1}
+
+
+def _saved(scene: Scene, of_mesh: dict[tuple[Mesh, int], list[int]]) -> int:
+    """How many triangles."""
+    return sum(
+        sum(scene.shapes[index].count for index in which) - len(mesh.faces) for (mesh, _), which in of_mesh.items()
+    )
 
 
 def _parted(scene: Scene, of_mesh: dict[tuple[Mesh, int], list[int]]) -> InstancedScene:

@@ -12,6 +12,7 @@ import glpath
 from glpath.film.film import Film
 from glpath.gl import instance_numbers, ray_bvh
 from glpath.integrators.settings import PathSettings
+from glpath.radiosity import memory
 from glpath.rendering import factory
 from glpath.scene import instances
 from glpath.scene.model import Material, Mesh, Scene, Shape, Shapes, Sky, Texture, TextureSlot
@@ -172,3 +173,15 @@ def test_a_solution_is_of_all_triangles(monkeypatch: pytest.MonkeyPatch) -> None
     assert not asked
     glpath.render(small, integrator="path", guide="cosine", spp=1)
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize("integrator", ["gather", "path-buffer", "classic"])
+def test_triangles_of_all_instances_that_memory_does_not_hold_are_refused(
+    integrator: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory, "available_bytes", lambda: 1 << 30)
+    balls = Shape("balls", bumpy_ball(), 0, np.tile(np.eye(3, 4), (3000, 1, 1)))
+    scene = scene_of([lamp(level(4.0)), balls], [Material("grey", np.full(3, 0.5))], camera((3, 3, 9), (3, 3, 3)))
+    with pytest.raises(glpath.SceneError, match="1,536,002 triangles of all instances of 514 would take") as caught:
+        glpath.render(scene, integrator=integrator, spp=1)
+    assert 'integrator="path"' in str(caught.value)
