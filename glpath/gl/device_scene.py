@@ -20,6 +20,7 @@ import numpy as np
 
 from glpath.errors import SceneError
 from glpath.gl.geometry_stream import GeometryStream
+from glpath.gl.instance_numbers import InstanceNumbers
 from glpath.gl.material_texels import material_variants
 from glpath.gl.moving import MovingScene
 from glpath.gl.owner import Owner
@@ -42,6 +43,7 @@ from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import profiled_lights
 from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
+from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Scene
 
 #: A primitive's number + 1 is at most this: of 32 bits the T-buffer keeps two to tell how sure it is.
@@ -51,6 +53,10 @@ MAX_PRIMITIVES = 2**30 - 2
 class DeviceScene(Owner):
     """Everything of a scene that shaders read.
 
+    given     : the scene that this is of
+    scene     : what of it is here in triangles and other primitives: without instances, and in the middle of the
+                time where shapes move
+    instances : the rest of it; None where all is in `scene`
     numbering : which primitive has which number
     count     : of all primitives
     triangle_count : of triangles; where there is nothing else, their numbers are the primitives'
@@ -72,7 +78,7 @@ class DeviceScene(Owner):
     def __init__(
         self,
         gl: moderngl.Context,
-        scene: Scene,
+        scene: Scene | InstancedScene,
         geometry_budget: int | None = None,
         lighting: Lighting | None = None,
         deviations: Sequence[float] | None = None,
@@ -82,6 +88,12 @@ class DeviceScene(Owner):
         deviations : of each shape, where the scene is a simpler one
         """
         self.gl = gl
+        self.instances: InstanceNumbers | None = None
+        if isinstance(scene, InstancedScene):
+            self.instances = InstanceNumbers.of(scene)
+            self.given, scene = scene.given, scene.resident
+        else:
+            self.given = scene
         self.moving: MovingScene | None = MovingScene(scene) if scene.moving_shapes else None
         self.scene = scene = self.moving.middle if self.moving else scene
         self.numbering = numbers = number_primitives(scene)
@@ -90,10 +102,10 @@ class DeviceScene(Owner):
         source = scene.source or scene.name
         streamed = scene.shapes.total("stream")
         assert not streamed or geometry_budget is not None, "streams for an engine that does not know them"
-        if self.count + streamed > MAX_PRIMITIVES:
+        numbered = self.count + streamed if self.instances is None else self.instances.end
+        if numbered > MAX_PRIMITIVES:
             raise SceneError(
-                f"{source}: {self.count + streamed:,} primitives; a buffer's entries tell "
-                f"{MAX_PRIMITIVES:,} apart.",
+                f"{source}: {numbered:,} primitives; a buffer's entries tell {MAX_PRIMITIVES:,} apart.",
                 "Simplify the meshes.",
             )
         self.lighting = lighting or Lighting.of(scene)
@@ -107,6 +119,7 @@ class DeviceScene(Owner):
             HAS_BACKGROUND=scene.background is not None,
             HAS_DIRECTIONAL_LIGHTS=any(light.kind == "directional" for light in lights),
             HAS_PROFILES=bool(profiled_lights(scene)),
+            HAS_INSTANCES=self.instances is not None,
         )
 
         self.stream = (
@@ -135,11 +148,11 @@ class DeviceScene(Owner):
             gl,
             FLOATS,
             FLOAT_LAYOUT,
-            float_tables(scene, numbers, images, self.lighting, lights, densities, self.defines),
+            float_tables(scene, numbers, images, self.lighting, lights, densities, self.defines, self.instances),
             source,
         )
         uints, uint_bases = make_store(
-            gl, UINTS, UINT_LAYOUT, uint_tables(scene, numbers, images, lights, deviations), source
+            gl, UINTS, UINT_LAYOUT, uint_tables(scene, numbers, images, lights, deviations, self.instances), source
         )
         self.textures = {"scene_floats": floats, "scene_uints": uints, "texture_bytes": images.bytes_on_device()}
         self.uniforms: dict[str, object] = {
@@ -147,16 +160,19 @@ class DeviceScene(Owner):
             "first_triangle": numbers.first_triangle,
             "first_plane": numbers.first_plane,
             "primitive_count": numbers.count,
+            "first_instanced": self.triangle_count,
+            "instance_shift": 0 if self.instances is None else self.instances.shift,
             "light_count": len(lights),
             "opacity_seed": 0,  # unless a path set has its own
             **bases,
             **uint_bases,
         }
-        low, high = self.moving.bounds if self.moving else scene.bounds
+        low, high = self.moving.bounds if self.moving else self.given.bounds
         self.centre = 0.5 * (low + high)
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, 8).T
         self.box = signs * (high - low)
-        self.radius = 0.5 * float(np.linalg.norm(high - low)) if self.moving else _radius(scene, self.centre)
+        by_box = self.moving or self.instances
+        self.radius = 0.5 * float(np.linalg.norm(high - low)) if by_box else _radius(scene, self.centre)
         if self.stream is not None:
             self.defines["STREAMED"] = 1
             self.uniforms["resident_triangles"] = self.triangle_count

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from glpath.accel.nodes import Bvh
 from glpath.accel.sweep import SWEPT, sweep_bvh
 from glpath.accel.wide import WIDTH, WideBvh, collapse
+from glpath.gl.bvh_grid import ITEM_ALPHA, ITEM_THIN_DIELECTRIC, Grid, triangle_flags
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.moving import Refitting
 from glpath.gl.texel_store import UINTS, Rows, StoreRows, make_store, store_glsl
 from glpath.gl.texel_store import WIDTH as STORE_WIDTH
 from glpath.gl.variants import defined
-from glpath.scene.model import Scene
 
 #: The contents of a slot. All are integers, coordinates of corners as the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
@@ -44,8 +44,6 @@ LAYOUT: dict[str, dict[str, str]] = {
     },
 }
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
-_ALPHA, _THIN_DIELECTRIC = 1, 2
-_STEPS = 65535
 # Groups that a ray's word has bits for, beside those of the children and their order.
 _NEAR_GROUPS = 1 << 20
 # Triangles from which on compiled code builds it, at the first time after some seconds of compiling.
@@ -58,7 +56,7 @@ def ray_bvh_glsl(stack: int) -> str:
     """The layout as GLSL, for `#include <RAY_BVH>`; stack: how many groups a ray keeps at most."""
     return (
         f"const uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\nconst int RAY_STACK = {stack};\n"
-        + f"const uint ITEM_ALPHA = {_ALPHA}u;\nconst uint ITEM_THIN_DIELECTRIC = {_THIN_DIELECTRIC}u;\n"
+        + f"const uint ITEM_ALPHA = {ITEM_ALPHA}u;\nconst uint ITEM_THIN_DIELECTRIC = {ITEM_THIN_DIELECTRIC}u;\n"
         + store_glsl("ray_bvh", UINTS, LAYOUT)
         + _SLOT_AT
     )
@@ -80,18 +78,29 @@ class RayBvh:
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
-        build = _compiled if len(scene.scene.shapes.faces) >= _MANY else _interpreted
-        built = build(scene, _paths(scene))
-        wide, grid, table = built.wide, built.grid, built.table
-        self.generated = {"RAY_BVH": ray_bvh_glsl(max(_STACKS, -(-wide.stack // _STACKS) * _STACKS))}
-        self.defines = defined(HAS_FAR_NODES=len(wide) >= _NEAR_GROUPS)
-        moving = built if scene.moving is not None else None
-        del built, wide  # while the slots are written, there would be a hundred bytes a triangle in it
+        moving: _Built | None = None
+        table: Rows
+        of_meshes: dict[str, object] = {}
+        if scene.instances is not None:
+            from glpath.gl.instance_bvh import InstanceBvh  # with numba, which is slow to import
+
+            trees = InstanceBvh.of(scene.instances)
+            grid, table, stack, of_meshes = trees.grid, trees.table, trees.stack, trees.uniforms
+            del trees
+        else:
+            build = _compiled if len(scene.scene.shapes.faces) >= _MANY else _interpreted
+            built = build(scene, _paths(scene))
+            grid, table, stack = built.grid, built.table, built.wide.stack
+            moving = built if scene.moving is not None else None
+            del built  # while the slots are written, there would be a hundred bytes a triangle in it
+        self.generated = {"RAY_BVH": ray_bvh_glsl(max(_STACKS, -(-stack // _STACKS) * _STACKS))}
+        self.defines = defined(HAS_FAR_NODES=table.shape[0] // WIDTH - 1 >= _NEAR_GROUPS)
         texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
         self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
             "ray_lower": tuple(map(float, grid.lower)),
             "ray_step": tuple(map(float, grid.step)),
+            **of_meshes,
             **bases,
         }
         if moving is not None:
@@ -108,9 +117,9 @@ def _interpreted(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
     triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
     items = _items(triangles, paths)
     wide = collapse(_tree(triangles, items))
-    grid = Grid.of(wide.tree, scene)
+    grid = _grid(wide.tree, scene)
     slots = Slots.of(wide)
-    table = _item_table(triangles, items, _flags(scene.scene))
+    table = _item_table(triangles, items, triangle_flags(scene.scene))
     return _Built(items, wide, grid, slots.table(grid.steps(wide.tree.lower, wide.tree.upper), table))
 
 
@@ -121,8 +130,10 @@ def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
     vertices, faces = shapes.vertices.astype(np.float32), np.ascontiguousarray(shapes.faces, np.int32)
     items = compiled_items(vertices, faces, paths)
     wide = compiled_tree(vertices, faces, items)
-    grid = Grid.of(wide.tree, scene)
-    return _Built(items, wide, grid, CompiledSlots(wide, grid, (vertices, faces, items), _flags(scene.scene)))
+    grid = _grid(wide.tree, scene)
+    return _Built(
+        items, wide, grid, CompiledSlots(wide, grid, (vertices, faces, items), triangle_flags(scene.scene))
+    )
 
 
 class _Built(NamedTuple):
@@ -197,7 +208,7 @@ class _MovingItems:
     ) -> None:
         items, wide = built.items, built.wide
         self._rows = StoreRows(texture, UINTS)
-        self._grid, self._items, self._flags = built.grid, items, _flags(scene.scene)
+        self._grid, self._items, self._flags = built.grid, items, triangle_flags(scene.scene)
         self._slots, tree = Slots.of(wide), wide.tree
         moved = _paths(scene) > 0
         leaf_item = np.where(tree.count > 0, tree.order[np.minimum(tree.first, len(items) - 1)], -1).astype(
@@ -231,42 +242,15 @@ def _paths(scene: DeviceScene) -> NDArray[np.int64]:
     return of_shape[scene.scene.triangle_shape]
 
 
-@dataclass(frozen=True)
-class Grid:
-    """The boxes' own space: origin and step (3,); boxes are so many steps larger than they are, for rounding."""
-
-    lower: NDArray[np.float64]
-    step: NDArray[np.float64]
-    pad: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, tree: Bvh, scene: DeviceScene) -> Grid:
-        """The grid of a tree over the items of a scene, and of all that they are moved through."""
-        if not len(tree):
-            return cls(np.zeros(3), np.ones(3), np.zeros(3))
-        lower, upper = tree.lower[0].astype(np.float64), tree.upper[0].astype(np.float64)
-        if scene.moving is not None:
-            low, high = scene.moving.bounds
-            lower, upper = np.minimum(lower, low), np.maximum(upper, high)
-        far = max(float(np.abs([lower, upper]).max()), 1e-30)
-        extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
-        # A ray's start is a float, which far from the origin is worth more than a step.
-        pad = 1.0 + np.minimum(np.ceil(4 * 2.0**-24 * far * _STEPS / extent), _STEPS // 8)
-        step = extent / (_STEPS - 2 * pad - 2)
-        return cls(lower - (pad + 1) * step, step, pad)
-
-    def steps(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.uint32]:
-        """(M, 3) boxes, rounded outwards: the lower corner in the low 16 bits, the upper in the high ones."""
-        low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
-        high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
-        return np.asarray(low | high << np.uint32(16))
-
-
-def _flags(scene: Scene) -> NDArray[np.uint8]:
-    """(T,): of what lets light through."""
-    materials = [scene.materials[shape.material] for shape in scene.shapes]
-    of_shape = [_ALPHA * m.lets_light_through + _THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
-    return np.array(of_shape, np.uint8)[scene.triangle_shape]
+def _grid(tree: Bvh, scene: DeviceScene) -> Grid:
+    """The grid of a tree over the items of a scene, and of all that they are moved through."""
+    if not len(tree):
+        return Grid(np.zeros(3), np.ones(3), np.zeros(3))
+    lower, upper = tree.lower[0].astype(np.float64), tree.upper[0].astype(np.float64)
+    if scene.moving is not None:
+        low, high = scene.moving.bounds
+        lower, upper = np.minimum(lower, low), np.maximum(upper, high)
+    return Grid.around(lower, upper, float(np.abs([lower, upper]).max()))
 
 
 def _item_table(

@@ -21,7 +21,7 @@ from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
 
 if TYPE_CHECKING:
-    from glpath.gl.ray_bvh import Grid
+    from glpath.gl.bvh_grid import Grid
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -46,8 +46,18 @@ def compiled_items(vertices: Float32, faces: Int32, paths: NDArray[np.int64] | N
 
 def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
     """The tree over items, with boxes of 32 bits: those of corners of 32 bits are exact."""
+    return tree_over(item_boxes(vertices, faces, items))
+
+
+def item_boxes(vertices: Float32, faces: Int32, items: Int32) -> Float32:
+    """(N, 6): lower and upper corners of the boxes around items."""
     boxes = np.empty((len(items), 6), np.float32)
     _in_threads(len(items), lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
+    return boxes
+
+
+def tree_over(boxes: Float32) -> WideBvh:
+    """The tree over boxes (N, 6), whose order is lost."""
     tree = build_in_threads(boxes)
     x, y, z = (boxes[:: max(1, len(boxes) // _ASKED), 3:] - boxes[:: max(1, len(boxes) // _ASKED), :3]).T
     return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
@@ -73,7 +83,7 @@ class _Geometry(NamedTuple):
 class CompiledSlots:
     """The slots of a tree as `ray_bvh.Slots.table` has them, made when they are asked for, by ranges.
 
-    nodes : (W, 4, 4), the slots of the wide nodes
+    nodes : (W, 4, 4) uint32, the slots of the wide nodes
     lanes : (W, 4), of each their children: a node's number, -2 - an item's, -1 for none
 
     geometry : vertices (V, 3), faces (T, 3), items (N, 3)
@@ -86,10 +96,10 @@ class CompiledSlots:
         self, wide: WideBvh, grid: Grid, geometry: tuple[Float32, Int32, Int32], flags: NDArray[np.uint8]
     ) -> None:
         self._geometry = _Geometry(*geometry, flags)
-        self._nodes, self._lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
+        self.nodes, self.lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
         tree, steps = wide.tree, np.stack([grid.lower, grid.step, grid.pad])
         nodes = Nodes.of(tree), _WideNodes(wide.children, wide.number, octant_orders(wide))
-        _in_threads(len(wide), lambda begin, end: _fill_nodes(*nodes, steps, self._nodes, self._lanes, begin, end))
+        _in_threads(len(wide), lambda begin, end: _fill_nodes(*nodes, steps, self.nodes, self.lanes, begin, end))
         self.shape = (WIDTH * (len(wide) + 1), 4, 4)
 
     def __getitem__(self, which: slice) -> NDArray[np.uint32]:
@@ -97,7 +107,7 @@ class CompiledSlots:
         begin, end, step = which.indices(self.shape[0])
         assert (step, begin % WIDTH, end % WIDTH) == (1, 0, 0), "whole groups"
         slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
-        _fill(self._nodes, self._lanes, self._geometry, slots, slots.view(np.float32), begin // WIDTH)
+        _fill(self.nodes, self.lanes, self._geometry, slots, slots.view(np.float32), begin // WIDTH)
         return slots
 
 

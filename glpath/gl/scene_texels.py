@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.gl.geometry_stream import facet_planes
+from glpath.gl.instance_numbers import InstanceNumbers
 from glpath.gl.material_texels import MATERIAL_LAYOUT, albedo_cells, material_table
 from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
@@ -76,6 +77,11 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "candela": {"CORNERS": "of a cell, W sr^-1: (C, gamma), (C, next), (next C, gamma), (next, next)"},
     "environment": {"RADIANCE": "of a texel of the environment map, row by row"},
+    "instance": {
+        "ROW0": "of an instance, after an identity: first row of world_from_mesh",
+        "ROW1": "second row",
+        "ROW2": "third row",
+    },
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
@@ -91,6 +97,10 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
         "SPECULAR": "of specular_texture, specular_colour_texture, iridescence_texture and that of its thickness",
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
+    "instance_block": {
+        "OF": "of a block of numbers of instances' triangles, after an entry for all others: 1 + number of the "
+        "instance; 1 + number of its shape; what to subtract for the mesh's triangle"
+    },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
 # A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
@@ -105,6 +115,7 @@ def scene_glsl() -> str:
     lines += [f"const uint WRAP_{name.upper()} = {i}u;" for i, name in enumerate(WRAPS)]
     lines += [f"const uint ALPHA_{name.upper()} = {i}u;" for i, name in enumerate(ALPHAS)]
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
+    lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += [f"const int ALBEDO_CELLS = {CELLS};"]
@@ -189,6 +200,7 @@ def float_tables(
     lights: Sequence[Light],
     densities: Float64,
     has: Collection[str],
+    instances: InstanceNumbers | None,
 ) -> dict[str, Rows]:
     """The sections of FLOAT_LAYOUT, each (n, its texels, 4), for `make_store`.
 
@@ -196,6 +208,7 @@ def float_tables(
     lights    : the punctual ones, in the order of the device's
     densities : of `triangle_densities`
     has       : the names that programs are compiled with: HAS_VERTEX_NORMALS, ...
+    instances : of which `scene` is the resident part
     """
     none, shapes = np.zeros((0, 4)), scene.shapes
     return {
@@ -218,6 +231,7 @@ def float_tables(
         "light": _lights(lights),
         **_profiles(scene),
         "environment": _environment(scene),
+        "instance": np.zeros((0, 3, 4)) if instances is None else instances.maps(),
     }
 
 
@@ -227,11 +241,13 @@ def uint_tables(
     images: TextureImages,
     lights: Sequence[Light],
     deviations: Sequence[float] | None,
+    instances: InstanceNumbers | None,
 ) -> dict[str, NDArray[Any]]:
     """The sections of UINT_LAYOUT, each (n, 1, 4) or (n, its texels, 4), for `make_store`.
 
     lights     : the punctual ones, in the order of the device's
     deviations : of each shape, where the scene is a simpler one
+    instances  : of which `scene` is the resident part
     """
     triangles = np.s_[numbers.first_triangle : numbers.first_plane]
     apart = np.array(deviations or np.zeros(len(scene.shapes)), np.float32).view(np.uint32)
@@ -249,6 +265,7 @@ def uint_tables(
         "shape": _texel(_integers(shapes, 4)),
         "slots": images.of_materials,
         "slot": images.slots,
+        "instance_block": _texel(np.zeros((0, 3), np.int64) if instances is None else instances.block_table()),
         "punctual": _texel(_integers(punctual, 3)),
     }
 

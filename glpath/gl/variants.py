@@ -49,6 +49,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_GROUND": Variant("and a ground there, which catches shadows", "integrators.ray_paths"),
     "HAS_DIRECTIONAL_LIGHTS": Variant("there are directional lights", _SCENE),
     "HAS_PROFILES": Variant("a point light has an IES profile", _SCENE),
+    "HAS_INSTANCES": Variant("meshes are there once, with a list of instances", _SCENE),
     "STREAMED": Variant("some triangles are streamed", _SCENE),
     "HAS_TEXTURES": Variant("a material that is used has a texture", _TEXTURES),
     "HAS_SURFACE_TEXTURES": Variant("of roughness and metal", _TEXTURES),

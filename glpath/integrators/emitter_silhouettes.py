@@ -100,7 +100,8 @@ class EmitterSilhouettes:
 
         seen_from : from a position in the pixels to the number of the triangle that each sees, (h, w), -1 for none
         """
-        shines = [self._shines[seen_from(np.array(sample))] for sample in _SEARCH]
+        # No instance shines; their triangles have numbers beyond all others.
+        shines = [self._shines[np.minimum(seen_from(np.array(at)), len(self._shines) - 1)] for at in _SEARCH]
         edges = np.any(shines, axis=0) & ~np.all(shines, axis=0)
         y, x = np.nonzero(edges[::-1])
         across = min(-(-math.isqrt(len(x)) // 8) * 8 + 8, self._max_across)

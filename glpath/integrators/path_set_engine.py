@@ -86,6 +86,8 @@ class PathSetEngine(Engine):
             self._bvh = RayBvh(gl, scene)
             self._points = StartPoints(gl, scene, self.sensor, self._bvh, size, self._eye_buffer)
             self._eye_defines = self._points.defines
+        elif scene.instances is not None:
+            self._look_by_rays()
         else:
             self._see_by_scan()
         self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._hit_textures))

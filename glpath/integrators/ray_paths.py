@@ -172,7 +172,8 @@ class RayPathEngine(PathSetEngine):
         # picture in tiles has the bits of the picture in one.
         many = not hardware and len(scene.scene.triangles) > width * height
         camera = scene.scene.camera
-        if self._points is None and (many or camera.projection == "panorama" or camera.aperture_radius > 0):
+        wide = camera.projection == "panorama" or camera.aperture_radius > 0
+        if self._points is None and scene.instances is None and (many or wide):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms

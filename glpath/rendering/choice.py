@@ -95,7 +95,7 @@ def _solvable(scene: Scene) -> bool:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)  # the engine says it
             triangles = path_traceable(scene.still())
-        if len(triangles.triangles) > MAX_TRIANGLES:
+        if triangles.shapes.total("triangle") > MAX_TRIANGLES:
             return False
         from glpath.radiosity.solvers.checks import check_solvable  # slow to import, for scenes that may be solved
 

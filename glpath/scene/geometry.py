@@ -51,6 +51,13 @@ class Mesh:
         """Of all that changes the picture; see `glpath.scene.digest`."""
         return digest_of(self.vertices, self.faces, *self.of_vertices.values())
 
+    @cached_property
+    def used_vertices(self) -> Float64:
+        """(V', 3) float64: those that are corners of a triangle; `vertices` themselves where all are."""
+        used = np.zeros(len(self.vertices), np.bool_)
+        used[self.faces] = True
+        return self.vertices if used.all() else self.vertices[used]
+
     @property
     def of_vertices(self) -> dict[str, Float64 | None]:
         """The attributes of vertices, by the names of the fields."""
@@ -102,6 +109,8 @@ class Mesh:
 
 
 IDENTITY = np.eye(3, 4)
+# Points whose boxes are found at once, no more than a cache holds.
+_TOGETHER = 1 << 15
 IDENTITY.flags.writeable = False
 
 
@@ -223,6 +232,18 @@ class Shapes(tuple[Shape, ...]):
         used[self.faces] = True
         return self.vertices if used.all() else self.vertices[used]
 
+    def triangles_of(self, index: int, which: NDArray[np.bool_] | None = None) -> Iterator[Float64]:
+        """(n, 3, 3) float64 corners of a shape's triangles, some at a time: never those of all instances at once.
+
+        which : (N,) bool, of its instances; None for all
+        """
+        shape = self[index]
+        if not isinstance(shape.geometry, Mesh):
+            return
+        for number, world_from_mesh in enumerate(shape.world_from_object):
+            if which is None or which[number]:
+                yield placed(shape.geometry.vertices, world_from_mesh)[shape.geometry.faces]
+
     @cached_property
     def faces(self) -> Int32:
         """(T, 3) int32 numbers of `vertices`; the fronts are where the corners run counter-clockwise."""
@@ -274,9 +295,10 @@ class Shapes(tuple[Shape, ...]):
     def boxes(self) -> tuple[Float64, Float64]:
         """(N, 3) lower and upper corners of boxes around the triangles of each shape; inside out around none."""
         lower, upper = np.full((len(self), 3), np.inf), np.full((len(self), 3), -np.inf)
-        for index, (shape, part) in enumerate(zip(self, self.ranges, strict=True)):
-            if shape.primitive == "triangle" and shape.count:
-                lower[index], upper[index] = _box(self.triangles[part].reshape(-1, 3))
+        for index, shape in enumerate(self):
+            if isinstance(shape.geometry, Mesh) and shape.count:
+                low, high = instance_boxes(shape.geometry, shape.world_from_object)
+                lower[index], upper[index] = low.min(axis=0), high.max(axis=0)
         return lower, upper
 
     @cached_property
@@ -300,7 +322,9 @@ class Shapes(tuple[Shape, ...]):
     def bounds(self) -> tuple[Float64, Float64]:
         """See `Scene.bounds`."""
         extent, centre = sphere_extent(self.spheres), self.spheres[:, :, 3]
-        points = np.concatenate([self.used_vertices, centre - extent, centre + extent])
+        lower, upper = self.boxes
+        meshes = lower[:, 0] <= upper[:, 0]
+        points = np.concatenate([lower[meshes], upper[meshes], centre - extent, centre + extent])
         for _, stream in self.streams:
             points = np.concatenate([points, *(corner[None] for corner in stream.bounds)])
         if not len(points):
@@ -332,6 +356,23 @@ def placed(points: Float64, world_from_object: Float64) -> Float64:
     x, y, z = (points[..., axis, None] for axis in range(3))
     m = world_from_object
     return np.asarray(x * m[:, 0] + y * m[:, 1] + z * m[:, 2] + m[:, 3])
+
+
+def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float64]:
+    """(N, 3) lower and (N, 3) upper corners of the boxes around a mesh's triangles where maps (N, 3, 4) take it."""
+    points, count = mesh.used_vertices, len(world_from_mesh)
+    lower, upper = np.empty((count, 3)), np.empty((count, 3))
+    if count == 1:
+        lower[0], upper[0] = _box(placed(points, world_from_mesh[0]))
+        return lower, upper
+    x, y, z = points.T
+    step = max(1, _TOGETHER // max(len(points), 1))
+    for part in (slice(start, start + step) for start in range(0, count, step)):
+        m = world_from_mesh[part, :, :, None]
+        for axis in range(3):  # the sums of `placed`
+            found = x * m[:, axis, 0] + y * m[:, axis, 1] + z * m[:, axis, 2] + m[:, axis, 3]
+            lower[part, axis], upper[part, axis] = found.min(axis=1), found.max(axis=1)
+    return lower, upper
 
 
 def unit_normals(normals: Float64) -> Float64:

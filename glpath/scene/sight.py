@@ -11,10 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.model import Camera, Float64, Primitive, Scene, Shape, Stream, sphere_extent
+from glpath.scene.geometry import instance_boxes
+from glpath.scene.model import Camera, Float64, Mesh, Primitive, Scene, Shape, Stream, sphere_extent
 from glpath.scene.tessellate import box
 
 _CHUNK = 1 << 14
+# Triangles from which on those of all instances are not made for this.
+_MANY = 1 << 20
 # Of the size of the scene: nearer than this, the camera stands in the surface.
 _TOUCHING = 1e-6
 
@@ -39,7 +42,7 @@ def _sees_anything(scene: Scene) -> bool:
     return (
         _sees_planes(camera, scene.planes)
         or _sees_spheres(camera, scene.spheres)
-        or sees_triangles(camera, scene.triangles)
+        or any(sees_triangles(camera, part) for part in _triangles(scene))
         or any(_sees_boxes(camera, stream) for _, stream in scene.shapes.streams)
     )
 
@@ -50,13 +53,18 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
     wide, high = camera.extent
     centre, extent = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
     spheres = (centre - camera.position) @ axes.T
-    triangles = (scene.triangles - camera.position) @ axes.T
-    lower = np.concatenate([triangles.min(axis=1), spheres - extent])
-    upper = np.concatenate([triangles.max(axis=1), spheres + extent])
     limit = np.array([wide, high])
-    within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
-    if within.any():
+
+    def is_within(lower: Float64, upper: Float64) -> bool:
+        within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
+        return bool(within.any())
+
+    if is_within(spheres - extent, spheres + extent):
         return True
+    for part in _triangles(scene):
+        triangles = (part - camera.position) @ axes.T
+        if is_within(triangles.min(axis=1), triangles.max(axis=1)):
+            return True
     # From the corners of the image: a plane is in front of one of them, or beside them all.
     corners = camera.origins([[0, 0], [camera.resolution[0], 0], [0, camera.resolution[1]], camera.resolution])
     normal = scene.planes[:, :, 2]
@@ -116,6 +124,37 @@ def sees_triangles(camera: Camera, triangles: Float64) -> bool:
     through its inside.
     """
     return any(_sees_some(camera, part) for part in _chunks(triangles))
+
+
+def _are_many(scene: Scene) -> bool:
+    """Whether there are many triangles, most of which are of further instances of a mesh."""
+    total = scene.shapes.total("triangle")
+    return total > _MANY and total > 2 * sum(len(mesh.faces) for mesh in scene.shapes.meshes)
+
+
+def _triangles(scene: Scene) -> Iterator[Float64]:
+    """All of a scene, (n, 3, 3) at a time; of many not all are made."""
+    if not _are_many(scene):
+        yield scene.triangles
+    else:
+        for index in range(len(scene.shapes)):
+            yield from scene.shapes.triangles_of(index)
+
+
+def _about(scene: Scene, index: int, point: Float64, margin: float = 0.0) -> Iterator[Float64]:
+    """A shape's triangles, some at a time.
+
+    Of many, those of the instances in whose boxes, so much wider, a point is: then an instance is closed around it
+    alone, and no shape is by several.
+    """
+    shape = scene.shapes[index]
+    if not _are_many(scene):
+        yield from _chunks(scene.triangles[scene.shapes.ranges[index]])
+    elif isinstance(shape.geometry, Mesh):
+        lower, upper = instance_boxes(shape.geometry, shape.world_from_object)
+        around = np.asarray(((lower - margin <= point) & (upper + margin >= point)).all(axis=1))
+        for triangles in scene.shapes.triangles_of(index, around):
+            yield from _chunks(triangles)
 
 
 def _chunks(triangles: Float64) -> Iterator[Float64]:
@@ -178,8 +217,7 @@ def touched_shape(scene: Scene) -> Shape | None:
     if (hits := about[np.abs(away) <= margin * gradient]).size:
         return owner("sphere", hits[0])
     for index in _shapes_about(scene, eye, 2 * margin):
-        of_shape = scene.triangles[scene.shapes.ranges[index]]
-        if any(_touched_triangles(part - eye, margin).size for part in _chunks(of_shape)):
+        if any(_touched_triangles(part - eye, margin).size for part in _about(scene, index, eye, 2 * margin)):
             return scene.shapes[int(index)]
     return None
 
@@ -211,8 +249,7 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
     sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
     around[scene.shapes.primitive_shape("sphere")[within]] = sign
     for index in _shapes_about(scene, point):
-        of_shape = scene.triangles[scene.shapes.ranges[index]]
-        turns = winding_number(of_shape, point)
+        turns = sum(winding_number(part, point) for part in _about(scene, index, point))
         around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
     return around
 

@@ -72,7 +72,7 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
             mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # the longitude is reversed, too
     instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
     alone = Shapes((instances,))
-    if not without_area(alone.triangles).any():
+    if not any(without_area(part).any() for part in alone.triangles_of(0)):
         return instances
     # An ellipsoid so flat that some of its triangles are lost: they are not the same in every instance.
     whole = Mesh(

@@ -152,12 +152,12 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 // ray: along it, of any length.
 vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 {
-    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    vec4 plane = triangle_plane(triangle);
     vec3 position = origin + (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, ray) * ray;
 #ifdef HAS_VARYING_THIN_DIELECTRICS
     Surface s = surface_of_triangle(triangle, position, plane);
 #else
-    Surface s = surface_of_shape(int(face_texel(triangle, FACE_CORNERS).w), position, plane.xyz);
+    Surface s = surface_of_shape(int(triangle_face(triangle).w), position, plane.xyz);
 #endif
     vec3 wo = -normalize(ray);
     bool front = front_hit(plane.xyz, ray);

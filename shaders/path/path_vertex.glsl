@@ -38,7 +38,7 @@ PathVertex path_vertex(Surface s, int triangle, vec4 plane, bool front, vec3 wo)
 // Where a ray meets a triangle; t: how far along its unit direction.
 PathVertex vertex_on(int triangle, vec3 origin, vec3 direction, out float t)
 {
-    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    vec4 plane = triangle_plane(triangle);
     t = max(0.0, (plane.w - dot(plane.xyz, origin)) / dot(plane.xyz, direction));
     Surface s = surface_of_triangle(triangle, origin + t * direction, plane);
     return path_vertex(s, triangle, plane, front_hit(plane.xyz, direction), -direction);

@@ -5,6 +5,7 @@
 // light sees them as the eye does: what is behind such a back is lit through it.
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS, HAS_CULLING
 #include "sampling/random.glsl"
+#include "scene/instances.glsl"
 #ifdef HAS_TEXTURES
 #include "scene/texture.glsl"
 #endif
@@ -60,9 +61,10 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
 // At a point of the triangle's plane, which a ray from an eye would meet along `direction`, of any length.
 bool lets_through(int triangle, vec3 position, vec3 direction)
 {
-    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    uvec4 face = triangle_face(triangle);
     if (!is_see_through(int(face.w))) return false;
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
+    edges_in_world(triangle, a, ab, ac);
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
     return triangle_lets_through(triangle, face, vec3(1.0 - bc.x - bc.y, bc), dot(n, direction) < 0.0);

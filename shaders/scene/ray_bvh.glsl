@@ -4,6 +4,9 @@
 #include <RAY_BVH>
 uniform vec3 ray_lower;  // of the scene's box in steps: where it begins, and a step
 uniform vec3 ray_step;
+#ifdef HAS_INSTANCES
+uniform vec2 mesh_grid;  // the same of the tree of a mesh that has instances, along all axes
+#endif
 #include "sampling/directions.glsl"
 #include "scene/opacity.glsl"
 
@@ -22,6 +25,11 @@ struct Ray
     vec3 inverse;  // of the direction in steps
     uint order;    // where the order of its octant is in a word,
     bool second;   // and in which of the two
+#ifdef HAS_INSTANCES
+    int first;     // by how much a hit's number is more than that of an item's triangle
+    vec3 world_origin;
+    vec3 world_direction;
+#endif
 };
 
 Ray ray_along(vec3 origin, vec3 direction)
@@ -29,8 +37,26 @@ Ray ray_along(vec3 origin, vec3 direction)
     bvec3 against = lessThan(direction, vec3(0.0));
     vec3 inverse = inverse_direction(direction);
     return Ray(origin, direction, (ray_lower - origin) * inverse, ray_step * inverse,
-               (against.x ? 8u : 0u) + (against.y ? 16u : 0u), against.z);
+               (against.x ? 8u : 0u) + (against.y ? 16u : 0u), against.z
+#ifdef HAS_INSTANCES
+               , 0, origin, direction
+#endif
+               );
 }
+
+#ifdef HAS_INSTANCES
+// The ray in the space of an instance's mesh, at the same distances. x, y, z: rows of the map, and the instance's position.
+Ray ray_within(Ray ray, vec4 x, vec4 y, vec4 z, int first)
+{
+    vec3 o = ray.world_origin - vec3(x.w, y.w, z.w), d = ray.world_direction;
+    vec3 origin = vec3(dot(x.xyz, o), dot(y.xyz, o), dot(z.xyz, o));
+    vec3 direction = vec3(dot(x.xyz, d), dot(y.xyz, d), dot(z.xyz, d));
+    bvec3 against = lessThan(direction, vec3(0.0));
+    vec3 inverse = inverse_direction(direction);
+    return Ray(origin, direction, (mesh_grid.x - origin) * inverse, mesh_grid.y * inverse,
+               (against.x ? 8u : 0u) + (against.y ? 16u : 0u), against.z, first, ray.world_origin, ray.world_direction);
+}
+#endif
 
 // A group of slots, of whose children some are yet to be visited: a bit for each, in the order in which the ray hits them, and
 // that order, two bits for each. 0: none.
@@ -47,6 +73,11 @@ uint children_of(Visit v) { return v & 0xfffu; }
 #endif
 const Visit NOWHERE = Visit(0u);
 
+#ifdef HAS_INSTANCES
+// A slot of the root's group that is empty, below an instance on the stack: there the ray is back in the world.
+Visit leave_instance() { return visit(0u, 17u); }
+#endif
+
 bool has_children(Visit v) { return (children_of(v) & 15u) != 0u; }
 
 // Where a ray is in the tree. The stack is an array that no index reaches into, so that it stays in registers.
@@ -56,6 +87,9 @@ struct Walk
     Visit later[RAY_STACK];
     uint items;       // to be tested: 16 times the number of their group, and a bit for each
     uint more_items;  // and after these
+#ifdef HAS_INSTANCES
+    bool waits;       // for its items to be tested, before the ray is in another space
+#endif
 };
 
 Walk walk_from_root()
@@ -65,6 +99,9 @@ Walk walk_from_root()
     for (int i = 0; i < RAY_STACK; ++i) walk.later[i] = NOWHERE;
     walk.items = 0u;
     walk.more_items = 0u;
+#ifdef HAS_INSTANCES
+    walk.waits = false;
+#endif
     return walk;
 }
 
@@ -92,8 +129,40 @@ uint in_order(uint bits, uint order)
          | ((bits >> ((order >> 4u) & 3u)) & 1u) << 2u | ((bits >> (order >> 6u)) & 1u) << 3u;
 }
 
+#ifdef HAS_INSTANCES
+void push(inout Walk walk, Visit above)
+{
+    for (int i = 0; i < RAY_STACK; ++i)
+    {
+        Visit own = walk.later[i];
+        walk.later[i] = above;
+        above = own;
+    }
+}
+
+// At a slot that is no node: an instance, or the empty one where the walk leaves it. rest: of the slot's group.
+void change_space(inout Walk walk, inout Ray ray, Visit rest, uvec4 x, uvec4 y, uvec4 z, uvec4 link)
+{
+    walk.waits = walk.items != 0u;
+    if (walk.waits) return;
+    if (link.x != 0u) {
+        if (has_children(rest)) push(walk, rest);
+        push(walk, leave_instance());
+        walk.now = visit(link.x >> 8u, 1u);
+        ray = ray_within(ray, uintBitsToFloat(x), uintBitsToFloat(y), uintBitsToFloat(z), int(link.y));
+    } else {
+        walk.now = walk.later[0];
+        for (int i = 0; i < RAY_STACK; ++i) walk.later[i] = i + 1 < RAY_STACK ? walk.later[i + 1] : NOWHERE;
+        ray = ray_along(ray.world_origin, ray.world_direction);
+    }
+}
+#define WALKING_RAY inout Ray
+#else
+#define WALKING_RAY Ray
+#endif
+
 // From the next node to its children, those that are nearer than tmax.
-void step_down(inout Walk walk, Ray ray, float tmax)
+void step_down(inout Walk walk, WALKING_RAY ray, float tmax)
 {
     uint children = children_of(walk.now);
     uint child = (children >> (4u + 2u * lowest_bit(children))) & 3u;
@@ -101,6 +170,12 @@ void step_down(inout Walk walk, Ray ray, float tmax)
     ivec2 at = ray_slot_at(int(4u * group_of(walk.now) + child));
     uvec4 x = texel(ray_bvh, at), y = texel(ray_bvh, at + ivec2(RAY_SLOT_Y, 0)), z = texel(ray_bvh, at + ivec2(RAY_SLOT_Z, 0));
     uvec4 link = texel(ray_bvh, at + ivec2(RAY_SLOT_LINK, 0));
+#ifdef HAS_INSTANCES
+    if ((link.x & 255u) == 0u) {
+        change_space(walk, ray, rest, x, y, z, link);
+        return;
+    }
+#endif
     ivec4 x0 = lower_planes(x, ray.start.x, ray.inverse.x), x1 = upper_planes(x, ray.start.x, ray.inverse.x);
     ivec4 y0 = lower_planes(y, ray.start.y, ray.inverse.y), y1 = upper_planes(y, ray.start.y, ray.inverse.y);
     ivec4 z0 = lower_planes(z, ray.start.z, ray.inverse.z), z1 = upper_planes(z, ray.start.z, ray.inverse.z);
@@ -125,13 +200,19 @@ void step_down(inout Walk walk, Ray ray, float tmax)
 }
 
 // The slot of the next item that is nearer than tmax, -1 where none was found yet. Advances the walk.
-int next_item(inout Walk walk, Ray ray, float tmax)
+int next_item(inout Walk walk, WALKING_RAY ray, float tmax)
 {
     // Loops ask at their end: llvmpipe runs one that asks at its start once more than it has to, with all lanes off.
     int steps = 0;
+#ifdef HAS_INSTANCES
+    walk.waits = false;
+#endif
     if (walk.more_items == 0u && has_children(walk.now)) do
     {
         step_down(walk, ray, tmax);
+#ifdef HAS_INSTANCES
+        if (walk.waits) break;
+#endif
     } while (has_children(walk.now) && walk.more_items == 0u && ++steps < MAX_STEPS);
     int item = walk.items == 0u ? -1 : int(4u * (walk.items >> 4u) + lowest_bit(walk.items));
     walk.items &= walk.items - 1u;
@@ -150,6 +231,10 @@ float meet_item(Ray ray, int item, int exclude, out int triangle, out uint flags
     vec3 ab = uintBitsToFloat(of_ab.xyz), ac = uintBitsToFloat(of_ac.xyz);
     flags = of_ac.w;
     int one = int(of_corner.w), other = of_ab.w == NO_TRIANGLE ? -1 : int(of_ab.w);
+#ifdef HAS_INSTANCES
+    one += ray.first;
+    if (other >= 0) other += ray.first;
+#endif
     vec3 s = ray.origin - uintBitsToFloat(of_corner.xyz), p = cross(ray.direction, ac), q = cross(s, ab);
     float scale = 1.0 / dot(ab, p);
     vec3 uvt = vec3(dot(s, p), dot(ray.direction, q), dot(ac, q)) * scale;

@@ -15,6 +15,7 @@
 //         what leaves is beta * bsdf_eval * cos * E / pi.
 #include <CONSTANTS>
 #include "bsdf/bsdf.glsl"
+#include "scene/instances.glsl"
 #ifdef HAS_TEXTURES
 #include "scene/texture.glsl"
 #endif
@@ -131,9 +132,15 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
              + weight.z * colour_texel(int(face.z), COLOUR_LINEAR);
 #endif
 #ifdef HAS_VERTEX_NORMALS
-    vec3 n = weight.x * shading_texel(int(face.x), SHADING_NORMAL).xyz
-           + weight.y * shading_texel(int(face.y), SHADING_NORMAL).xyz
-           + weight.z * shading_texel(int(face.z), SHADING_NORMAL).xyz;
+    vec3 n_a = shading_texel(int(face.x), SHADING_NORMAL).xyz, n_b = shading_texel(int(face.y), SHADING_NORMAL).xyz;
+    vec3 n_c = shading_texel(int(face.z), SHADING_NORMAL).xyz;
+#ifdef HAS_INSTANCES
+    Placing p = placing_of(s.triangle);
+    n_a = placed_normal(p, n_a);
+    n_b = placed_normal(p, n_b);
+    n_c = placed_normal(p, n_c);
+#endif
+    vec3 n = weight.x * n_a + weight.y * n_b + weight.z * n_c;
     // A mesh without vertex normals has zeros; one whose normals are those of another surface is shaded flat.
     if (dot(n, s.normal) > 0.0) s.smooth_normal = normalize(n);
 #endif
@@ -211,11 +218,12 @@ vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 // A point of a triangle whose plane (see FACET_PLANE) is at hand.
 Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
 {
-    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    uvec4 face = triangle_face(triangle);
     Surface s = surface_of_shape(int(face.w), position, plane.xyz);
     s.triangle = triangle;
 #if defined(HAS_UV) || defined(HAS_NORMALS) || defined(HAS_VERTEX_COLOURS)
     vec3 a = vertex_position(face.x), ab = vertex_position(face.y) - a, ac = vertex_position(face.z) - a;
+    edges_in_world(triangle, a, ab, ac);
     vec3 n = cross(ab, ac), d = position - a;
     vec2 bc = vec2(dot(cross(d, ac), n), dot(cross(ab, d), n)) / dot(n, n);
     interpolate(s, face, vec3(1.0 - bc.x - bc.y, bc), ab, ac);
@@ -250,8 +258,12 @@ Surface hit_surface(int triangle, ivec2 pixel, vec3 position, vec4 plane)
     return s;
 }
 #else
+#ifdef HAS_INSTANCES
+#define hit_shape(primitive, pixel) int(triangle_face(primitive).w)
+#else
 #define hit_shape(primitive, pixel) shape_of(primitive)
-#define hit_plane(triangle, pixel) facet_texel(triangle, FACET_PLANE)
+#endif
+#define hit_plane(triangle, pixel) triangle_plane(triangle)
 #define hit_surface(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
 #endif
 

@@ -1,0 +1,46 @@
+"""What boxes and items of a BVH for rays of paths are made of, compiled or not: see `glpath.gl.ray_bvh`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.model import Scene
+
+#: Of an item: a triangle has an opacity; one is a thin dielectric.
+ITEM_ALPHA, ITEM_THIN_DIELECTRIC = 1, 2
+_STEPS = 65535
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The boxes' own space: origin and step (3,); boxes are so many steps larger than they are, for rounding."""
+
+    lower: NDArray[np.float64]
+    step: NDArray[np.float64]
+    pad: NDArray[np.float64]
+
+    @classmethod
+    def around(cls, lower: NDArray[np.float64], upper: NDArray[np.float64], far: float) -> Grid:
+        """The grid of a box between corners (3,). far: how large coordinates of a ray's start may be."""
+        far = max(far, 1e-30)
+        extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
+        # A ray's start is a float, which far from the origin is worth more than a step.
+        pad = 1.0 + np.minimum(np.ceil(4 * 2.0**-24 * far * _STEPS / extent), _STEPS // 8)
+        step = extent / (_STEPS - 2 * pad - 2)
+        return cls(lower - (pad + 1) * step, step, pad)
+
+    def steps(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.uint32]:
+        """(M, 3) boxes, rounded outwards: the lower corner in the low 16 bits, the upper in the high ones."""
+        low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
+        high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
+        return np.asarray(low | high << np.uint32(16))
+
+
+def triangle_flags(scene: Scene) -> NDArray[np.uint8]:
+    """(T,): of what lets light through."""
+    materials = [scene.materials[shape.material] for shape in scene.shapes]
+    of_shape = [ITEM_ALPHA * (m.alpha != "opaque") + ITEM_THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
+    return np.array(of_shape, np.uint8)[scene.triangle_shape]
