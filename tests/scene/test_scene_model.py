@@ -31,6 +31,7 @@ from glpath.scene.model import (
     Texture,
     TextureSlot,
 )
+from glpath.scene.portal import Portal
 from glpath.scene.tessellate import unit_sphere
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
@@ -72,6 +73,7 @@ def everything() -> Scene:
         lights=(Light("l", "point", np.ones(3), profile=LightProfile(np.arange(6.0).reshape(2, 3))),),
         ambient=np.ones(3),
         sky=Sky(np.ones(3), np.zeros(3)),
+        portals=(Portal(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])),),
         background=Background(np.ones(3), ground=np.zeros(3)),
         exposure=1.0,
         centred_by=np.array([1.0, 2.0, 3.0]),
@@ -88,7 +90,9 @@ def mutations(value: Any, declared: Any = None) -> Iterator[tuple[str, Any]]:
             options.extend(get_args(option))
         elif isinstance(option, str) and option != value:
             yield "", option
-    if is_dataclass(value):
+    if isinstance(value, Portal):  # a corner alone cannot be moved: it is a rectangle
+        yield ".Portal.corners", Portal(value.corners + 1.0)
+    elif is_dataclass(value):
         hints = get_type_hints(type(value))
         for each in fields(value):
             for path, changed in mutations(getattr(value, each.name), hints[each.name]):
@@ -130,7 +134,7 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
             seen[digest] = path
     kinds = (
         *(Scene, Camera, CameraKey, Shape, Motion, Mesh, Material, Texture, TextureSlot),
-        *(Light, LightProfile, Sky, Environment, Background),
+        *(Light, LightProfile, Sky, Environment, Background, Portal),
     )
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
