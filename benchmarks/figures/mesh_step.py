@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.figures.eye_hits import ShownHits
 from glpath.film.image import luminance
 from glpath.radiosity import RadiositySolution
-from glpath.radiosity.picture import EyeHits
 from glpath.scene.model import Float64
 
 
-def mesh_step(picture: Float64, hits: EyeHits, solution: RadiositySolution) -> float:
+def mesh_step(picture: Float64, hits: ShownHits, solution: RadiositySolution) -> float:
     """By how much more a picture changes from pixel to pixel where an element ends than within elements.
 
     The mean of |difference| / sum of luminance over pixels two apart on one plane of one shape: of those with an

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.figures.eye_hits import ShownHits
 from benchmarks.figures.mesh_step import mesh_step
 from benchmarks.figures.outcome import Outcome, Rows, Say
 from benchmarks.figures.path_pictures import (
@@ -34,7 +35,6 @@ from benchmarks.figures.path_pictures import (
 )
 from benchmarks.references.stored import ALL_BOUNCES, smaller, stored_reference
 from benchmarks.verdict import Condition
-from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Material, Mesh, Shapes
@@ -51,7 +51,7 @@ _ROUGHNESS, _ANISOTROPY = 0.45, 0.6
 _PLACES = ("ceiling", "floor", "large-box", "small-box")
 
 
-def _places(hits: EyeHits, radiance: Float64) -> dict[str, float]:
+def _places(hits: ShownHits, radiance: Float64) -> dict[str, float]:
     """Mean radiance where each of the box's shapes is seen."""
     return {name: float(radiance[hits.only(name)].mean()) for name in _PLACES}
 
@@ -59,7 +59,7 @@ def _places(hits: EyeHits, radiance: Float64) -> dict[str, float]:
 def figure_5(scale: float, say: Say) -> Outcome:
     """Depth 1: direct light only [PB figure 5]."""
     scene = scene_at(BOX, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     found = traced(say, "path-buffer-5", hits, count(1024, scale), 1)
     places = _places(hits, found.radiance)
     measured = as_mitsuba(hits, found, stored_reference(BOX, 1)) | {
@@ -94,7 +94,7 @@ def figure_7(scale: float, say: Say) -> Outcome:
 def _deeper(name: str, depth: int, scale: float, say: Say) -> Outcome:
     """Figures 6 and 7, beside all depths before."""
     scene = scene_at(BOX, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     sets = count(1024, scale)
     found = {d: traced(say, name, hits, sets, d) for d in range(1, depth + 1)}
     last, before = found[depth], found[depth - 1]
@@ -140,7 +140,7 @@ def _deeper(name: str, depth: int, scale: float, say: Say) -> Outcome:
 def figure_8(scale: float, say: Say) -> Outcome:
     """Monte Carlo radiosity of the box on a coarse mesh, as it is [PB figure 8]."""
     scene = scene_at(BOX, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
     reference = smaller(stored_reference(BOX, ALL_BOUNCES), len(hits.triangle))
     constant, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
@@ -184,7 +184,7 @@ def figure_8(scale: float, say: Say) -> Outcome:
 def figure_9(scale: float, say: Say) -> Outcome:
     """The gather from figure 8 [PB figure 9]."""
     scene = scene_at(BOX, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
     found = gathered(say, "path-buffer-9", hits, count(1024, scale), solution)
     reference = smaller(stored_reference(BOX, ALL_BOUNCES), len(hits.triangle))
@@ -251,7 +251,7 @@ def figure_10(scale: float, say: Say) -> Outcome:
     rays (a BVH's), and a box whose highlights shared directions meet by chance alone.
     """
     scene = metal_box(scene_at(BOX, scale))
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     name, sets = "path-buffer-10", count(4096, scale)
     fewer = traced(say, name, hits, count(1024, scale), 3)
     found = traced(say, name, hits, sets, 3)

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from benchmarks.figures.eye_hits import ShownHits
 from benchmarks.figures.mesh_step import mesh_step
 from benchmarks.figures.outcome import Outcome, Rows, Say
 from benchmarks.figures.path_pictures import (
@@ -33,7 +34,6 @@ from benchmarks.references.stored import ALL_BOUNCES, stored_reference
 from benchmarks.scenes.room import POSTS
 from benchmarks.verdict import Condition
 from glpath.radiosity import RadiositySolution
-from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.system.reporting import duration
@@ -45,7 +45,7 @@ _NOISE = 3.0
 def figure_11(scale: float, say: Say) -> Outcome:
     """The room with a Monte Carlo radiosity solution, as it is [PB figure 11]."""
     scene = scene_at(ROOM, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     (solution, seconds), (other, _) = (solved(say, scene, scale, seed) for seed in (0, 1))
     noise = _noise(solution, other, scene)
     constant, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
@@ -114,7 +114,7 @@ def _mean_difference(a: RadiositySolution, b: RadiositySolution, scene: Scene) -
 def figure_12(scale: float, say: Say) -> Outcome:
     """The gather from figure 11 [PB figure 12]."""
     scene = scene_at(ROOM, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
     found = gathered(say, "path-buffer-12", hits, count(4096, scale), solution)
     # As many, from the same light points: what the two differ by has no noise of direct light.
@@ -153,7 +153,7 @@ def figure_12(scale: float, say: Say) -> Outcome:
     return outcome("path-buffer-12", said, rule, measured, rows, picture, notes(scale))
 
 
-def post_shadow(hits: EyeHits, indirect: Float64) -> float:
+def post_shadow(hits: ShownHits, indirect: Float64) -> float:
     """Indirect light on the chimney behind the left post, over that beside it.
 
     Both are of one plaster, a hand's breadth apart, at the height of the post's shaft, in pixels that show nothing
@@ -174,7 +174,7 @@ def post_shadow(hits: EyeHits, indirect: Float64) -> float:
 def figure_13(scale: float, say: Say) -> Outcome:
     """The room by direct light only [PB figure 13]."""
     scene = scene_at(ROOM, scale)
-    hits = EyeHits.of(scene)
+    hits = ShownHits.of(scene)
     direct = traced(say, "path-buffer-13", hits, count(1024, scale), 1)
     solution, _ = solved(say, scene, scale)
     whole = gathered(say, "all light", hits, count(512, scale), solution)

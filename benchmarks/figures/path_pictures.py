@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.figures.eye_hits import ShownHits
 from benchmarks.figures.mesh_step import mesh_step
 from benchmarks.figures.outcome import Say, judged
 from benchmarks.figures.style import pictures
@@ -29,7 +30,6 @@ from glpath.compare import relative_mse
 from glpath.film.image import tonemap
 from glpath.io import load_scene
 from glpath.radiosity import RadiositySolution, solve_radiosity
-from glpath.radiosity.picture import EyeHits
 from glpath.rendering import render
 from glpath.scene import Scene
 from glpath.scene.model import Float64
@@ -72,12 +72,12 @@ def count(full: int, scale: float) -> int:
     return max(8, round(full * scale))
 
 
-def mean_of(hits: EyeHits, radiance: Float64) -> float:
+def mean_of(hits: ShownHits, radiance: Float64) -> float:
     """Of what is seen but the lamps."""
     return float(radiance[hits.reflecting].mean())
 
 
-def traced(say: Say, what: str, hits: EyeHits, path_sets: int, max_depth: int) -> Picture:
+def traced(say: Say, what: str, hits: ShownHits, path_sets: int, max_depth: int) -> Picture:
     """A picture by path tracing with the path-buffer."""
     say(f"{what}: {path_sets} path sets of depth {max_depth}")
     start = time.perf_counter()
@@ -85,7 +85,7 @@ def traced(say: Say, what: str, hits: EyeHits, path_sets: int, max_depth: int) -
     return Picture(film.mean, mean_of(hits, film.mean), path_sets, time.perf_counter() - start)
 
 
-def gathered(say: Say, what: str, hits: EyeHits, path_sets: int, solution: RadiositySolution) -> Picture:
+def gathered(say: Say, what: str, hits: ShownHits, path_sets: int, solution: RadiositySolution) -> Picture:
     """A picture gathered from a solution."""
     say(f"{what}: gather of {path_sets} path sets")
     start = time.perf_counter()
@@ -122,7 +122,7 @@ def solved(say: Say, scene: Scene, scale: float, seed: int = 0) -> tuple[Radiosi
 # Beside Mitsuba's
 
 
-def mean_off(hits: EyeHits, radiance: Float64, reference: Float64) -> float:
+def mean_off(hits: ShownHits, radiance: Float64, reference: Float64) -> float:
     """By how much the mean over what is seen but the lamps is off that of Mitsuba's picture: |ratio - 1|."""
     ours, theirs, reflecting = at_one_size(radiance, reference, hits.reflecting.astype(float))
     whole = reflecting == 1
@@ -135,7 +135,7 @@ def error(radiance: Float64, reference: Float64) -> float:
     return relative_mse(ours, theirs)
 
 
-def as_mitsuba(hits: EyeHits, found: Picture, reference: Float64, noise: float = 0.3) -> dict[str, float]:
+def as_mitsuba(hits: ShownHits, found: Picture, reference: Float64, noise: float = 0.3) -> dict[str, float]:
     """Numbers of a picture that is to be Mitsuba's, and what its number of path sets lets them be; see `SAME`.
 
     noise : of one path set, in the mean and as relMSE
@@ -154,7 +154,7 @@ SAME = (Condition("mean_off", "<=", "mean_off_allowed"), Condition("relmse", "<=
 
 
 def gather_numbers(
-    found: Picture, hits: EyeHits, solution: RadiositySolution, shown: Float64, solver_seconds: float
+    found: Picture, hits: ShownHits, solution: RadiositySolution, shown: Float64, solver_seconds: float
 ) -> dict[str, float]:
     """What the figures of a gather have in common; shown: the solution itself."""
     step, before = mesh_step(found.radiance, hits, solution), mesh_step(shown, hits, solution)
@@ -169,7 +169,7 @@ def gather_numbers(
     }
 
 
-def unlit(hits: EyeHits, radiance: Float64) -> float:
+def unlit(hits: ShownHits, radiance: Float64) -> float:
     """Share of what is seen but the lamps that is black."""
     return float((radiance[hits.reflecting].max(axis=1) <= 0).mean())
 

@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.figures.outcome import Outcome, Rows, Say, judged
-from benchmarks.figures.style import Series, plot
+from benchmarks.figures.style import Axis, Series, plot
 from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.timing import in_turns, seconds_of
 from benchmarks.verdict import Condition
 from glpath.errors import GlpathError
-from glpath.film.charts import Axis
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_engines import path_engine

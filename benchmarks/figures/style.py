@@ -22,19 +22,27 @@ from glpath.film.charts import (
     ORANGE,
     PALE,
     PURPLE,
-    Axis,
     UInt8,
     page,
     rastered,
-    rule,
     wrapped,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
 MARKERS = ("o", "s", "^", "D")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """label: with its unit; log: powers of ten; zero: begin at 0."""
+
+    label: str
+    log: bool = False
+    zero: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,12 @@ class Series:
     x: ArrayLike
     y: ArrayLike
     line: Literal["points", "curve", "guide"] = "points"
+
+
+def rule(figure: Figure, left: float, right: float, level: float) -> None:
+    from matplotlib.lines import Line2D
+
+    figure.add_artist(Line2D([left, right], [level, level], color=PALE, linewidth=1.0))
 
 
 def plot(

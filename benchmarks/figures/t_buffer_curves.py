@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.figures.outcome import Outcome, Rows, Say, judged
 from benchmarks.figures.sphere_rays import SphereRays
-from benchmarks.figures.style import Series, plot
+from benchmarks.figures.style import Axis, Series, plot
 from benchmarks.figures.whitted_frame import (
     CLASSIC,
     T_BUFFER,
@@ -32,7 +32,6 @@ from benchmarks.figures.whitted_frame import (
 )
 from benchmarks.timing import in_turns
 from benchmarks.verdict import Condition
-from glpath.film.charts import Axis
 
 Float64 = NDArray[np.float64]
 

@@ -276,7 +276,7 @@ def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None
     import numpy as np
 
     from glpath.cli.point_files import AXES
-    from glpath.film.charts import Axis, field
+    from glpath.film.charts import field
     from glpath.film.image import encode_png
     from glpath.system.files import write_bytes
 
@@ -294,7 +294,7 @@ def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None
         f"{found.film.path_sets:,} paths each. {inside}{_figures(spread, 3)}.",
         np.where(lit, lux, np.nan if lit.any() else 0.0).reshape(grid.shape),
         grid.extent,
-        (Axis(AXES[grid.across[0]]), Axis(AXES[grid.across[1]])),
+        (AXES[grid.across[0]], AXES[grid.across[1]]),
         "lux",
     )
     write_bytes(encode_png(page), path)

@@ -7,7 +7,6 @@ colours differ for the colour-blind too (Okabe and Ito 2008).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,15 +25,8 @@ INK, GREY, PALE = "#222222", "#6E6E6E", "#E4E4E4"
 DPI = 100
 _CAPTION_SIZE, _CAPTION_LINE = 10.5, 19  # points, pixels
 MARGIN = 16
-
-
-@dataclass(frozen=True)
-class Axis:
-    """label: with its unit; log: powers of ten; zero: begin at 0."""
-
-    label: str
-    log: bool = False
-    zero: bool = False
+# Of the longer side of a map, pixels.
+_LONGER = 480
 
 
 def field(
@@ -42,15 +34,14 @@ def field(
     caption: str,
     values: NDArray[np.float64],
     extent: tuple[float, float, float, float],
-    axes_of: tuple[Axis, Axis],
+    labels: tuple[str, str],
     unit: str,
-    size: int = 480,
 ) -> UInt8:
     """A page with values (rows, columns) over a plane in false colours, with their scale and lines of equal values.
 
     values : NaN where there is none, which is grey
     extent : where the first and the last column begin and end, then rows, of which the first is the lowest
-    size   : of the longer side of the map, pixels
+    labels : of the axes along rows and columns; unit: of the values
     """
     require_matplotlib()
     from matplotlib.ticker import MaxNLocator
@@ -58,7 +49,7 @@ def field(
     left_of_map, right_of_map, below_map = 78, 110, 52
     wide, high = extent[1] - extent[0], extent[3] - extent[2]
     # A strip is drawn no thinner than it can be read.
-    across, up = (max(160, round(size * side / max(wide, high))) for side in (wide, high))
+    across, up = (max(160, round(_LONGER * side / max(wide, high))) for side in (wide, high))
     width = max(left_of_map + across + right_of_map, 420)
     figure, bottom, height = page(title, wrapped(caption, width), width, up + below_map + 8)
     below = (bottom + below_map) / height
@@ -75,20 +66,14 @@ def field(
         levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without that of 0
         lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
-    axes.set_xlabel(axes_of[0].label, color=INK, fontsize=11)
-    axes.set_ylabel(axes_of[1].label, color=INK, fontsize=11)
+    axes.set_xlabel(labels[0], color=INK, fontsize=11)
+    axes.set_ylabel(labels[1], color=INK, fontsize=11)
     legend = figure.add_axes(((left_of_map + across + 16) / width, below, 16 / width, up / height))
     figure.colorbar(drawn, cax=legend)
     legend.set_ylabel(unit, color=INK, fontsize=11)
     for each in (axes, legend):
         each.tick_params(colors=INK, labelsize=10, length=4)
     return rastered(figure)
-
-
-def rule(figure: Figure, left: float, right: float, level: float) -> None:
-    from matplotlib.lines import Line2D
-
-    figure.add_artist(Line2D([left, right], [level, level], color=PALE, linewidth=1.0))
 
 
 def wrapped(caption: str, width: int) -> list[str]:

@@ -6,12 +6,11 @@ Masks and blended surfaces are seen as if they were opaque, reflecting what they
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from glpath.radiosity.mesh import lattice
 from glpath.radiosity.shafts.rays import nearest, rays_of
 from glpath.radiosity.solution import Lookup, RadiositySolution
 from glpath.scene import Scene, path_traceable
@@ -47,7 +46,7 @@ class EyeHits:
     back: NDArray[np.int64]
 
     @classmethod
-    def of(cls, scene: Scene, k: int = 4) -> EyeHits:
+    def of(cls, scene: Scene, k: int = 4) -> Self:
         """Of a scene, seen by its camera."""
         triangles = path_traceable(scene.still())
         camera = triangles.camera.at()
@@ -74,49 +73,6 @@ class EyeHits:
         reflected = solution.lookup(self.scene, t, self.barycentric[seen], back, mode)
         picture[seen] = reflected / np.pi + np.where(shining[:, None], emission, 0)
         return np.asarray(picture.mean(axis=2))
-
-    @property
-    def position(self) -> Float64:
-        """(H, W, k * k, 3): where the rays end; NaN where they meet nothing."""
-        c = self.scene.triangles[self.triangle]
-        b = self.barycentric[..., None]
-        along, across = c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :]
-        where = c[..., 0, :] + b[..., 0, :] * along + b[..., 1, :] * across + self.scene.origin
-        return np.where(self.triangle[..., None] >= 0, where, np.nan)
-
-    @property
-    def reflecting(self) -> NDArray[np.bool_]:
-        """(H, W): pixels that show neither a lamp nor what lies beyond the scene, nor do their neighbours."""
-        lamps = np.array([shape.emits for shape in self.scene.shapes])
-        lamp = np.append(lamps[self.scene.triangle_shape], True)
-        return _inner(np.logical_not(lamp[self.triangle].any(axis=2)))
-
-    def only(self, shape: str) -> NDArray[np.bool_]:
-        """(H, W): pixels that show the shape of that name alone, as do their neighbours."""
-        return _inner(self.shape(shape).all(axis=2))
-
-    def shape(self, name: str) -> NDArray[np.bool_]:
-        """(H, W, k * k): rays that meet the shape of that name."""
-        names = [shape.name for shape in self.scene.shapes]
-        return np.asarray(np.append(self.scene.triangle_shape, -1)[self.triangle] == names.index(name))
-
-    def element(self, solution: RadiositySolution) -> NDArray[np.int64]:
-        """(H, W): the element that all rays of a pixel meet; -1 where they differ."""
-        t = self.triangle.ravel()
-        b = self.barycentric.reshape(-1, 2)
-        n = solution.divisions.astype(np.int64)[t]
-        i, j, upper, _, _ = lattice.locate(n, b[:, 0], b[:, 1])
-        found = solution.first_element[t] + lattice.element_index(n, i, j, upper)
-        found = np.where(t >= 0, found, -1).reshape(self.triangle.shape)
-        same = (found == found[..., :1]).all(axis=2)
-        return np.asarray(np.where(same, found[..., 0], -1))
-
-
-def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
-    """The pixels whose neighbours are among them: a render's rays go nearer to a pixel's edge than those here."""
-    from scipy.ndimage import binary_erosion  # slow to import
-
-    return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))
 
 
 @kernel

@@ -18,10 +18,9 @@ from benchmarks.__main__ import app
 from benchmarks.figures import style
 from benchmarks.figures.catalogue import FIGURES
 from benchmarks.figures.outcome import as_csv, write
-from benchmarks.figures.style import Series
+from benchmarks.figures.style import Axis, Series
 from glpath.errors import GlpathError
 from glpath.film import charts
-from glpath.film.charts import Axis
 from tests.support.figure_commands import outcome
 
 FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import glpath
+from benchmarks.figures.eye_hits import ShownHits
 from glpath.compare import relative_mse
 from glpath.io import scene_from_dict
-from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene
 from tests.reference.closed_forms import polygon_irradiance
 
@@ -73,7 +73,7 @@ def test_engines_agree_on_direct_light(name: str, sets: int, path_options: Any):
     assert relative_mse(rays, path) < 0.5 * (relative_mse(*paths) + relative_mse(*both))
     # A lamp that is seen shines a hundred times as brightly as what it lights, and its edge is antialiased by
     # chance.
-    reflecting = EyeHits.of(glpath.load_scene(name).with_camera(resolution=(64, 48))).reflecting
+    reflecting = ShownHits.of(glpath.load_scene(name).with_camera(resolution=(64, 48))).reflecting
     assert rays[reflecting].mean() == pytest.approx(path[reflecting].mean(), rel=0.003)
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import glpath
+from benchmarks.figures.eye_hits import ShownHits
 from glpath.errors import SceneWarning
-from glpath.radiosity.picture import EyeHits
 from glpath.scene.model import Camera, Light, Material, Scene, Shape, Texture, TextureSlot
 from tests.support import three_js
 from tests.support.surfaces import quad, scene_of
@@ -53,7 +53,7 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, glpath.Radio
 def test_a_bake_shows_the_solution(three: three_js.Viewer, baked: Any) -> None:
     scene, solution, path = baked
     seen = three.picture(path, 64, 64, samples=4) * 2.0**6
-    expected = EyeHits.of(scene, 4).radiance(solution, "interpolated")
+    expected = ShownHits.of(scene, 4).radiance(solution, "interpolated")
     assert seen.mean() == pytest.approx(expected.mean(), rel=1e-3)
     assert np.quantile(np.abs(seen - expected) / expected.mean(), 0.98) < 0.01
 
@@ -77,7 +77,7 @@ def test_a_room_has_its_camera_its_places_and_its_colours(
 ) -> None:
     scene = glpath.load_scene(name).with_camera(resolution=(WIDTH, HEIGHT))
     path = exported(scene, tmp_path / "a.glb")
-    expected = EyeHits.of(scene, 1).position[..., 0, :]
+    expected = ShownHits.of(scene, 1).position[..., 0, :]
     place = three.picture(path, WIDTH, HEIGHT, show="position", samples=1)
     assert np.mean(np.isnan(place) != np.isnan(expected)) < 0.01
     # Half a pixel is 4e-3 of the room; at edges another surface is met.

@@ -16,10 +16,10 @@ import trimesh
 from scipy.ndimage import binary_erosion
 
 import glpath
+from benchmarks.figures.eye_hits import ShownHits
 from glpath import Film, SceneWarning, load_scene, render
 from glpath.bake.atlas import packed
 from glpath.film.image import read_exr_channels
-from glpath.radiosity.picture import EyeHits
 from glpath.rendering import RenderJob, run
 from glpath.rendering.points import irradiance
 from glpath.scene import Scene
@@ -221,8 +221,8 @@ def test_radiosity_and_view_factors_agree(size: float) -> None:
         pictures = [render(s, radiosity=r, **options).mean for s, r in ((near, solved), (far, found))]
         assert np.abs(pictures[1] - pictures[0]).mean() < 1e-3 * pictures[0].mean()
         assert abs(glpath.view_factors(far, error=0.01).matrix - factors.matrix).max() < 1e-3
-        hits = EyeHits.of(far, 1).position
-        np.testing.assert_allclose(hits - place, EyeHits.of(near, 1).position, rtol=0, atol=1e-5 * size)
+        hits = ShownHits.of(far, 1).position
+        np.testing.assert_allclose(hits - place, ShownHits.of(near, 1).position, rtol=0, atol=1e-5 * size)
 
 
 @pytest.mark.parametrize(("size", "place"), [(1.0, PLACES[1]), (4.0, UTM), (1000.0, UTM)])

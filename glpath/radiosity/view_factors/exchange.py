@@ -22,8 +22,6 @@ import numpy as np
 from glpath.radiosity.view_factors.convex import angle, measure, quadrature
 from glpath.system.kernels import inner_kernel, inner_sum
 
-#: Halvings of an edge: of what is singular at an end, each leaves a quarter of the error.
-_DEEPEST = 24
 #: Distance of the centres, in sums of the radii, below which polygons are close. It must be above 1.
 _CLOSE = 1.1
 
@@ -215,7 +213,7 @@ def near_exchange(first, second, tolerance, stack):  # type: ignore[no-untyped-d
     """Of polygons which may touch, and an estimate of its error.
 
     tolerance : of the result, roughly
-    stack     : (_DEEPEST + 2, 2) float64
+    stack     : (24, 2) float64 or larger: parts of an edge that are halved twenty times are taken as they are
     """
     a, n = first
     total, error = 0.0, 0.0

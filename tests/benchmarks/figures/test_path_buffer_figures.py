@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from benchmarks.__main__ import app
 from benchmarks.figures.catalogue import FIGURES
+from benchmarks.figures.eye_hits import ShownHits
 from benchmarks.figures.mesh_step import mesh_step
 from benchmarks.figures.path_buffer_room import post_shadow
 from benchmarks.scenes.room import POSTS
 from glpath.io import load_scene
 from glpath.radiosity import RadiositySolution
 from glpath.radiosity.mesh import lattice
-from glpath.radiosity.picture import EyeHits
 from glpath.scene import Scene
 
 SCALE = "0.004"
@@ -66,7 +66,7 @@ def solution_of(scene: Scene, n: int, elements: np.ndarray, vertices: np.ndarray
 
 
 def test_what_the_eye_sees_is_emission_and_the_solution(box: Scene):
-    hits = EyeHits.of(box)
+    hits = ShownHits.of(box)
     count = len(box.triangles)
     even = solution_of(box, 1, np.full(count, np.pi), np.full(3 * count, np.pi))
     for mode in ("constant", "interpolated"):
@@ -83,7 +83,7 @@ def test_what_the_eye_sees_is_emission_and_the_solution(box: Scene):
 
 
 def test_the_steps_of_a_mesh_are_told_from_light_that_is_smooth(box: Scene):
-    hits = EyeHits.of(box)
+    hits = ShownHits.of(box)
     n, count = 4, len(box.triangles)
     rng = np.random.default_rng(2)
     elements = rng.uniform(1, 1.5, count * n * n)
@@ -98,7 +98,7 @@ def test_the_steps_of_a_mesh_are_told_from_light_that_is_smooth(box: Scene):
 
 
 def test_the_shadow_of_a_post_is_what_the_plaster_behind_it_lacks() -> None:
-    hits = EyeHits.of(load_scene("room").with_camera(resolution=(192, 192)), 2)
+    hits = ShownHits.of(load_scene("room").with_camera(resolution=(192, 192)), 2)
     x = hits.position[..., 0].mean(axis=2)
     light = np.where(np.abs(x - POSTS[0]) < 0.06, 0.5, 1.0)[..., None] * [1, 1, 1]
     assert post_shadow(hits, light) == pytest.approx(0.5, abs=0.03)
