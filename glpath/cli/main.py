@@ -25,6 +25,7 @@ import glpath
 from glpath.cli.commands import COMMANDS
 from glpath.cli.help import flags_without_a_type
 from glpath.cli.on_demand import CommandsOnDemand, Part, as_written
+from glpath.cli.plain_values import spare_conversions
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
@@ -46,6 +47,7 @@ class Commands(TyperGroup):
         self.commands: Any = CommandsOnDemand(self.parts, self.commands)
         for part in (self, *self.params):
             as_written(part)
+        spare_conversions(self)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         commands = self.commands

@@ -14,6 +14,7 @@ from typer.core import TyperCommand
 from typer.main import get_group
 
 from glpath.cli.help import EXAMPLE
+from glpath.cli.plain_values import spare_conversions
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ class CommandsOnDemand(Mapping[str, Any]):
         if name not in self._made:
             app = typer.Typer()
             importlib.import_module(self._parts[name].module).register(app)
-            self._made[name] = _as_written(get_group(app).commands[name])
+            command = self._made[name] = _as_written(get_group(app).commands[name])
+            spare_conversions(command)
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
