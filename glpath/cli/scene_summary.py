@@ -8,6 +8,7 @@ import numpy as np
 
 from glpath.scene import Environment, Light, Material, Scene, Sky, check_scene
 from glpath.scene.geometry import sphere_areas
+from glpath.scene.model import triangle_areas
 
 _OF_MICROFACETS = (
     "roughness",
@@ -60,7 +61,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
         "unit": scene.unit,
         "sha256": scene.digest(),
         "content_sha256": scene.digest(camera=False),
-        "triangles": len(scene.triangles) + scene.shapes.total("stream"),
+        "triangles": scene.shapes.total("triangle") + scene.shapes.total("stream"),
         "spheres": len(scene.spheres),
         "planes": len(scene.planes),
         "bounds": {"min": lower.tolist(), "max": upper.tolist()},
@@ -97,11 +98,13 @@ def summarize(scene: Scene) -> dict[str, Any]:
 
 def _areas(scene: Scene) -> list[float | None]:
     """Of each shape, in scene units squared; None for planes."""
-    of_kind = {"triangle": scene.areas, "sphere": sphere_areas(scene.spheres)}
-    return [
-        float(of_kind[shape.primitive][part].sum()) if shape.primitive in of_kind else None
-        for shape, part in zip(scene.shapes, scene.shapes.ranges, strict=True)
-    ]
+    spheres, found = sphere_areas(scene.spheres), list[float | None]()
+    for index, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
+        if shape.primitive == "triangle":
+            found.append(sum(float(triangle_areas(each).sum()) for each in scene.shapes.triangles_of(index)))
+        else:
+            found.append(float(spheres[part].sum()) if shape.primitive == "sphere" else None)
+    return found
 
 
 def _about_material(scene: Scene, material: Material) -> dict[str, Any]:

@@ -188,7 +188,7 @@ class Scene:
         areas = np.empty(len(self.triangles))
         # Some at a time: intermediate results take as much memory as the triangles.
         for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
-            areas[part] = np.linalg.norm(_area_vectors(self.triangles[part]), axis=1)
+            areas[part] = triangle_areas(self.triangles[part])
         return areas
 
     @property
@@ -389,6 +389,11 @@ def unit_normals(triangles: Float64) -> Float64:
     """(T, 3) float64, out of the fronts of triangles (T, 3, 3)."""
     n = _area_vectors(triangles)
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def triangle_areas(triangles: Float64) -> Float64:
+    """(T,) float64, of triangles (T, 3, 3)."""
+    return np.asarray(np.linalg.norm(_area_vectors(triangles), axis=1))
 
 
 def _area_vectors(triangles: Float64) -> Float64:
