@@ -126,7 +126,7 @@ def read_gltf(
         if shapes:
             radii = f"{min(made.primitives.radii):.3g}", f"{max(made.primitives.radii):.3g}"
             warn(
-                f"{document.location}: has no triangles, so its points and lines are drawn as balls and rods, of "
+                f"{document.location} has no triangles, so its points and lines are drawn as balls and rods, of "
                 f"radius {' to '.join(dict.fromkeys(radii))} in units of their meshes."
             )
             document.notes.texts.pop(ONLY_TRIANGLES, None)
