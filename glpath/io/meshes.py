@@ -317,14 +317,16 @@ def _points_of_ply(content: bytes, path: Path) -> list[Any]:
     header = content.partition(b"end_header")[0]
     if not _POINTS.search(header):
         return []
-    cloud = trimesh.load(io.BytesIO(content), file_type="ply")
+    cloud: Any = trimesh.load(io.BytesIO(content), file_type="ply")
     points = np.asarray(cloud.vertices, np.float64)
     if points.ndim != 2 or not len(points) or not np.isfinite(points).all():
         return []
     radius = point_radius(points)
     vertices, faces, normals, of = balls(points, radius)
-    colours = getattr(cloud, "colors", None)
-    given = {"vertex_colors": np.asarray(colours)[of]} if np.shape(colours) == (len(points), 4) else {}
+    colours: Any = getattr(cloud, "colors", None)
+    given: dict[str, Any] = (
+        {"vertex_colors": np.asarray(colours)[of]} if np.shape(colours) == (len(points), 4) else {}
+    )
     warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
     return [trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False, **given)]
 
