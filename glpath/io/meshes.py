@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError, warn
 from glpath.io import obj
 from glpath.io.precision import step_at, warn_of_steps
+from glpath.io.strokes import balls, point_radius
 from glpath.io.text import decoded
 from glpath.io.values import LARGEST, nearby_files
 from glpath.scene.geometry import unit_normals
@@ -36,6 +37,7 @@ FORMATS = (".obj", ".ply", ".stl", ".off")
 NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit(", ", 1))
 # In the header of a PLY.
 _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
+_POINTS = re.compile(rb"\belement\s+vertex\s+[1-9]")
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
 _SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
@@ -218,7 +220,8 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
     if not file.meshes:
         raise location.error(
             f"{which(path, location)}has no triangles.",
-            "The file is empty, broken, of another format than its suffix says, or holds points or lines only.",
+            "The file is empty, broken, of another format than its suffix says, or holds points or lines only. "
+            "Points of a .ply, and points and lines of glTF, are drawn where a file is a model of its own.",
         )
     if file.single:
         corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])
@@ -281,7 +284,7 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     elif suffix == ".ply":
         header, end, _ = content.partition(b"end_header")
         if end and not _TRIANGLES.search(header):  # trimesh takes the points of some for a broken file
-            return MeshFile([])
+            return MeshFile(_points_of_ply(content, path) if colours else [])
         content, texture = _plain_ply(content, colours)
         options = {"skip_materials": True}
     loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
@@ -305,6 +308,27 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     elif suffix == ".ply":  # of text as well, which trimesh takes at its word
         single = _SINGLE.search(content.partition(b"end_header")[0]) is not None
     return MeshFile(meshes, plain, texture, coloured, single)
+
+
+def _points_of_ply(content: bytes, path: Path) -> list[Any]:
+    """A cloud of points as a mesh of balls, with its colours; none where there is nothing to draw."""
+    import trimesh
+
+    header = content.partition(b"end_header")[0]
+    if not _POINTS.search(header):
+        return []
+    cloud: Any = trimesh.load(io.BytesIO(content), file_type="ply")
+    points = np.asarray(cloud.vertices, np.float64)
+    if points.ndim != 2 or not len(points) or not np.isfinite(points).all():
+        return []
+    radius = point_radius(points)
+    vertices, faces, normals, of = balls(points, radius)
+    colours: Any = getattr(cloud, "colors", None)
+    given: dict[str, Any] = (
+        {"vertex_colors": np.asarray(colours)[of]} if np.shape(colours) == (len(points), 4) else {}
+    )
+    warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
+    return [trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False, **given)]
 
 
 def _checked_off(content: bytes) -> bool:

@@ -78,6 +78,6 @@ def _number(wanted: str, names: Sequence[str], what: str, document: Document) ->
     listed = ", ".join(f"{i} {shown(name)}" for i, name in enumerate(names)) or "none"
     near = difflib.get_close_matches(wanted, names, 1, 0.4)
     raise UsageError(
-        f"{document.location}: {what} {shown(wanted)} was asked for, but its {what}s are: {listed}.",
+        f"{document.location} {what} {shown(wanted)} was asked for, but its {what}s are: {listed}.",
         f"Did you mean {shown(near[0])}?" if near else f"`glpath info` lists the {what}s.",
     )

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warn
 from glpath.film.units import Unit
 from glpath.io.gltf import limits
 from glpath.io.gltf.accessors import Accessors
@@ -24,7 +24,7 @@ from glpath.io.gltf.choices import chosen_animations, chosen_variant, material_o
 from glpath.io.gltf.document import Document, read_document
 from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import Nodes, Pose, instances
-from glpath.io.gltf.primitives import Primitives, Skin, is_solid, skin_of
+from glpath.io.gltf.primitives import ONLY_TRIANGLES, Primitives, Skin, is_solid, skin_of
 from glpath.io.gltf.profiles import Profiles
 from glpath.io.gltf.surfaces import Surfaces
 from glpath.io.gltf.table import Table
@@ -123,6 +123,17 @@ def read_gltf(
     look = chosen_variant(document, variant)
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
     shapes = made.all()
+    if not shapes:  # points and lines alone are drawn
+        made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
+        made.primitives.strokes = True
+        shapes = made.all()
+        if shapes:
+            radii = f"{min(made.primitives.radii):.3g}", f"{max(made.primitives.radii):.3g}"
+            warn(
+                f"{document.location} has no triangles, so its points and lines are drawn as balls and rods, of "
+                f"radius {' to '.join(dict.fromkeys(radii))} in units of their meshes."
+            )
+            document.notes.texts.pop(ONLY_TRIANGLES, None)
     if backs == "absent" and not made.backs_were_black:
         made.cull_backs()
     if shapes:

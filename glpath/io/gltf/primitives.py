@@ -17,11 +17,15 @@ from numpy.typing import NDArray
 from glpath.io.gltf import compression
 from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.table import Table, Tables
+from glpath.io.strokes import balls, line_radius, point_radius, rods
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.tessellate import without_area
 
-_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines", 4: "triangles", 5: "strip", 6: "fan"}
+_MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangles", 5: "strip", 6: "fan"}
+#: A note on what is left out.
+ONLY_TRIANGLES = "Points and lines: only triangles are drawn."
+_STROKES = ("points", "lines", "line loop", "line strip")
 #: The attributes that are read, and how many numbers each may have.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
@@ -39,9 +43,15 @@ class Skin:
 
 @dataclass
 class Primitives:
-    """The primitives of a document as meshes, each made once for each pose of it."""
+    """The primitives of a document as meshes, each made once for each pose of it.
+
+    strokes : points and lines are drawn, see `glpath.io.strokes`
+    radii   : that they were drawn with, in units of their meshes
+    """
 
     accessors: Accessors
+    strokes: bool = False
+    radii: list[float] = field(default_factory=list)
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
@@ -77,8 +87,8 @@ class Primitives:
         """Attributes by their names, morphed, and "faces" (F, 3) int64."""
         document = self.accessors.document
         mode = primitive.choice("mode", _MODES, "triangles")
-        if mode in ("points", "lines"):
-            document.notes.add("Points and lines: only triangles are drawn.")
+        if mode in _STROKES and not self.strokes:
+            document.notes.add(ONLY_TRIANGLES)
             return None
         packed = self._unpacked(primitive)
         found = packed if packed is not None else self._plain(primitive)
@@ -146,7 +156,7 @@ class Primitives:
         return {**found, "faces": faces}
 
     def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
-        """(F, 3) numbers of vertices."""
+        """(F, 3) numbers of vertices, (F, 2) of lines, (F, 1) of points."""
         every, location = self.accessors.document.all("accessors"), primitive.location.field("indices")
         index = primitive.index("indices", every, "accessors")
         if index is None:
@@ -159,6 +169,13 @@ class Primitives:
                     f"names vertex {order[at]}, but POSITION has {count:,} elements (0 to {count - 1}).",
                     "The file was written wrongly: export it anew.",
                 )
+        if mode == "points":
+            return order[:, None]
+        if mode == "lines":
+            return order[: len(order) // 2 * 2].reshape(-1, 2)
+        if mode in _STROKES:
+            ends = np.roll(order, -1)
+            return np.stack([order, ends], axis=1)[: None if mode == "line loop" else -1]
         if mode == "triangles":
             if len(order) % 3:
                 self.accessors.document.notes.add("Vertices after the last whole triangle of a mesh.")
@@ -191,6 +208,10 @@ class Primitives:
 
     def _mesh(self, primitive: Table, found: dict[str, NDArray[Any]], uv_sets: frozenset[int]) -> Mesh | None:
         document, location = self.accessors.document, primitive.location
+        if found["faces"].shape[1] < 3:
+            if not len(found["faces"]):
+                return None
+            found = self._stroked(found)
         vertices, faces = found["POSITION"], found["faces"]
         document.take(16 * len(vertices) * 12 + 24 * len(faces), location)
         uv: list[Float64 | None] = []
@@ -220,6 +241,23 @@ class Primitives:
         if flat.any() and primitive.values.get("mode", 4) != 5:  # strips are joined by such triangles
             document.notes.add("Triangles without an area.")
         return mesh.without_faces(flat)
+
+    def _stroked(self, found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """The attributes of points or lines as those of balls or rods."""
+        points, faces = found["POSITION"], found["faces"]
+        if faces.shape[1] == 1:
+            used = np.unique(faces)
+            radius = point_radius(points[used])
+            vertices, made, normals, of = balls(points[used], radius)
+            of = used[of]
+        else:
+            radius = line_radius(points[np.unique(faces)])
+            vertices, made, normals, of = rods(points, faces, radius)
+        self.radii.append(radius)
+        others = {
+            name: values[of] for name, values in found.items() if name not in ("faces", "POSITION", "TANGENT")
+        }
+        return {**others, "POSITION": vertices, "NORMAL": normals, "faces": made}
 
     def _vertex_maps(self, primitive: Table, skin: Skin, count: int) -> Float64:
         """(V, 3, 4) world from mesh: the mean of the joints' by the weights."""

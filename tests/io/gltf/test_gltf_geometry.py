@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from glpath import SceneWarning
 from glpath.io.gltf import Model, read_gltf
 from glpath.scene.model import Mesh, Shapes
 from tests.support.gltf_files import TRIANGLE, Gltf
@@ -126,13 +127,43 @@ def test_strips_and_fans_keep_their_fronts(tmp_path: Path) -> None:
         np.testing.assert_allclose(normals, [[0, 0, 1]] * 2)
 
 
-def test_points_and_lines_are_noted_not_drawn(tmp_path: Path) -> None:
-    for mode in (0, 1, 2, 3):
-        file = Gltf()
-        file.node(mesh=file.mesh(mode=mode))
+@pytest.mark.parametrize("mode", [0, 1, 2, 3])
+def test_beside_triangles_points_and_lines_are_noted_not_drawn(tmp_path: Path, mode: int) -> None:
+    file = Gltf()
+    file.node(mesh=file.mesh(mode=mode))
+    file.node(mesh=file.mesh())
+    model = read(file, tmp_path)
+    assert len(model.shapes) == 1
+    assert any("Points and lines" in note for note in model.notes)
+
+
+@pytest.mark.parametrize(("mode", "lines"), [(0, 0), (1, 1), (2, 3), (3, 2)])
+def test_points_and_lines_alone_are_drawn_as_balls_and_rods(tmp_path: Path, mode: int, lines: int) -> None:
+    file = Gltf()
+    colours = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    file.node(mesh=file.mesh(mode=mode, COLOR_0=colours), scale=[2, 2, 2])
+    with pytest.warns(
+        SceneWarning, match="no triangles, so its points and lines are drawn as balls and rods, of radius"
+    ):
         model = read(file, tmp_path)
-        assert model.shapes == ()
-        assert any("Points and lines" in note for note in model.notes)
+    assert not any("Points and lines" in note for note in model.notes)
+    (shape,) = model.shapes
+    shapes = Shapes(model.shapes)
+    radius = 2 * (0.02 if mode == 0 else 0.004) * np.sqrt(2)
+    low, high = shapes.bounds
+    ends = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]])[: 2 if mode == 1 else 3]
+    np.testing.assert_allclose(low, ends.min(axis=0) - radius, atol=0.3 * radius)
+    np.testing.assert_allclose(high, ends.max(axis=0) + radius, atol=0.3 * radius)
+    mesh = shape.geometry
+    assert isinstance(mesh, Mesh)
+    assert len(mesh.faces) == 80 * len(ends) + 16 * lines
+    # Fronts are outside: the volume of closed balls and open rods is positive.
+    corners = mesh.vertices[mesh.faces]
+    out = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert mesh.normals is not None
+    assert (np.einsum("fi,fi->f", out, mesh.normals[mesh.faces].mean(axis=1)) > 0).all()
+    assert mesh.colours is not None
+    assert {tuple(c) for c in mesh.colours[:, :3].tolist()} == set(map(tuple, colours[: len(ends)]))
 
 
 def test_attributes_go_where_they_belong(tmp_path: Path) -> None:

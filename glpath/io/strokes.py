@@ -1,0 +1,75 @@
+"""Points and lines as what can be lit: small balls, and rods with balls where they meet.
+
+Of files that have nothing else: a cloud of points, a drawing of lines. Beside triangles they are a program's marks,
+and are left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.tessellate import unit_sphere
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+# Radii in diagonals of all: of lines, and the minimum and the maximum of points.
+_LINE, _MIN_POINT, _MAX_POINT = 0.004, 0.0005, 0.02
+# Of more points, balls of 20 triangles do.
+_MANY = 2_000
+_SIDES = 8
+
+
+def point_radius(points: Float64) -> float:
+    """Half of the distance from a point (N, 3) to the nearest other, in the median, within bounds."""
+    from scipy.spatial import cKDTree  # slow to import
+
+    diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    if len(points) < 2 or diagonal == 0.0:
+        return 0.01
+    some = points[:: -(-len(points) // 10_000)]
+    apart = cKDTree(points).query(some, 2)[0][:, 1]
+    return float(np.clip(0.5 * np.median(apart), _MIN_POINT * diagonal, _MAX_POINT * diagonal))
+
+
+def line_radius(points: Float64) -> float:
+    """By the size of all, (N, 3)."""
+    return _LINE * float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+
+
+def balls(points: Float64, radius: float) -> tuple[Float64, Int64, Float64, Int64]:
+    """Around points (N, 3): vertices (V, 3), faces (F, 3), normals (V, 3), and of which point each vertex is."""
+    sphere = unit_sphere(0 if len(points) > _MANY else 1)
+    ball, sides = sphere.vertices, sphere.faces.astype(np.int64)
+    vertices = points[:, None] + radius * ball
+    faces = sides + len(ball) * np.arange(len(points))[:, None, None]
+    of = np.repeat(np.arange(len(points)), len(ball))
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3), np.tile(ball, (len(points), 1)), of
+
+
+def rods(points: Float64, lines: Int64, radius: float) -> tuple[Float64, Int64, Float64, Int64]:
+    """Along lines (L, 2) between points (N, 3); returns as `balls`, with those at the points of lines."""
+    start, end = points[lines[:, 0]], points[lines[:, 1]]
+    long = np.linalg.norm(end - start, axis=1) > 0
+    lines, start, end = lines[long], start[long], end[long]
+    along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    out = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(along, across)[:, None]
+    vertices = np.stack([start, end], axis=1)[:, :, None] + radius * out[:, None]
+    k, after = np.arange(_SIDES), (np.arange(_SIDES) + 1) % _SIDES
+    side = np.concatenate(
+        [np.stack(each, axis=1) for each in ((k, after, after + _SIDES), (k, after + _SIDES, k + _SIDES))]
+    )
+    faces = side + 2 * _SIDES * np.arange(len(lines))[:, None, None]
+    used = np.unique(lines)
+    joints = balls(points[used], radius)
+    first = vertices.size // 3
+    return (
+        np.concatenate([vertices.reshape(-1, 3), joints[0]]),
+        np.concatenate([faces.reshape(-1, 3), joints[1] + first]),
+        np.concatenate([np.broadcast_to(out[:, None], vertices.shape).reshape(-1, 3), joints[2]]),
+        np.concatenate([np.repeat(lines.reshape(-1), _SIDES), used[joints[3]]]),
+    )

@@ -1,0 +1,58 @@
+"""Clouds of points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glpath import SceneError, SceneWarning, load_scene
+from glpath.io.strokes import balls, point_radius
+from glpath.scene.model import Mesh
+
+CLOUD = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+end_header
+0 0 0 255 0 0
+1 0 0 0 255 0
+0 1 0 0 0 255
+"""
+
+
+@pytest.mark.filterwarnings("ignore:.*no camera")
+def test_a_ply_of_points_is_balls_of_their_colours(tmp_path: Path):
+    path = tmp_path / "cloud.ply"
+    path.write_text(CLOUD)
+    with pytest.warns(SceneWarning, match=r"has no triangles, so its 3 points are drawn as balls of radius 0.0283"):
+        scene = load_scene(path)
+    (shape,) = scene.shapes
+    assert isinstance(shape.geometry, Mesh)
+    assert len(shape.geometry.faces) == 3 * 80
+    assert shape.geometry.colours is not None
+    colours = {tuple(np.round(c[:3], 3)) for c in shape.geometry.colours.tolist()}
+    assert colours == {(1, 0, 0), (0, 1, 0), (0, 0, 1)}
+
+
+def test_as_the_bare_geometry_of_a_shape_it_has_no_triangles(tmp_path: Path):
+    (tmp_path / "cloud.ply").write_text(CLOUD)
+    scene = {"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "sky": {"zenith": 1.0}}
+    with pytest.raises(SceneError, match="no triangles") as error:
+        load_scene(scene | {"shapes": [{"type": "mesh", "file": str(tmp_path / "cloud.ply")}]})
+    assert "drawn where a file is a model of its own" in error.value.remedy
+
+
+def test_balls_touch_where_points_lie_in_a_grid():
+    grid = np.stack(np.meshgrid(*[np.arange(20.0)] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    assert point_radius(grid) == pytest.approx(0.5)
+    vertices, faces, normals, of = balls(grid, 0.5)
+    assert np.linalg.norm(vertices - grid[of], axis=1) == pytest.approx(0.5)
+    assert np.allclose(0.5 * normals, vertices - grid[of])
+    assert faces.max() == len(vertices) - 1
