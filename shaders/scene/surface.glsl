@@ -5,7 +5,8 @@
 //         HAS_COAT_NORMALS        clearcoats with other normals than their base
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
-//                                 HAS_IRIDESCENCE_TEXTURES; see also texture.glsl
+//                                 HAS_IRIDESCENCE_TEXTURES, HAS_DIFFUSE_TRANSMISSION_TEXTURES;
+//                                 see also texture.glsl
 //         HAS_ANISOTROPY          microfacets of two roughnesses; HAS_ANISOTROPY_TEXTURES
 //         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
@@ -334,6 +335,15 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
         layer = vec4(min(layer.rgb * slot_or_one(specular_slots.y, s).rgb, vec3(layer.w)), layer.w) * weight;
 #endif
         b.diffuse = base * ((1.0 - metal - transmission) * reflects);
+#ifdef HAS_DIFFUSE_TRANSMISSION
+        vec4 through = material_texel(s.material, MATERIAL_THROUGH);
+#ifdef HAS_DIFFUSE_TRANSMISSION_TEXTURES
+        uvec4 through_slots = slots_texel(s.material, SLOTS_THROUGH);
+        through *= vec4(slot_or_one(through_slots.y, s).rgb, slot_or_one(through_slots.x, s).a);
+#endif
+        b.diffuse_through = through.rgb * (through.w * (1.0 - metal - transmission) * reflects);
+        b.diffuse *= 1.0 - through.w;
+#endif
         b.metal = base * metal * reflects;
         b.metallic = metal * reflects;
         b.dielectric = layer.rgb;
