@@ -32,7 +32,13 @@ from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 
-_COLOURS = ("texture", "emission_texture", "specular_color_texture", "diffuse_transmission_color_texture")
+_COLOURS = (
+    "texture",
+    "emission_texture",
+    "specular_color_texture",
+    "diffuse_transmission_color_texture",
+    "sheen_texture",
+)
 # Fields of [materials.NAME] that `Material` has by another name.
 _RENAMED = {
     "specular": "specular_weight",

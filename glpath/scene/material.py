@@ -42,6 +42,7 @@ SLOTS = (
     "iridescence_thickness_texture",
     "diffuse_transmission_texture",
     "diffuse_transmission_colour_texture",
+    "sheen_texture",
 )
 
 
@@ -156,6 +157,7 @@ class Material:
                            thickness lies between the two
     diffuse_transmission_texture : its alpha multiplies diffuse_transmission;
                            diffuse_transmission_colour_texture multiplies the colour
+    sheen_texture        : multiplies sheen
     specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
@@ -208,6 +210,7 @@ class Material:
     iridescence_thickness_texture: TextureSlot | None = None
     diffuse_transmission_texture: TextureSlot | None = None
     diffuse_transmission_colour_texture: TextureSlot | None = None
+    sheen_texture: TextureSlot | None = None
 
     @property
     def has_lobes(self) -> bool:
@@ -216,7 +219,7 @@ class Material:
 
     @property
     def lets_light_through(self) -> bool:
-        """Rays pass it in places, by its opacity, or from behind."""
+        """Rays pass it by its opacity, or from behind."""
         return self.alpha != "opaque" or self.culled
 
     @property
@@ -326,7 +329,7 @@ class Material:
 
 
 def averaged(material: Material, textures: Sequence[Texture]) -> Material:
-    """The material with its layers as their textures have them in the mean, for what knows nothing of places."""
+    """The material with its layers as their textures are in the mean, for what has one value for a surface."""
 
     def mean(slot: TextureSlot | None, channel: int) -> float:
         if slot is None:
@@ -335,14 +338,16 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         return float(image[..., channel].mean()) if channel < image.shape[2] else 1.0
 
     thinnest, thickness = material.iridescence_thickness_min, material.iridescence_thickness_texture
-    colour, slot = material.specular_colour, material.specular_colour_texture
-    if slot is not None:
-        colour = colour * textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
+
+    def colour(slot: TextureSlot | None) -> Float64:
+        return np.ones(3) if slot is None else textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
+
     return replace(
         material,
         clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
         specular_weight=material.specular_weight * mean(material.specular_texture, 3),
-        specular_colour=colour,
+        specular_colour=material.specular_colour * colour(material.specular_colour_texture),
+        sheen=material.sheen * colour(material.sheen_texture),
         diffuse_transmission=material.diffuse_transmission * mean(material.diffuse_transmission_texture, 3),
         iridescence=material.iridescence * mean(material.iridescence_texture, 0),
         iridescence_thickness=thinnest + (material.iridescence_thickness - thinnest) * mean(thickness, 1),

@@ -179,6 +179,10 @@ class Principled(Surface, tag="principled", kw_only=True):
     sheen_roughness: Annotated[
         _Share, Meta(description="The roughness of the sheen: the smaller, the nearer to outlines. At least 0.1.")
     ] = 0.5
+    sheen_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file, which sheen is multiplied by.")]
+        | UnsetType
+    ) = UNSET
     surface_texture: (
         Annotated[
             str,

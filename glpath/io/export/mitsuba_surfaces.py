@@ -23,7 +23,7 @@ Plugin = dict[str, Any]
 
 # Mitsuba's principled surface is as glTF's where its `specular` is this: an index of 1.5.
 _SPECULAR = 0.5
-# Textures that Mitsuba's surface has no place for.
+# Textures that the surface in Mitsuba does not have.
 _UNSAID = set(SLOTS) - {
     "texture",
     "surface_texture",

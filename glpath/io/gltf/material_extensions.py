@@ -52,7 +52,8 @@ LAYERS = {
     ),
     "KHR_materials_sheen": Layer(
         {"sheenColorFactor": "sheen", "sheenRoughnessFactor": "sheen_roughness"},
-        unread=("sheenColorTexture", "sheenRoughnessTexture"),
+        textures={"sheenColorTexture": LayerTexture("sheen_texture", srgb=True)},
+        unread=("sheenRoughnessTexture",),
     ),
     "KHR_materials_diffuse_transmission": Layer(
         {
