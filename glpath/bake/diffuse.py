@@ -43,6 +43,7 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
             layer = float((f0 + (f90 - f0) / 21.0).max())
             coat = material.clearcoat * (0.04 + 0.96 / 21.0)
             glass = (1 - metallic) * clear
+            clear = clear + (1 - clear) * material.diffuse_transmission
             found[own, :3] *= ((1 - coat) * (metallic + (1 - layer) * (1 - metallic) * (1 - clear)))[:, None]
             found[own, 6] *= 1 - glass
         else:

@@ -30,6 +30,7 @@ MATERIAL_LAYOUT = {
     "SHEEN_LAMBDA": "b, c, d, e of L(x) = a / (1 + b x^c) + d x + e, of Charlie's lambda",
     "SHEEN_LAMBDA_A": "a",
     "FILM": "share under a thin film; its thickness where its texture is 0, nm; where it is 1; its index",
+    "THROUGH": "of what the diffuse base lets through the colour; the share",
     "ENERGY": "1 where energy is kept; first cells of its glass's albedo, from outside and from inside",
 }
 
@@ -55,6 +56,9 @@ MATERIAL_VARIANTS = {
     "HAS_SHEEN": MaterialVariant("a rough material has sheen", lambda m: _rough(m) and bool(np.any(m.sheen > 0))),
     "HAS_IRIDESCENCE": MaterialVariant(
         "a rough material is under a thin film", lambda m: _rough(m) and m.iridescence > 0
+    ),
+    "HAS_DIFFUSE_TRANSMISSION": MaterialVariant(
+        "a rough material's diffuse base lets light through", lambda m: _rough(m) and m.diffuse_transmission > 0
     ),
     "HAS_MULTIPLE_SCATTERING": MaterialVariant(
         "rough metal or rough glass keeps what it scatters more than once", lambda m: m.keeps_energy
@@ -125,6 +129,7 @@ def material_table(materials: Sequence[Material]) -> Float64:
             [*m.attenuation, 0],
             *_sheen(m),
             [m.iridescence, m.iridescence_thickness_min, m.iridescence_thickness, m.iridescence_ior],
+            [*m.diffuse_transmission_colour, m.diffuse_transmission],
             [m.keeps_energy, *first.get(m.ior if _bends(m) else 0.0, (0, 0)), 0],
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)

@@ -95,6 +95,7 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
         "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit; 1 where culled",
         "COAT": "of clearcoat_texture, clearcoat_roughness_texture, clearcoat_normal_texture, anisotropy_texture",
         "SPECULAR": "of specular_texture, specular_colour_texture, iridescence_texture and that of its thickness",
+        "THROUGH": "of diffuse_transmission_texture, diffuse_transmission_colour_texture, sheen_texture",
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
     "instance_block": {

@@ -68,6 +68,8 @@ class TextureImages:
             HAS_COAT_TEXTURES=bool(slots & {"clearcoat_texture", "clearcoat_roughness_texture"}),
             HAS_SPECULAR_TEXTURES=bool(slots & {"specular_texture", "specular_colour_texture"}),
             HAS_IRIDESCENCE_TEXTURES=bool(slots & {"iridescence_texture", "iridescence_thickness_texture"}),
+            HAS_DIFFUSE_TRANSMISSION_TEXTURES=bool(slots & _DIFFUSE_TRANSMISSION),
+            HAS_SHEEN_TEXTURES="sheen_texture" in slots,
             HAS_ANISOTROPY_TEXTURES="anisotropy_texture" in slots,
             HAS_EMISSION_TEXTURES="emission_texture" in slots,
             HAS_TRANSMISSION_TEXTURES="transmission_texture" in slots,
@@ -135,6 +137,7 @@ class TextureImages:
         return width
 
 
+_DIFFUSE_TRANSMISSION = {"diffuse_transmission_texture", "diffuse_transmission_colour_texture"}
 _NORMAL_MAPS = {"normal_texture", "clearcoat_normal_texture"}
 
 

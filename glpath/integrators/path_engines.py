@@ -65,6 +65,7 @@ def _check_shared(scene: Scene) -> None:
         kinds = ["a mirror"] * bool(np.any(material.mirror > 0))
         if material.roughness is not None:
             kinds += ["glass"] * (material.transmission > 0)
+            kinds += ["a diffuse transmission"] * (material.diffuse_transmission > 0)
             coat = material.clearcoat_roughness if material.clearcoat > 0 else 1.0
             kinds += [f"a roughness below {_SHARED_ROUGHNESS:g}"] * (
                 min(material.roughness, coat) < _SHARED_ROUGHNESS

@@ -32,15 +32,24 @@ from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 
-_COLOURS = ("texture", "emission_texture", "specular_color_texture")
+_COLOURS = (
+    "texture",
+    "emission_texture",
+    "specular_color_texture",
+    "diffuse_transmission_color_texture",
+    "sheen_texture",
+)
 # Fields of [materials.NAME] that `Material` has by another name.
 _RENAMED = {
     "specular": "specular_weight",
     "specular_color": "specular_colour",
     "specular_color_texture": "specular_colour_texture",
+    "diffuse_transmission_color": "diffuse_transmission_colour",
+    "diffuse_transmission_color_texture": "diffuse_transmission_colour_texture",
 }
 _GIVEN = {target: field for field, target in _RENAMED.items()}
 _NO_COLOURS = tuple(name for name in (_GIVEN.get(slot, slot) for slot in SLOTS) if name not in _COLOURS)
+_ALPHA = ("specular_texture", "diffuse_transmission_texture")
 # Its colours that may be above 1.
 _ABOVE_ONE = ("specular_color", "attenuation")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
@@ -154,7 +163,7 @@ def textures(
     heights : names of those that displace surfaces
     """
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
-    alpha |= {getattr(m, "specular_texture", UNSET) for m in used_by.values()}
+    alpha |= {getattr(m, slot, UNSET) for m in used_by.values() for slot in _ALPHA}
     values = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _NO_COLOURS} | set(heights)
     colours = {getattr(m, slot, UNSET) for m in used_by.values() for slot in _COLOURS}
     shining = {m.emission_texture for m in used_by.values()} - {m.texture for m in used_by.values()}

@@ -390,7 +390,14 @@ class _Whitted(Plan):
     def traceable(self, scene: Scene) -> Scene:
         check_resident(scene)
         _check_expandable(scene)
-        used = (scene.materials[index] for index in sorted({shape.material for shape in scene.shapes}))
+        used = [scene.materials[index] for index in sorted({shape.material for shape in scene.shapes})]
+        translucent = [m.name for m in used if m.roughness is not None and m.diffuse_transmission > 0]
+        if translucent:
+            raise SceneError(
+                f"{scene.source or scene.name}: has a diffuse transmission ({', '.join(translucent[:3])}), "
+                "which this ray tracer does not have.",
+                'Render it with integrator="path" or "gather".',
+            )
         glass = [material.name for material in used if material.roughness is not None and material.transmission > 0]
         if glass:
             names = f"{', '.join(glass[:3])}{', ...' if len(glass) > 3 else ''}"

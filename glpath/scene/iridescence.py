@@ -14,9 +14,9 @@ import numpy as np
 
 from glpath.scene.geometry import Float64
 
-# The eye's three sensitivities to wave numbers, Gaussians: their weight, place and variance; X has a second.
+# The eye's three sensitivities to wave numbers, Gaussians: their weight, centre and variance; X has a second.
 _VALUE = np.array([5.4856e-13, 4.4201e-13, 5.2481e-13])
-_PLACE = np.array([1.6810e6, 1.7953e6, 2.2084e6])
+_CENTRE = np.array([1.6810e6, 1.7953e6, 2.2084e6])
 _VARIANCE = np.array([4.3278e9, 9.3046e9, 6.6121e9])
 _SECOND = (9.7470e-14, 2.2399e6, 4.5282e9)
 _WHOLE = 1.0685e-7
@@ -54,12 +54,14 @@ def _schlick(f0: Float64 | float, cosine: Float64) -> Float64:
 
 def _sensitivity(path: Float64, shift: Float64) -> Float64:
     phase = 2e-9 * np.pi * path
-    xyz = _VALUE * np.sqrt(2 * np.pi * _VARIANCE) * np.cos(_PLACE * phase + shift) * np.exp(-(phase**2) * _VARIANCE)
-    value, place, variance = _SECOND
+    xyz = (
+        _VALUE * np.sqrt(2 * np.pi * _VARIANCE) * np.cos(_CENTRE * phase + shift) * np.exp(-(phase**2) * _VARIANCE)
+    )
+    value, centre, variance = _SECOND
     x = (
         value
         * np.sqrt(2 * np.pi * variance)
-        * np.cos(place * phase + shift[..., :1])
+        * np.cos(centre * phase + shift[..., :1])
         * np.exp(-(phase**2) * variance)
     )
     xyz = xyz + np.concatenate([x, np.zeros((*x.shape[:-1], 2))], axis=-1)

@@ -43,6 +43,9 @@ SLOTS = (
     "specular_colour_texture",
     "iridescence_texture",
     "iridescence_thickness_texture",
+    "diffuse_transmission_texture",
+    "diffuse_transmission_colour_texture",
+    "sheen_texture",
 )
 
 
@@ -138,6 +141,9 @@ class Material:
     clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     sheen            : (3,) float64 in [0, 1], colour of the sheen over all but the clearcoat, and
                        sheen_roughness, of which less than 0.1 is as 0.1 [KHR_materials_sheen]
+    diffuse_transmission : in [0, 1], share of the diffuse base that sends its light to the other side, all around,
+                       times diffuse_transmission_colour (3,) instead of its reflectance
+                       [KHR_materials_diffuse_transmission]; to solvers it is lost
     iridescence      : in [0, 1], share of what metal and dielectric reflect that is under a thin film
     iridescence_ior  : the film's index, >= 1; iridescence_thickness nm, and iridescence_thickness_min where
                        its texture is 0 [KHR_materials_iridescence]
@@ -159,6 +165,9 @@ class Material:
                            multiplies anisotropy
     iridescence_texture  : its red multiplies iridescence; the green of iridescence_thickness_texture is where its
                            thickness lies between the two
+    diffuse_transmission_texture : its alpha multiplies diffuse_transmission;
+                           diffuse_transmission_colour_texture multiplies the colour
+    sheen_texture        : multiplies sheen
     specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
@@ -183,6 +192,8 @@ class Material:
     clearcoat_roughness: float = 0.0
     sheen: Float64 = field(default_factory=lambda: np.zeros(3))
     sheen_roughness: float = 0.0
+    diffuse_transmission: float = 0.0
+    diffuse_transmission_colour: Float64 = field(default_factory=lambda: np.ones(3))
     iridescence: float = 0.0
     iridescence_ior: float = 1.3
     iridescence_thickness: float = 400.0
@@ -207,6 +218,9 @@ class Material:
     specular_colour_texture: TextureSlot | None = None
     iridescence_texture: TextureSlot | None = None
     iridescence_thickness_texture: TextureSlot | None = None
+    diffuse_transmission_texture: TextureSlot | None = None
+    diffuse_transmission_colour_texture: TextureSlot | None = None
+    sheen_texture: TextureSlot | None = None
 
     @property
     def has_lobes(self) -> bool:
@@ -215,7 +229,7 @@ class Material:
 
     @property
     def lets_light_through(self) -> bool:
-        """Rays pass it in places, by its opacity, or from behind."""
+        """Rays pass it by its opacity, or from behind."""
         return self.alpha != "opaque" or self.culled
 
     @property
@@ -276,7 +290,7 @@ class Material:
             return np.asarray(np.minimum(base + self.mirror, _MAX_REFLECTED))
         f0, f90 = self.dielectric
         layer = f0 + (f90 - f0) / 21.0
-        kept = 1.0 - clear / max(1.0 - self.metallic, 1e-9)
+        kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
         under = layer + (1.0 - layer.max()) * base * kept
         metal = base + (1.0 - base) / 21.0
         if self.iridescence > 0:
@@ -309,6 +323,7 @@ class Material:
             words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
             words += ["thin dielectric"] * (self.transmission > 0 and self.thin)
             words += [f"clearcoat {self.clearcoat:g}"] * (self.clearcoat > 0)
+            words += [f"diffuse transmission {self.diffuse_transmission:g}"] * (self.diffuse_transmission > 0)
             words += [f"iridescence {self.iridescence:g}"] * (self.iridescence > 0)
             words += [f"sheen {self.sheen.max():g}"] * bool(np.any(self.sheen > 0))
         words += [f"alpha {self.alpha}"] * (self.alpha != "opaque") + ["unlit"] * self.unlit
@@ -324,7 +339,7 @@ class Material:
 
 
 def averaged(material: Material, textures: Sequence[Texture]) -> Material:
-    """The material with its layers as their textures have them in the mean, for what knows nothing of places."""
+    """The material with its layers as their textures are in the mean, for what has one value for a surface."""
 
     def mean(slot: TextureSlot | None, channel: int) -> float:
         if slot is None:
@@ -333,14 +348,17 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         return float(image[..., channel].mean()) if channel < image.shape[2] else 1.0
 
     thinnest, thickness = material.iridescence_thickness_min, material.iridescence_thickness_texture
-    colour, slot = material.specular_colour, material.specular_colour_texture
-    if slot is not None:
-        colour = colour * textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
+
+    def colour(slot: TextureSlot | None) -> Float64:
+        return np.ones(3) if slot is None else textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
+
     return replace(
         material,
         clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
         specular_weight=material.specular_weight * mean(material.specular_texture, 3),
-        specular_colour=colour,
+        specular_colour=material.specular_colour * colour(material.specular_colour_texture),
+        sheen=material.sheen * colour(material.sheen_texture),
+        diffuse_transmission=material.diffuse_transmission * mean(material.diffuse_transmission_texture, 3),
         iridescence=material.iridescence * mean(material.iridescence_texture, 0),
         iridescence_thickness=thinnest + (material.iridescence_thickness - thinnest) * mean(thickness, 1),
     )

@@ -1,7 +1,7 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
 // Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
-//         HAS_ROUGH_TRANSMISSION, HAS_MULTIPLE_SCATTERING: where materials have them
+//         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
@@ -51,6 +51,9 @@ struct Bsdf
     vec3 metal_gain;    // by which metal's lobe makes up for light that it would scatter more than once
     float glass_share;  // of what is layered
 #endif
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    vec3 diffuse_through;  // what Lambert's base sends to the other side
+#endif
     float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or THIN_DIELECTRIC
 #endif
 };
@@ -68,6 +71,9 @@ Bsdf lambertian(vec3 reflectance)
 #ifdef HAS_MULTIPLE_SCATTERING
     b.metal_gain = vec3(1.0);
     b.glass_share = 0.0;
+#endif
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    b.diffuse_through = vec3(0.0);
 #endif
 #ifdef HAS_IRIDESCENCE
     b.film = vec3(0.0);
@@ -232,6 +238,14 @@ vec3 diffuse_reflectance(Bsdf b, float cosine)
     return sent;
 }
 
+#ifdef HAS_DIFFUSE_TRANSMISSION
+// Lambert's lobe on the other side: of light from there, alike from everywhere.
+vec3 diffuse_transmittance(Bsdf b, float cosine)
+{
+    return b.diffuse_through * (base_transmittance(b, cosine) * under_layers(b, cosine));
+}
+#endif
+
 // What a denoiser takes for the surface's colour, and what is reflected of light from everywhere, about.
 vec3 bsdf_albedo(Bsdf b)
 {
@@ -241,6 +255,9 @@ vec3 bsdf_albedo(Bsdf b)
 #endif
 #ifdef HAS_MICROFACETS
     all += b.metal + b.layered * b.dielectric + b.transmission;
+#endif
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    all += b.diffuse_through;
 #endif
 #ifdef HAS_SHEEN
     float share = min(sheen_albedo(b, 0.5), 1.0);

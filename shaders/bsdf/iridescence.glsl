@@ -10,8 +10,8 @@ vec3 film_sensitivity(float path, vec3 shift)
     float phase = 2e-9 * PI * path, square = phase * phase;
     // Value times the root of 2 pi variance, over what the whole of Y is.
     const vec3 weight = vec3(0.846590, 1.000222, 1.001122);
-    const vec3 place = vec3(1.6810e6, 1.7953e6, 2.2084e6), variance = vec3(4.3278e9, 9.3046e9, 6.6121e9);
-    vec3 xyz = weight * cos(place * phase + shift) * exp(-square * variance);
+    const vec3 centre = vec3(1.6810e6, 1.7953e6, 2.2084e6), variance = vec3(4.3278e9, 9.3046e9, 6.6121e9);
+    vec3 xyz = weight * cos(centre * phase + shift) * exp(-square * variance);
     xyz.x += 0.153868 * cos(2.2399e6 * phase + shift.x) * exp(-square * 4.5282e9);
     return mat3(3.2404542, -0.9692660, 0.0556434, -1.5371385, 1.8760108, -0.2040259, -0.4985314, 0.0415560, 1.0572252) * xyz;
 }

@@ -13,6 +13,9 @@ struct Lobes
     float microfacets;
     float coat;
     float mirror;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    float through;  // the diffuse lobe on the other side
+#endif
 };
 
 // diffuse_continues: a path that is looked up leaves by the others alone, as often as they reflect.
@@ -20,7 +23,10 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
 {
     Bsdf b = v.bsdf;
     float cosine = dot(v.n, v.wo);
-    Lobes q = Lobes(diffuse_importance(b, cosine), 0.0, 0.0, mean(b.mirror));
+    Lobes q;
+    q.diffuse = diffuse_importance(b, cosine);
+    q.microfacets = q.coat = 0.0;
+    q.mirror = mean(b.mirror);
 #ifdef HAS_MICROFACETS
     q.coat = coat_takes(b, cosine);
     float through = mean(b.transmission) * base_transmittance(b, cosine);
@@ -29,8 +35,19 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     if (!others_continue) q.microfacets = q.coat = q.mirror = 0.0;
     if (!diffuse_continues) q.diffuse = 0.0;
     float sum = q.diffuse + q.microfacets + q.coat + q.mirror;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    q.through = diffuse_continues ? mean(diffuse_transmittance(b, cosine)) : 0.0;
+    sum += q.through;
+#endif
     float scale = 1.0 / max(sum, diffuse_continues ? 1e-9 : 1.0);
-    return Lobes(q.diffuse * scale, q.microfacets * scale, q.coat * scale, q.mirror * scale);
+    q.diffuse *= scale;
+    q.microfacets *= scale;
+    q.coat *= scale;
+    q.mirror *= scale;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    q.through *= scale;
+#endif
+    return q;
 }
 
 // Veach's share of a light sample beside the direction of a lobe; punctual lights (density 0) are found by nothing
@@ -85,6 +102,16 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
     float cosine = -dot(v.normal, direct.wi);
     return lobe.f * direct.light
          * (mis_weight(direct.pdf, q.microfacets * lobe.pdf) * max(-wi.z, 0.0) / max(cosine, 1e-6));
+}
+#endif
+
+#ifdef HAS_DIFFUSE_TRANSMISSION
+// Of a light sample on the other side, by the diffuse lobe.
+vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
+{
+    float cosine = -dot(v.normal, direct.wi);
+    return diffuse_transmittance(v.bsdf, dot(v.n, v.wo)) * direct.light * shading_cosine(-v.n, -v.normal, direct.wi)
+         * mis_weight(direct.pdf, q.through * cosine / PI);
 }
 #endif
 

@@ -72,6 +72,10 @@ uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, as dense as the light
 #define LIT_FROM
 #endif
 
+#ifdef HAS_DIFFUSE_TRANSMISSION
+vec3 reflected_behind;  // of light samples on the other side of a vertex, by its diffuse lobe there
+#endif
+
 // What a path carries from vertex to vertex.
 struct RayPath
 {
@@ -304,6 +308,11 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
         vec4 found = irradiance_at(in_lattice, s.v.front);
         path.L += path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
         reflected *= 1.0 - found.a;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+        vec4 behind = irradiance_at(in_lattice, !s.v.front);
+        path.L += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * behind.rgb / PI;
+        reflected_behind *= 1.0 - behind.a;
+#endif
     }
 }
 #endif
@@ -335,6 +344,10 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     path.continues = number < chance;
     vec4 found = irradiance_at(in_lattice, s.v.front);
     vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    // Of both sides the same share of it is direct light.
+    solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front).rgb / PI;
+#endif
     if (path.continues) {
         path.weight = 1.0 / chance;
         // The solution's share of direct light counts as the path counts, the rest once.
@@ -342,10 +355,16 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
         path.L += (1.0 - path.weight) * solution;
         path.emission_weight = direct / path.weight;
         reflected *= direct;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+        reflected_behind *= direct;
+#endif
         path.corrections += 1;
     } else {
         path.L += solution;
         reflected *= 1.0 - found.a;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+        reflected_behind *= 1.0 - found.a;
+#endif
     }
 }
 #endif
@@ -369,16 +388,32 @@ void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
     light_lobes(s.v, s.lobes, direct, diffuse, others);
     vec3 lit = reflected * diffuse + path.beta * others;
     bool ends = !path.continues && !beyond;
+#if defined(HAS_ROUGH_TRANSMISSION) || defined(HAS_DIFFUSE_TRANSMISSION)
+    bool lit_from_behind = false;
 #ifdef HAS_ROUGH_TRANSMISSION
-    if (is_rough_transmission(s.v.bsdf) && !beyond) {
+    lit_from_behind = is_rough_transmission(s.v.bsdf);
+#endif
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    lit_from_behind = lit_from_behind || s.v.bsdf.diffuse_through != vec3(0.0);
+#endif
+    if (lit_from_behind && !beyond) {
         LightSample other;
         DirectLight behind = direct_light(path.at, s.v.surface.position, -s.v.normal, 0, other);
-        vec3 through = path.beta * light_through(s.v, s.lobes, behind);
+        vec3 through = vec3(0.0);
+#ifdef HAS_ROUGH_TRANSMISSION
+        through = path.beta * light_through(s.v, s.lobes, behind);
+#endif
+#ifdef HAS_DIFFUSE_TRANSMISSION
+        through += reflected_behind * light_through_diffuse(s.v, s.lobes, behind);
+#endif
         vec3 start = s.v.surface.position - s.rounding * s.v.normal;
         add_unblocked(path.L, through, path.at, behind, other, start, s.rounding, path.triangle);
     }
 #endif
     path.continues = s.lobes.diffuse + s.lobes.microfacets + s.lobes.coat + s.lobes.mirror > 0.0;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    path.continues = path.continues || s.lobes.through > 0.0;
+#endif
     add_unblocked(path.L, lit, path.at, direct, light_sample, s.start, s.rounding, path.triangle);
     if (ends) path.L += path.beta * bsdf_albedo(s.v.bsdf) * ambient;
 }
@@ -400,6 +435,9 @@ void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
 void add_reflected(inout RayPath path, inout ScatterVertex s)
 {
     vec3 reflected = path.beta;  // of light samples
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    reflected_behind = path.beta;
+#endif
     path.continues = path.at.depth < path.vertices - 1;
 #if defined(GATHER) || defined(GUIDED)
     LatticePosition in_lattice = lattice_position(at_start(path.at) ? max(path.triangle, 0) : path.triangle, s.v.surface.position);
@@ -498,6 +536,31 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
     return cosine;
 }
 
+#ifdef HAS_DIFFUSE_TRANSMISSION
+// By the cosine to the other side. Returns it.
+float sample_through_diffuse(inout RayPath path, ScatterVertex s, vec2 numbers)
+{
+#ifdef LIGHT_TREE
+    path.lit_from = s.v.surface.position;
+    path.lit_normal = -s.v.normal;
+#endif
+    path.bounces += 1;
+    path.was_diffuse = true;
+    path.passed = 0.0;
+    path.origin = 2.0 * s.v.surface.position - s.start;
+    path.direction = cosine_direction(-s.v.normal, numbers);
+    float cosine = -dot(s.v.normal, path.direction);
+    path.beta *= diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo))
+               * (shading_cosine(-s.v.n, -s.v.normal, path.direction) / s.lobes.through);
+    path.pdf = s.lobes.through * cosine / PI;
+#ifdef CONTROL_VARIATE
+    path.beta *= path.weight;
+    path.emission = path.emission_weight;
+#endif
+    return cosine;
+}
+#endif
+
 // The direction from a vertex to the next, and whether roulette lets the path go there.
 void leave(inout RayPath path, ScatterVertex s)
 {
@@ -505,7 +568,17 @@ void leave(inout RayPath path, ScatterVertex s)
     path.origin = s.start;
 #ifdef HAS_LOBES
     float chosen = random_at(path.at, USE_LOBE) - s.lobes.diffuse;
-    float cosine = chosen < 0.0 ? sample_diffuse(path, s, s.lobes.diffuse, numbers) : sample_others(path, s, chosen, numbers);
+    float cosine;
+#ifdef HAS_DIFFUSE_TRANSMISSION
+    if (chosen >= 0.0 && chosen < s.lobes.through) {
+        cosine = sample_through_diffuse(path, s, numbers);
+    } else {
+        if (chosen >= 0.0) chosen -= s.lobes.through;
+        cosine = chosen < 0.0 ? sample_diffuse(path, s, s.lobes.diffuse, numbers) : sample_others(path, s, chosen, numbers);
+    }
+#else
+    cosine = chosen < 0.0 ? sample_diffuse(path, s, s.lobes.diffuse, numbers) : sample_others(path, s, chosen, numbers);
+#endif
 #else
     float cosine = sample_diffuse(path, s, 1.0, numbers);
 #endif

@@ -24,7 +24,7 @@ void new_opacity_key(ivec2 pixel_of_image, uint use)
 }
 
 // alpha: of the texture and the vertices; number: of the surface, as of its triangle.
-// front: is it met there by a ray that goes as those from an eye do?
+// front: is that the side that a ray hits which goes as those from an eye do?
 bool alpha_lets_through(int material, float alpha, uint number, bool front)
 {
 #ifdef HAS_CULLING
@@ -58,7 +58,7 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
     return alpha_lets_through(material, alpha, uint(triangle), front);
 }
 
-// At a point of the triangle's plane, which a ray from an eye would meet along `direction`, of any length.
+// At a point of the triangle's plane, which a ray from an eye would hit along `direction`, of any length.
 bool lets_through(int triangle, vec3 position, vec3 direction)
 {
     uvec4 face = triangle_face(triangle);

@@ -5,7 +5,8 @@
 //         HAS_COAT_NORMALS        clearcoats with other normals than their base
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
-//                                 HAS_IRIDESCENCE_TEXTURES; see also texture.glsl
+//                                 HAS_IRIDESCENCE_TEXTURES, HAS_DIFFUSE_TRANSMISSION_TEXTURES,
+//                                 HAS_SHEEN_TEXTURES; see also texture.glsl
 //         HAS_ANISOTROPY          microfacets of two roughnesses; HAS_ANISOTROPY_TEXTURES
 //         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
@@ -308,6 +309,74 @@ float transmission_factor(Surface s)
 #endif
 }
 
+#ifdef HAS_ANISOTROPY
+// surface: of MATERIAL_SURFACE, whose anisotropy a texture multiplies.
+void set_tangent(inout Bsdf b, Surface s, inout vec4 surface)
+{
+    vec2 tangent = vec2(cos(surface.w), sin(surface.w));
+#ifdef HAS_ANISOTROPY_TEXTURES
+    uint anisotropy_slot = slots_texel(s.material, SLOTS_COAT).w;
+    if (anisotropy_slot != 0u) {
+        vec3 stored = slot_value(int(anisotropy_slot) - 1, s.uv, s.uv1).xyz;
+        vec2 along = 2.0 * stored.xy - 1.0;
+        tangent = vec2(along.x * tangent.x - along.y * tangent.y, along.x * tangent.y + along.y * tangent.x);
+        surface.z *= stored.z;
+    }
+#endif
+    b.tangent = tangent.x * s.along_u + tangent.y * s.along_v;
+}
+#endif
+
+#ifdef HAS_DIFFUSE_TRANSMISSION
+// Of the diffuse base, `share` of the surface, what goes to the other side instead.
+void part_diffuse(inout Bsdf b, Surface s, float share)
+{
+    vec4 through = material_texel(s.material, MATERIAL_THROUGH);
+#ifdef HAS_DIFFUSE_TRANSMISSION_TEXTURES
+    uvec4 through_slots = slots_texel(s.material, SLOTS_THROUGH);
+    through *= vec4(slot_or_one(through_slots.y, s).rgb, slot_or_one(through_slots.x, s).a);
+#endif
+    b.diffuse_through = through.rgb * (through.w * share);
+    b.diffuse *= 1.0 - through.w;
+}
+#endif
+
+#ifdef HAS_MICROFACETS
+// The layers over the base: a thin film, the clearcoat and sheen.
+void cover(inout Bsdf b, Surface s, float reflects)
+{
+#ifdef HAS_IRIDESCENCE
+    vec4 film = material_texel(s.material, MATERIAL_FILM);
+#ifdef HAS_IRIDESCENCE_TEXTURES
+    uvec4 film_slots = slots_texel(s.material, SLOTS_SPECULAR);
+    film.x *= slot_or_one(film_slots.z, s).x;
+    film.z = mix(film.y, film.z, slot_or_one(film_slots.w, s).y);
+#endif
+    b.film = film.xzw;
+#endif
+#ifdef HAS_COAT
+    vec4 coat = material_texel(s.material, MATERIAL_COAT);
+#ifdef HAS_COAT_TEXTURES
+    uvec4 coat_slots = slots_texel(s.material, SLOTS_COAT);
+    coat.xy *= vec2(slot_or_one(coat_slots.x, s).x, slot_or_one(coat_slots.y, s).y);
+#endif
+    b.coat = coat.x * reflects;
+    b.coat_alpha = coat.y * coat.y;
+#endif
+#ifdef HAS_SHEEN
+    vec4 sheen = material_texel(s.material, MATERIAL_SHEEN);
+#ifdef HAS_SHEEN_TEXTURES
+    sheen.rgb *= slot_or_one(slots_texel(s.material, SLOTS_THROUGH).z, s).rgb;
+#endif
+    b.sheen = sheen.rgb * reflects;
+    b.sheen_alpha = sheen.w;
+    b.sheen_albedo = mat2x4(material_texel(s.material, MATERIAL_SHEEN_ALBEDO0), material_texel(s.material, MATERIAL_SHEEN_ALBEDO1));
+    b.sheen_lambda = material_texel(s.material, MATERIAL_SHEEN_LAMBDA);
+    b.sheen_lambda_a = material_texel(s.material, MATERIAL_SHEEN_LAMBDA_A).x;
+#endif
+}
+#endif
+
 // What a surface does with light on the side that is seen; the factors are those of textures.
 Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float transmission_factor)
 {
@@ -346,51 +415,19 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
         layer = vec4(min(layer.rgb * slot_or_one(specular_slots.y, s).rgb, vec3(layer.w)), layer.w) * weight;
 #endif
         b.diffuse = base * ((1.0 - metal - transmission) * reflects);
+#ifdef HAS_DIFFUSE_TRANSMISSION
+        part_diffuse(b, s, (1.0 - metal - transmission) * reflects);
+#endif
         b.metal = base * metal * reflects;
         b.metallic = metal * reflects;
         b.dielectric = layer.rgb;
         b.grazing = layer.w;
         b.layered = (1.0 - metal) * reflects;
 #ifdef HAS_ANISOTROPY
-        vec2 tangent = vec2(cos(surface.w), sin(surface.w));
-#ifdef HAS_ANISOTROPY_TEXTURES
-        uint anisotropy_slot = slots_texel(s.material, SLOTS_COAT).w;
-        if (anisotropy_slot != 0u) {
-            vec3 stored = slot_value(int(anisotropy_slot) - 1, s.uv, s.uv1).xyz;
-            vec2 along = 2.0 * stored.xy - 1.0;
-            tangent = vec2(along.x * tangent.x - along.y * tangent.y, along.x * tangent.y + along.y * tangent.x);
-            surface.z *= stored.z;
-        }
-#endif
-        b.tangent = tangent.x * s.along_u + tangent.y * s.along_v;
+        set_tangent(b, s, surface);
 #endif
         b.alpha = ggx_alpha(surface.x, surface.z);
-#ifdef HAS_IRIDESCENCE
-        vec4 film = material_texel(s.material, MATERIAL_FILM);
-#ifdef HAS_IRIDESCENCE_TEXTURES
-        uvec4 film_slots = slots_texel(s.material, SLOTS_SPECULAR);
-        film.x *= slot_or_one(film_slots.z, s).x;
-        film.z = mix(film.y, film.z, slot_or_one(film_slots.w, s).y);
-#endif
-        b.film = film.xzw;
-#endif
-#ifdef HAS_COAT
-        vec4 coat = material_texel(s.material, MATERIAL_COAT);
-#ifdef HAS_COAT_TEXTURES
-        uvec4 coat_slots = slots_texel(s.material, SLOTS_COAT);
-        coat.xy *= vec2(slot_or_one(coat_slots.x, s).x, slot_or_one(coat_slots.y, s).y);
-#endif
-        b.coat = coat.x * reflects;
-        b.coat_alpha = coat.y * coat.y;
-#endif
-#ifdef HAS_SHEEN
-        vec4 sheen = material_texel(s.material, MATERIAL_SHEEN);
-        b.sheen = sheen.rgb * reflects;
-        b.sheen_alpha = sheen.w;
-        b.sheen_albedo = mat2x4(material_texel(s.material, MATERIAL_SHEEN_ALBEDO0), material_texel(s.material, MATERIAL_SHEEN_ALBEDO1));
-        b.sheen_lambda = material_texel(s.material, MATERIAL_SHEEN_LAMBDA);
-        b.sheen_lambda_a = material_texel(s.material, MATERIAL_SHEEN_LAMBDA_A).x;
-#endif
+        cover(b, s, reflects);
     }
 #endif
     return b;

@@ -86,6 +86,11 @@ FACTORS: dict[str, tuple[Material, list[float], dict[str, Any]]] = {
         [0.9, 0.4, 0.1],
         {"specular_colour": 50 * np.array([0.9, 0.4, 0.1])},
     ),
+    "sheen": (
+        replace(BLACK, sheen=GOLD, sheen_roughness=0.5, sheen_texture=slot()),
+        [0.3, 0.5, 0.9],
+        {"sheen": GOLD * [0.3, 0.5, 0.9]},
+    ),
     "anisotropy": (
         replace(BLACK, reflectance=GOLD, metallic=1.0, roughness=0.4, anisotropy=0.8, anisotropy_texture=slot()),
         [1.0, 0.5, 0.5],
@@ -164,7 +169,7 @@ def test_without_textures_programs_know_nothing_of_them() -> None:
         assert names & device.defines.keys() == {"HAS_COAT_NORMALS"}
 
 
-def test_what_knows_no_places_has_the_mean_of_the_textures() -> None:
+def test_what_has_one_value_for_a_surface_has_the_mean_of_the_textures() -> None:
     textured, texel, factors = FACTORS["clearcoat"]
     scene = lit_square(textured, np.array(texel))
     plain = replace(textured, clearcoat_texture=None, **factors)

@@ -123,6 +123,25 @@ class Principled(Surface, tag="principled", kw_only=True):
             description="Of a solid of glass, per scene unit, 0 or more: exp(-attenuation) is left after one unit."
         ),
     ] = 0.0
+    diffuse_transmission: Annotated[
+        _Share,
+        Meta(description="Share of the diffuse base that sends light to the other side, as paper or a leaf."),
+    ] = 0.0
+    diffuse_transmission_color: Annotated[
+        float | Vector,
+        Meta(description="Colour of that, instead of the reflectance, 0 to 1: one number or [r, g, b]."),
+    ] = 1.0
+    diffuse_transmission_texture: (
+        Annotated[
+            str,
+            Meta(description="Name of a texture of this file: diffuse_transmission is multiplied by its alpha."),
+        ]
+        | UnsetType
+    ) = UNSET
+    diffuse_transmission_color_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file, which that colour is multiplied by.")]
+        | UnsetType
+    ) = UNSET
     iridescence: Annotated[
         _Share, Meta(description="Share of what is reflected that is under a thin film, as a bubble's or oil.")
     ] = 0.0
@@ -160,6 +179,10 @@ class Principled(Surface, tag="principled", kw_only=True):
     sheen_roughness: Annotated[
         _Share, Meta(description="The roughness of the sheen: the smaller, the nearer to outlines. At least 0.1.")
     ] = 0.5
+    sheen_texture: (
+        Annotated[str, Meta(description="Name of a texture of this file, which sheen is multiplied by.")]
+        | UnsetType
+    ) = UNSET
     surface_texture: (
         Annotated[
             str,

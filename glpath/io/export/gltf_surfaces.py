@@ -164,7 +164,7 @@ class Surfaces:
                 }
                 made |= {name: getattr(material, at) for name, at in layer.numbers.items()}
                 for name, into in layer.textures.items():
-                    made |= self._info(name, getattr(material, into.field), srgb=into.srgb)
+                    made |= self._info(name, getattr(material, into.field), srgb=into.srgb, alpha=into.alpha)
                     if into.scale is not None and name in made:
                         made[name]["scale"] = getattr(material, into.scale)
                 extensions[use(extension)] = made

@@ -23,7 +23,7 @@ Plugin = dict[str, Any]
 
 # Mitsuba's principled surface is as glTF's where its `specular` is this: an index of 1.5.
 _SPECULAR = 0.5
-# Textures that Mitsuba's surface has no place for.
+# Textures that the surface in Mitsuba does not have.
 _UNSAID = set(SLOTS) - {
     "texture",
     "surface_texture",
@@ -123,6 +123,8 @@ class _Surface:
             return _diffuse(rgb(np.zeros(3)))
         if np.any(material.sheen > 0):
             self._note("its sheen is left out: that of Mitsuba's principled surface is another lobe")
+        if material.diffuse_transmission > 0:
+            self._note("the light that its diffuse base lets through is left out")
         if material.iridescence > 0:
             self._note("the thin film over it is left out")
         if material.culled:

@@ -12,17 +12,19 @@ from typing import NamedTuple
 
 
 class LayerTexture(NamedTuple):
-    """field : of `Material`; srgb: its texture has colours; scale: the field of a normal map's scale"""
+    """field : of `Material`; srgb: its texture has colours; alpha: it is read; scale: of a normal map"""
 
     field: str
     srgb: bool = False
+    alpha: bool = False
     scale: str | None = None
 
 
 class Layer(NamedTuple):
     """An extension whose properties are fields of `Material`.
 
-    factors  : the field of each property, in [0, 1]; without the first, which is 0 by default, there is no layer
+    factors  : the field of each property, in [0, 1], with the default of `Material`; without the first, whose
+               default is 0, there is no layer
     numbers  : the field of each property from 0 on, with the default of `Material`
     textures : the field of each texture
     unread   : properties that are not read
@@ -50,7 +52,18 @@ LAYERS = {
     ),
     "KHR_materials_sheen": Layer(
         {"sheenColorFactor": "sheen", "sheenRoughnessFactor": "sheen_roughness"},
-        unread=("sheenColorTexture", "sheenRoughnessTexture"),
+        textures={"sheenColorTexture": LayerTexture("sheen_texture", srgb=True)},
+        unread=("sheenRoughnessTexture",),
+    ),
+    "KHR_materials_diffuse_transmission": Layer(
+        {
+            "diffuseTransmissionFactor": "diffuse_transmission",
+            "diffuseTransmissionColorFactor": "diffuse_transmission_colour",
+        },
+        textures={
+            "diffuseTransmissionTexture": LayerTexture("diffuse_transmission_texture", alpha=True),
+            "diffuseTransmissionColorTexture": LayerTexture("diffuse_transmission_colour_texture", srgb=True),
+        },
     ),
     "KHR_materials_iridescence": Layer(
         {"iridescenceFactor": "iridescence"},
@@ -67,7 +80,6 @@ LAYERS = {
 }
 #: Extensions of materials that are lost, and the part of the look that is lost with each.
 UNUSED_MATERIALS = {
-    "KHR_materials_diffuse_transmission": "light that passes through diffuse materials",
-    "KHR_materials_dispersion": "dispersion of glass",
-    "KHR_materials_volume_scatter": "light that is scattered inside of solids",
+    "KHR_materials_dispersion": "dispersion of glass: a path has all three colours, which would part",
+    "KHR_materials_volume_scatter": "light that is scattered inside of solids: media are not traced",
 }

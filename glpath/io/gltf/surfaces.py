@@ -224,9 +224,12 @@ class Surfaces:
             found = table.extension(extension)
             if found is not None:
                 for name, target in layer.factors.items():
-                    is_colour = np.ndim(getattr(_PLAIN, target)) > 0
+                    default = getattr(_PLAIN, target)
+                    is_colour = np.ndim(default) > 0
                     fields[target] = (
-                        self._shares(found, name, (0, 0, 0)) if is_colour else self._share(found, name, 0.0)
+                        self._shares(found, name, tuple(default))
+                        if is_colour
+                        else self._share(found, name, default)
                     )
                 for name, target in layer.numbers.items():
                     fields[target] = found.number(name, getattr(_PLAIN, target), 0.0)

@@ -105,6 +105,7 @@ def test_textures_of_the_layers(tmp_path: Path) -> None:
                 "clearcoatNormalTexture": info | {"scale": 0.5},
             },
             "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyTexture": info},
+            "KHR_materials_sheen": {"sheenColorFactor": [1, 1, 1], "sheenColorTexture": info},
         },
     )
     model = read(file, tmp_path)
@@ -116,10 +117,11 @@ def test_textures_of_the_layers(tmp_path: Path) -> None:
         "anisotropy_texture",
         "specular_texture",
         "specular_colour_texture",
+        "sheen_texture",
     }
     assert material.clearcoat_normal_scale == 0.5
     colours = {name for name, slot in material.slots.items() if model.textures[slot.texture].srgb}
-    assert colours == {"specular_colour_texture"}
+    assert colours == {"specular_colour_texture", "sheen_texture"}
     assert not any("factor holds" in note for note in model.notes)
 
 
