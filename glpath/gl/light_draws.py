@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from glpath.gl.texel_store import UINTS, Layout, make_store, store_glsl
 from glpath.lights.lighting import Lighting
+from glpath.lights.rectangles import LampRectangles
 from glpath.lights.samples import LIGHT_KINDS
 from glpath.lights.tree import Emitters, LightTree, others, positional
 from glpath.scene.model import Environment, Float64, Light
@@ -65,13 +66,20 @@ class LightDraws:
     edges    : (parts + 1,) of the numbers in [0, 1] that divide the lights into parts; a path draws from each
     samples  : of a tree for each vertex, where one chooses among the lights that have a position; then `edges` are
                those of `glpath.lights.tree.others`
+    rectangles : lamps that are sampled by solid angle
 
     textures, uniforms, generated, defines : for programs that include light_draw.glsl. Raises SceneError for more
     than the device holds.
     """
 
     def __init__(
-        self, gl: moderngl.Context, lighting: Lighting, lights: Sequence[Light], edges: Float64, samples: int = 0
+        self,
+        gl: moderngl.Context,
+        lighting: Lighting,
+        lights: Sequence[Light],
+        edges: Float64,
+        samples: int = 0,
+        rectangles: LampRectangles | None = None,
     ) -> None:
         scene = lighting.scene
         begin, pieces = _pieces(others(lighting) if samples else lighting, lights)
@@ -92,6 +100,8 @@ class LightDraws:
             self.defines["LIGHT_TREE"] = samples
         if by_portals(lighting):
             self.defines["PORTALS"] = len(scene.portals)
+        if rectangles:
+            self.defines["LAMP_RECTANGLES"] = len(rectangles)
         ends = _numbers(edges)
         first = np.searchsorted(begin, ends[:-1], side="right") - 1
         last = np.searchsorted(begin, ends[1:], side="left") - 1
@@ -102,6 +112,7 @@ class LightDraws:
             "light_parts": parts.astype(np.uint32).tobytes(),
             "sky_halves": len(halves),
             **_portal_uniforms(others(lighting) if samples else lighting),
+            **_rectangle_uniforms(rectangles),
         }
 
 
@@ -115,6 +126,15 @@ def _portal_uniforms(lighting: Lighting) -> dict[str, object]:
         return {}
     portals = np.concatenate([portal.corner_and_edges for portal in lighting.scene.portals])
     return {"portals": portals.astype(np.float32).tobytes(), "sky_chance": lighting.sky_chance}
+
+
+def _rectangle_uniforms(rectangles: LampRectangles | None) -> dict[str, object]:
+    if not rectangles:
+        return {}
+    return {
+        "lamp_rectangles": rectangles.edges.astype(np.float32).tobytes(),
+        "lamp_triangles": rectangles.first.astype(np.int32).tobytes(),
+    }
 
 
 def _numbers(cdf: Float64) -> NDArray[np.int64]:

@@ -89,7 +89,8 @@ VARIANTS: dict[str, Variant] = {
     "PARTS": Variant("parts of the lights that no tree chooses among; a vertex looks at a sample of each", _RAYS),
     "LIGHT_TREE": Variant("a tree of lights chooses for each vertex; of how many samples", "gl.light_draws"),
     "PORTALS": Variant("light samples of the sky go through portals; how many", "gl.light_draws"),
-    "LIT_FROM": Variant("a path knows where it was lit last: LIGHT_TREE or PORTALS", "shaders"),
+    "LAMP_RECTANGLES": Variant("rectangular lamps are sampled by solid angle; how many", "gl.light_draws"),
+    "LIT_FROM": Variant("a path knows where it was lit last, for densities that go by that", "shaders"),
     "OWN_LIGHT_SAMPLES": Variant("paths draw light samples of their own", "gl.light_draws"),
     "EMITTER_SILHOUETTES": Variant("emitter silhouettes are antialiased apart", _RAYS),
     # The path-buffer.

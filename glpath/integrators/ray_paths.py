@@ -3,8 +3,10 @@
 A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
 Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the light from there
 (`path_guide`). It selects one of a sample of each light, by its contribution; of twelve lights with a position or
-more, a tree of lights chooses one for each vertex (`glpath.lights.tree`). A gather's path branches at its first
-vertex, which has nearly all of the error: branches share the eye's ray and the light there, 0.4 of a set's cost.
+more, a tree of lights chooses one for each vertex (`glpath.lights.tree`). Rectangular lamps close to surfaces are
+sampled by solid angle (`glpath.lights.rectangles`), the sky also through portals (`glpath.scene.portal`).
+A gather's path branches at its first vertex, which has nearly all of the error: branches share the eye's ray and
+the light there, 0.4 of a set's cost.
 No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
 triangles, a scan their number. docs/accuracy-and-speed.md has measurements.
 
@@ -12,8 +14,8 @@ A set is one draw: its fragment shader follows a path from the eye to its end (`
 graphics card a compute shader does, bit-identical, as some of these shade pixels in few of their cores.
 
 Cost:     the BVH; per path set and vertex a ray and a shadow ray.
-Poor at:  caustics, which directions seldom find; scenes lit through small openings; geometry that does not
-          fit into memory.
+Poor at:  caustics, which directions seldom find; scenes lit through small openings without portals; geometry
+          that does not fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
           global illumination.
 """
@@ -46,6 +48,7 @@ from glpath.integrators.path_guide import PathGuide
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.path_settings import PathSettings
 from glpath.lights.lighting import Lighting
+from glpath.lights.rectangles import LampRectangles
 from glpath.lights.samples import LightSamples
 from glpath.lights.tree import others, positional
 from glpath.sampling.points import PathSetSampler, counter_hash, radical_inverse
@@ -207,10 +210,13 @@ class RayPathEngine(PathSetEngine):
         # Measurements at points are also averaged: with shared light samples all errors would be alike.
         self._draws: LightDraws | None = None
         independent = isinstance(self.sensor, PointSensor) and self.sensor.independent
-        # What a set shares knows no positions, by which trees and portals choose.
-        if self._by_tree or independent or by_portals(self.lighting):
+        # A tree has the chances of single triangles.
+        still = not self._by_tree and not (scene.moving and scene.moving.lamps)
+        rectangles = LampRectangles.that_pay(self.lighting) if still else None
+        # What a set shares knows no positions, by which trees, portals and solid angles choose.
+        if self._by_tree or independent or rectangles or by_portals(self.lighting):
             samples = _TREE_SAMPLES if self._by_tree else 0
-            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples)
+            self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples, rectangles)
             parts.add(self._draws)
         parts.defines |= _thin_dielectric_variants(scene.scene)
         self._ground = None if self._points is not None else Ground.of(scene.scene, self.settings.seed)

@@ -185,6 +185,10 @@ class Lighting:
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
         return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_pdf_scale)
 
+    def varies(self, shape: int) -> bool:
+        """Whether a shape's emission is not the same all over it."""
+        return bool(self._varies[shape])
+
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
         """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""
         x = np.asarray(positions, np.float64).reshape(-1, 3)

@@ -81,6 +81,9 @@ vec3 sky_drawn(vec3 u, out float weight)
 #ifdef PORTALS
 #include "lights/portals.glsl"
 #endif
+#ifdef LAMP_RECTANGLES
+#include "lights/lamp_rectangles.glsl"
+#endif
 
 // A sample of a piece, for a position; numbers: uniform.
 LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
@@ -104,6 +107,16 @@ LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
         // Area-preserving: parallel lines to the edge opposite corner a.
         float root = sqrt(numbers.x), unused;
         drawn.position = mix(a, mix(b, c, numbers.y), root);
+#ifdef LAMP_RECTANGLES
+        // Each of its triangles stands for the whole.
+        SeenRectangle lamp = seen_lamp(triangle, front, from);
+        if (lamp.solid_angle > 0.0) {
+            vec3 wi = towards_rectangle(lamp, numbers.xy);
+            float t = lamp.height / max(-dot(wi, lamp.normal), 1e-9);
+            drawn.position = from + t * wi;
+            drawn.pdf = lamp_pdf_area(lamp, weight, wi, t);
+        }
+#endif
         vec4 plane = facet_texel(triangle, FACET_PLANE);
         drawn.normal = front ? plane.xyz : -plane.xyz;
         drawn.radiance = emitted(surface_of_triangle(triangle, drawn.position, plane), front, unused);

@@ -68,7 +68,7 @@ uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, as dense as the light
 #endif
 #include "path/path_numbers.glsl"
 #include "path/path_direct.glsl"
-#if defined(LIGHT_TREE) || defined(PORTALS)
+#if defined(LIGHT_TREE) || defined(PORTALS) || defined(LAMP_RECTANGLES)
 #define LIT_FROM
 #endif
 
@@ -272,6 +272,10 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 #ifdef LIGHT_TREE
         if (s.pdf_area > 0.0)
             s.pdf_area = tree_pdf_area(s.v.surface.shape, path.triangle, s.v.front, path.lit_from, path.lit_normal);
+#endif
+#ifdef LAMP_RECTANGLES
+        SeenRectangle lamp = seen_lamp(path.triangle, s.v.front, path.lit_from);
+        s.pdf_area = lamp_pdf_area(lamp, s.pdf_area, path.direction, path.reached);
 #endif
         float share = emission_share(path.pdf, s.pdf_area, path.reached, dot(s.v.plane.xyz, path.direction));
 #ifdef CONTROL_VARIATE

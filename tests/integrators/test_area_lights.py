@@ -112,3 +112,26 @@ def test_a_sphere_that_emits_lights_what_is_around_it(integrator: Any):
     expected = 4.0 * 0.25**2 * np.pi / square**1.5 / np.pi
     np.testing.assert_allclose(film.mean[..., 0], expected, rtol=0.05)
     assert film.mean[..., 0].mean() == pytest.approx(expected.mean(), rel=0.005)
+
+
+def test_points_around_a_sphere_have_the_irradiance_of_the_closed_form():
+    """pi L (r / d)^2 of a surface that faces it; here its triangles stand for it, for paths."""
+    scene = scene_from_dict(
+        {
+            "camera": {"position": [0, 0.5, 4], "target": [0, 0, 0]},
+            "shapes": [
+                {"type": "quad", "corners": [[-3, 0, 3], [3, 0, 3], [3, 0, -3], [-3, 0, -3]]},
+                {
+                    "type": "sphere",
+                    "center": [0, 1, 0],
+                    "radius": 0.5,
+                    "subdivisions": 4,
+                    "emission": {"radiance": 2},
+                },
+            ],
+        }
+    )
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [2.0, 0.0, -1.0]])
+    found = glpath.irradiance(scene, points, (0, 1, 0), spp=4096, max_depth=1).values[:, 0]
+    distance = np.linalg.norm(points - [0, 1, 0], axis=1)
+    np.testing.assert_allclose(found, np.pi * 2 * (0.5 / distance) ** 2 / distance, rtol=0.015)

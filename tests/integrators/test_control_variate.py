@@ -13,8 +13,13 @@ import glpath
 from glpath.gl.context import get_context
 from glpath.gl.passes import run_in_areas
 from glpath.integrators.settings import DEEPEST
+from glpath.io import load_scene
+from glpath.lights import rectangles
+from glpath.lights.lighting import Lighting
+from glpath.lights.rectangles import LampRectangles
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import factory
+from glpath.scene import path_traceable
 
 PLAIN: dict[str, Any] = {"integrator": "path", "max_depth": DEEPEST, "roulette": 4}
 CORRECTED = {**PLAIN, "guide": "solution"}
@@ -83,6 +88,21 @@ def assert_the_same(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> N
 @pytest.mark.parametrize("scene", ["cornell-box-36", ROOM], ids=["box", "room"])
 def test_there_is_no_bias(scene: Any) -> None:
     assert_the_same(means(scene, CORRECTED, 8, 64, 32), means(scene, PLAIN, 8, 128, 32))
+
+
+@pytest.mark.parametrize("options", [PLAIN, CORRECTED], ids=["paths", "with a solution"])
+def test_there_is_none_by_portals_and_lamps_in_solid_angle(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With mirrors and glass, by which directions reach both."""
+    roof = [[-2, 2, 1], [2, 2, 1], [2, 2, 3], [-2, 2, 3]]
+    front = [[2, 0, 3], [-2, 0, 3], [-2, 2, 3], [2, 2, 3]]
+    scene = {**ROOM, "sky": {**ROOM["sky"], "portals": [{"corners": each} for each in (roof, front)]}}
+    by_area = means(ROOM, PLAIN, 8, 128, 32)
+    for name in ("_MIN_SOLID_ANGLE", "_MIN_SHARE"):
+        monkeypatch.setattr(rectangles, name, 0.0)
+    assert len(LampRectangles.that_pay(Lighting.of(path_traceable(load_scene(scene))))) == 1
+    assert_the_same(means(scene, options, 8, 64, 32), by_area)
 
 
 @pytest.mark.parametrize("factor", [0.0, 3.0])
