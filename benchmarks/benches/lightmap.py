@@ -149,7 +149,7 @@ def bench_lightmap(scale: float = 1.0, say: Say = lambda text: None) -> Report:
     sides = Sides.of(still)
     numbers: dict[str, float] = {}
     rows: list[dict[str, Any]] = []
-    settings: dict[str, bool | int] | None = None
+    settings: dict[str, bool | float] | None = None
     if scale < 1:
         notes.append(f"at scale {scale:g}, {chosen}")
     for name, counts in SIZES.items():
