@@ -110,8 +110,8 @@ def test_the_command_makes_the_file_that_ships_and_finer_ones(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["rom"], "allowed are parlour, room"),
-        ([], "allowed are parlour, room"),
+        (["rom"], "allowed are helmet, parlour, room"),
+        ([], "allowed are helmet, parlour, room"),
         (["parlour", "--detail", "2"], "--detail does not apply to parlour"),
         (["room", "--detail", "0.1"], "must be from 0.25 to 16"),
         (["room", "--detail", "nan"], "must be from 0.25 to 16"),
