@@ -339,7 +339,7 @@ def describe(
 
 def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
     """Within, scenes are loaded for a sensor: of points, one needs no camera."""
-    return aside("camera") if isinstance(sensor, PointSensor) else nullcontext()
+    return aside("camera", "picture") if isinstance(sensor, PointSensor) else nullcontext()
 
 
 def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
