@@ -94,7 +94,9 @@ class Surroundings:
             sky = environment_map(
                 self.environment, scale, self.environment_rotation or 0.0, up, location.field("environment")
             )
-            scene = replace(scene, sky=sky, background=None)
+            studios = scene.sky is not None and scene.sky.assumed
+            exposure = None if studios else scene.exposure
+            scene = replace(scene, sky=sky, background=None, exposure=exposure)
         ground = None if own is None else own.ground
         if self.background == "environment":
             return replace(scene, background=None)

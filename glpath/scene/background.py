@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Float64 = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Background:
     """A background of a colour of its own. It lights nothing, and no mirror and no solid glass shows it.
 
