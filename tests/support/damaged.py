@@ -463,11 +463,16 @@ def attempt(reader: Callable[[Path], None], path: Path) -> str:
     return "result"
 
 
-def limit_memory() -> None:
-    """From here on, 1 GB more can be had."""
+@contextlib.contextmanager
+def limited_memory() -> Iterator[None]:
+    """In the block, 1 GB more can be had; what damages files is outside, as LZMA wants much itself."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
-    limit = pages * resource.getpagesize() + (1 << 30)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    most, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (1 << 30), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
 
 
 def attack(rounds: int = 1, every: int = 1) -> dict[str, Any]:
@@ -480,16 +485,16 @@ def attack(rounds: int = 1, every: int = 1) -> dict[str, Any]:
         make(folder)
         for file, readers in READERS.items():
             assert attempt(readers[0], folder / file) == "result", file
-        limit_memory()
         for file in READERS:
             path = folder / file
             content = path.read_bytes()
             damages = [*blind(content, rounds, file), *KNOWING.get(file, knowing_mesh)(content)]
             for number, (damage, changed) in enumerate(damages[::every]):
                 path.write_bytes(changed)
-                ends = [attempt(reader, path) for reader in READERS[file]]
-                if number % 8 == 0:
-                    ends += [command_line(line, path, folder) for line in COMMANDS.get(file, ())]
+                with limited_memory():
+                    ends = [attempt(reader, path) for reader in READERS[file]]
+                    if number % 8 == 0:
+                        ends += [command_line(line, path, folder) for line in COMMANDS.get(file, ())]
                 counts["files"] += 1
                 for end in ends:
                     counts[end if end in ("error", "result") else "wrong"] += 1
