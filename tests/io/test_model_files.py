@@ -185,6 +185,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
         "shutter": 0.0,
         "unit": "photometric",
         "light_factor": 1.0,
+        "backs": "absent",
     }
     job = RenderJob.of(path, parameters={"camera": camera}, spp=1)
     assert RenderJob.from_json(job.to_json()) == job
@@ -197,7 +198,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
         (
             {"kamera": 1},
             "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, light_factor=1.0, "
-            "unit=photometric.",
+            "unit=photometric, backs=absent.",
         ),
         ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
         ({"light_factor": "bright"}, 'light_factor is "bright", but must be a number from 0'),
