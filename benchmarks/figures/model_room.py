@@ -114,6 +114,7 @@ def comparable(scene: Scene) -> Scene:
     """The scene of materials that glTF and Mitsuba have alike."""
 
     def alike(material: Material) -> Material:
+        material = replace(material, multiple_scattering=False)
         solid_glass = material.transmission == 1 and not material.thin
         if material.roughness is None or material.metallic == 1 or solid_glass:
             return material

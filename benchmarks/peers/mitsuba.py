@@ -106,7 +106,8 @@ def comparable(scene: Scene) -> tuple[Scene, list[str]]:
     cannot take, all of it at once.
     """
     scene = path_traceable(scene)
-    scene = replace(scene, materials=tuple(replace(m, multiple_scattering=False) for m in scene.materials))
+    if any(m.roughness is not None and m.multiple_scattering for m in scene.materials):
+        scene = replace(scene, materials=tuple(replace(m, multiple_scattering=False) for m in scene.materials))
     used = sorted({shape.material for shape in scene.shapes})
     of_materials = {
         "textures": [scene.materials[i].name for i in used if scene.materials[i].texture is not None],

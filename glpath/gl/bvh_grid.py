@@ -42,5 +42,5 @@ class Grid:
 def triangle_flags(scene: Scene) -> NDArray[np.uint8]:
     """(T,): of what lets light through."""
     materials = [scene.materials[shape.material] for shape in scene.shapes]
-    of_shape = [ITEM_ALPHA * (m.alpha != "opaque") + ITEM_THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
+    of_shape = [ITEM_ALPHA * m.lets_light_through + ITEM_THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
     return np.array(of_shape, np.uint8)[scene.triangle_shape]

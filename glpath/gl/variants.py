@@ -46,7 +46,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_TRIANGLE_DENSITIES": Variant("lamps' triangles have densities of their own", _SCENE),
     "HAS_ENVIRONMENT": Variant("the sky is an image", _SCENE),
     "HAS_BACKGROUND": Variant("the eye sees another background than the sky", _SCENE),
-    "HAS_GROUND": Variant("and a ground there, which catches shadows", "integrators.ray_paths"),
+    "HAS_GROUND": Variant("and a ground there, which catches shadows", "integrators.ground"),
     "HAS_DIRECTIONAL_LIGHTS": Variant("there are directional lights", _SCENE),
     "HAS_PROFILES": Variant("a point light has an IES profile", _SCENE),
     "HAS_INSTANCES": Variant("meshes are there once, with a list of instances", _SCENE),

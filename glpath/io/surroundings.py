@@ -57,7 +57,7 @@ class Surroundings:
             if getattr(self, name) is not None and self.environment is None:
                 raise UsageError(
                     f"{name}: of an environment, but no environment is given.",
-                    'Name the file: environment="studio.hdr", --environment studio.hdr.',
+                    'Name the file: environment="studio.hdr".',
                 )
 
     def __bool__(self) -> bool:

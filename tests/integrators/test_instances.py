@@ -11,7 +11,7 @@ import pytest
 import glpath
 from glpath.film.film import Film
 from glpath.gl import instance_numbers, ray_bvh
-from glpath.integrators.settings import PathSettings
+from glpath.integrators.path_settings import PathSettings
 from glpath.radiosity import memory
 from glpath.rendering import factory
 from glpath.scene import instances

@@ -80,7 +80,7 @@ def test_what_is_below_zero_is_clipped_and_told(tmp_path: Path):
         ('file = "nan.exr"', ["8 of its 8 pixels are NaN or infinite"]),
         ('file = "large.hdr"', ["of 999,999 x 9 pixels", "at most 16,384 pixels a side and 33,554,432 in all"]),
         ('file = "a.exr"\nscale = -1', ["sky.scale is -1", "at least 0"]),
-        ('file = "a.exr"\nscale = 1e15', ["sky has radiance up to 3e+15", "at most 1e+15"]),
+        ('file = "a.exr"\nscale = 1e15', ["sky.file has radiance up to 3e+15", "at most 1e+15"]),
         ('file = "a.exr"\nrotation = inf', ["sky.rotation is inf"]),
         ('file = "a.exr"\nup = [0, 0, 0]', ["sky.up is [0, 0, 0]"]),
         ('file = "a.exr"\nturn = 3', ["turn", "rotation"]),

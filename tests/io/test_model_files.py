@@ -183,6 +183,8 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
         "camera": "first",
         "time": "rest",
         "shutter": 0.0,
+        "animation": "all",
+        "variant": "none",
         "unit": "photometric",
         "light_factor": 1.0,
         "backs": "absent",
@@ -197,8 +199,8 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
     [
         (
             {"kamera": 1},
-            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, light_factor=1.0, "
-            "unit=photometric, backs=absent.",
+            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, animation=all, "
+            "variant=none, light_factor=1.0, unit=photometric, backs=absent.",
         ),
         ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
         ({"light_factor": "bright"}, 'light_factor is "bright", but must be a number from 0'),

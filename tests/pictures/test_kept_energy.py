@@ -28,8 +28,11 @@ def seen(material: Material, cosine: float, **options: Any) -> Float64:
 
 def ggx_albedo(cosine: float, alpha: float, n: int = 1500) -> float:
     """By the midpoint rule over directions of light; by the formulas of glTF 2.0, B.3.2 with F = 1."""
-    z, phi = np.meshgrid(((np.arange(n) + 0.5) / n) ** 2, np.pi * (np.arange(n) + 0.5) / n, indexing="ij")
-    r, sine = np.sqrt(1 - z * z), np.sqrt(1 - cosine**2)
+    # Steps of the angle, as a narrow lobe about the normal has few steps of its cosine.
+    theta, phi = np.meshgrid(
+        0.5 * np.pi * (np.arange(n) + 0.5) / n, np.pi * (np.arange(n) + 0.5) / n, indexing="ij"
+    )
+    z, r, sine = np.cos(theta), np.sin(theta), np.sqrt(1 - cosine**2)
     h = np.stack([r * np.cos(phi) + sine, r * np.sin(phi), z + cosine])
     h /= np.linalg.norm(h, axis=0)
     D = alpha**2 / (np.pi * ((h[2] * alpha) ** 2 + 1 - h[2] ** 2) ** 2)
@@ -38,7 +41,7 @@ def ggx_albedo(cosine: float, alpha: float, n: int = 1500) -> float:
         return 1 / (w + np.sqrt(alpha**2 + (1 - alpha**2) * w * w))
 
     f = D * seen_from(z) * seen_from(np.array(cosine))
-    return float((f * z * 2 * np.sqrt(z)).sum() / n * (2 * np.pi / n))
+    return float((f * z * r).sum() * (0.5 * np.pi / n) * (2 * np.pi / n))
 
 
 @pytest.mark.parametrize("roughness", [0.25, 0.5, 1.0])

@@ -82,9 +82,7 @@ NARROW = shader(
 UNCOUNTED = shader("t_buffer/t_buffer.frag", "atomicAdd(tests_of_pixel[pixel.y * eye_size.x + pixel.x], 1u);", "")
 CLASSIC_UNCOUNTED = shader("t_buffer/classic_eye.frag", "+= tests;", "+= tests / 2u;")
 NO_T_BUFFER = attribute(whitted, "TBuffer", ClassicEye)
-NO_SHADOW_RAYS = shader(
-    "t_buffer/whitted.frag", "if (shadow_ray_blocked(s.position, wi, rounding, tmax, primitive)) visible = 0.0;", ""
-)
+NO_SHADOW_RAYS = shader("t_buffer/whitted.frag", "if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;", "")
 NO_REFLECTION = shader(
     "t_buffer/whitted.frag", "weight *= mirrored(bsdf, dot(mirroring, -direction));", "weight *= 0.0;"
 )

@@ -24,7 +24,7 @@ def test_it_is_closed_and_its_file_has_all_of_it(tmp_path: Path) -> None:
     assert mesh.is_watertight
     assert mesh.volume > 0
     export(made, tmp_path / "helmet.glb")
-    with pytest.warns(SceneWarning, match="a white sky shines"):
+    with pytest.warns(SceneWarning, match="a studio lights it"):
         read = load_scene(tmp_path / "helmet.glb")
     assert np.allclose(read.triangles, made.triangles, atol=1e-6)
     assert set(read.materials[0].slots) == {"texture", "surface_texture", "normal_texture", "emission_texture"}
