@@ -48,9 +48,7 @@ def chosen(
 
     Raises UsageError, as `settings_of`.
     """
-    # In a studio a model stands free: light comes straight or by few bounces, which is not worth a solution.
-    in_studio = isinstance(scene.sky, Environment) and scene.sky.assumed
-    solvable = functools.cache(lambda: pixels > THUMBNAIL and not in_studio and _solvable(scene))
+    solvable = functools.cache(lambda: pixels > THUMBNAIL and not _stands_free(scene) and _solvable(scene))
     name = _engine(given, scene, solvable) if integrator == AUTO else integrator
     kind = INTEGRATORS.get(name) if isinstance(name, str) else None
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):
@@ -87,6 +85,17 @@ def _takes(kind: type[IntegratorSettings], given: Mapping[str, Any]) -> bool:
 def _has_ambient(scene: Scene) -> bool:
     """Ambient light stands for bounces that are not traced, which a solution has."""
     return bool(np.any(scene.ambient > 0))
+
+
+def _stands_free(scene: Scene) -> bool:
+    """Whether a sky alone lights it, and it is seen from outside: light comes straight or by few bounces then.
+
+    That is not worth a solution, to which each element under a sky casts many rays.
+    """
+    if scene.sky is None or scene.lights or any(shape.emits for shape in scene.shapes):
+        return isinstance(scene.sky, Environment) and scene.sky.assumed  # what glows in a studio lights little
+    lower, upper = scene.bounds
+    return bool(np.any((scene.camera.position < lower) | (scene.camera.position > upper)))
 
 
 def _solvable(scene: Scene) -> bool:

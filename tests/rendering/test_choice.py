@@ -78,6 +78,16 @@ def test_other_scenes_are_path_traced(shapes: tuple[dict[str, Any], ...], more: 
     assert of(scene()) == GatherSettings(), "the same but for that"
 
 
+@pytest.mark.parametrize(("camera", "free"), [([0, 2, 6], True), ([0, 1, 0], False)])
+def test_what_stands_free_under_a_sky_is_path_traced_without_a_solution(camera: list[float], free: bool) -> None:
+    """What the camera is in has light of many bounces, for which a solution pays."""
+    walls = {**FLOOR, "corners": [[-2, 3, -2], [2, 3, -2], [2, 0, -2], [-2, 0, -2]], "name": "wall"}
+    seen = scene(FLOOR, walls, sky={"zenith": 1.0}, camera={"position": camera, "target": [0, 1, -1], "fov": 45})
+    assert isinstance(of(seen), PathSettings) == free
+    lit = scene(FLOOR, LAMP, sky={"zenith": 1.0})
+    assert isinstance(of(lit), GatherSettings)
+
+
 def test_what_moves_while_the_shutter_is_open_is_path_traced() -> None:
     motion = [{"time": 0.0}, {"time": 1.0, "transform": [{"translate": [1, 0, 0]}]}]
     moving = scene(LAMP, {**FLOOR, "motion": motion})
