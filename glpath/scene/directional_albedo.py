@@ -38,7 +38,9 @@ def directional_albedo(eta: float) -> Float64:
 def _scattered_once(cosine: Float64, alpha: float, eta: float) -> Float64:
     """(n,) of (n,), by the midpoint rule over the normals that are seen [Dupuy & Benyoub 2023]."""
     phi = np.pi * (np.arange(_AZIMUTHS)[:, None] + 0.5) / _AZIMUTHS
-    v = (np.arange(_HEIGHTS)[None, :] + 0.5) / _HEIGHTS
+    # Denser towards the normals that lean most: they are few, and send light below the surface.
+    left = 1.0 - (np.arange(_HEIGHTS)[None, :] + 0.5) / _HEIGHTS
+    v, weight = 1.0 - left * left, 2.0 * left
     z = cosine[:, None, None]
     x = np.sqrt(1.0 - z * z)
     stretched = np.sqrt((alpha * x) ** 2 + z * z)
@@ -51,13 +53,13 @@ def _scattered_once(cosine: Float64, alpha: float, eta: float) -> Float64:
     o = x * mx + z * mz  # cosine to the microfacet
     reflected = _seen(2.0 * o * mz - z, alpha)
     if eta == 0:
-        return np.asarray(reflected.mean(axis=(1, 2)))
+        return np.asarray((weight * reflected).mean(axis=(1, 2)))
     sine2 = (1.0 - o * o) / (eta * eta)
     far = np.sqrt(np.clip(1.0 - sine2, 0.0, 1.0))
     across, along = (o - eta * far) / (o + eta * far), (eta * o - far) / (eta * o + far)
     F = np.where(sine2 < 1.0, 0.5 * (across**2 + along**2), 1.0)
     through = _seen(-((o / eta - far) * mz - z / eta), alpha)
-    return np.asarray((F * reflected + (1.0 - F) * through).mean(axis=(1, 2)))
+    return np.asarray((weight * (F * reflected + (1.0 - F) * through)).mean(axis=(1, 2)))
 
 
 def _seen(z: Float64, alpha: float) -> Float64:

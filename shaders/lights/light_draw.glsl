@@ -85,6 +85,29 @@ vec3 sky_drawn(vec3 u, out float weight)
 #include "lights/lamp_rectangles.glsl"
 #endif
 
+// A point of a lamp's triangle; drawn.pdf is its weight.
+void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 numbers, vec3 from)
+{
+    uvec4 face = face_texel(triangle, FACE_CORNERS);
+    vec3 a = vertex_position(face.x), b = vertex_position(face.y), c = vertex_position(face.z);
+    // Area-preserving: parallel lines to the edge opposite corner a.
+    float root = sqrt(numbers.x), unused;
+    drawn.position = mix(a, mix(b, c, numbers.y), root);
+#ifdef LAMP_RECTANGLES
+    // Each of its triangles stands for the whole.
+    SeenRectangle lamp = seen_lamp(triangle, front, from);
+    if (lamp.solid_angle > 0.0) {
+        vec3 wi = towards_rectangle(lamp, numbers.xy);
+        float t = lamp.height / max(-dot(wi, lamp.normal), 1e-9);
+        drawn.position = from + t * wi;
+        drawn.pdf = lamp_pdf_area(lamp, drawn.pdf, wi, t);
+    }
+#endif
+    vec4 plane = facet_texel(triangle, FACET_PLANE);
+    drawn.normal = front ? plane.xyz : -plane.xyz;
+    drawn.radiance = emitted(surface_of_triangle(triangle, drawn.position, plane), front, unused);
+}
+
 // A sample of a piece, for a position; numbers: uniform.
 LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
 {
@@ -100,26 +123,7 @@ LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
     drawn.profile = -1;
 #endif
     if (kind == LIGHT_AREA) {
-        int triangle = int(choice.y);
-        bool front = (choice.w & 8u) == 0u;
-        uvec4 face = face_texel(triangle, FACE_CORNERS);
-        vec3 a = vertex_position(face.x), b = vertex_position(face.y), c = vertex_position(face.z);
-        // Area-preserving: parallel lines to the edge opposite corner a.
-        float root = sqrt(numbers.x), unused;
-        drawn.position = mix(a, mix(b, c, numbers.y), root);
-#ifdef LAMP_RECTANGLES
-        // Each of its triangles stands for the whole.
-        SeenRectangle lamp = seen_lamp(triangle, front, from);
-        if (lamp.solid_angle > 0.0) {
-            vec3 wi = towards_rectangle(lamp, numbers.xy);
-            float t = lamp.height / max(-dot(wi, lamp.normal), 1e-9);
-            drawn.position = from + t * wi;
-            drawn.pdf = lamp_pdf_area(lamp, weight, wi, t);
-        }
-#endif
-        vec4 plane = facet_texel(triangle, FACET_PLANE);
-        drawn.normal = front ? plane.xyz : -plane.xyz;
-        drawn.radiance = emitted(surface_of_triangle(triangle, drawn.position, plane), front, unused);
+        draw_on_triangle(drawn, int(choice.y), (choice.w & 8u) == 0u, numbers, from);
     }
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
     else {

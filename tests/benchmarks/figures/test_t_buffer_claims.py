@@ -84,7 +84,7 @@ CLASSIC_UNCOUNTED = shader("t_buffer/classic_eye.frag", "+= tests;", "+= tests /
 NO_T_BUFFER = attribute(whitted, "TBuffer", ClassicEye)
 NO_SHADOW_RAYS = shader("t_buffer/whitted.frag", "if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;", "")
 NO_REFLECTION = shader(
-    "t_buffer/whitted.frag", "weight *= mirrored(bsdf, dot(mirroring, -direction));", "weight *= 0.0;"
+    "t_buffer/whitted.frag", "weight *= mirrored(at.bsdf, dot(mirroring, at.wo));", "weight *= 0.0;"
 )
 ALL_LIT = shader(
     "shadow/point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return false;"
