@@ -92,8 +92,10 @@ def flat(shape: Shape) -> Shape:
 
 
 def flattened(scene: Scene) -> Scene:
+    """Flat, and with microfacets that scatter light once, as Mitsuba's do."""
     scene = path_traceable(scene)
-    return replace(scene, shapes=Shapes(flat(shape) for shape in scene.shapes))
+    materials = tuple(replace(each, multiple_scattering=False) for each in scene.materials)
+    return replace(scene, materials=materials, shapes=Shapes(flat(shape) for shape in scene.shapes))
 
 
 def without_mirrors(material: Material) -> Material:
