@@ -85,6 +85,27 @@ def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple
     return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]
 
 
+def of_every_second(eye: dict[str, Any], offset: tuple[int, int], size: tuple[int, int]) -> dict[str, Any]:
+    """The uniforms for rays through every second pixel of a window, across and up.
+
+    eye    : those of all of its pixels
+    offset : of the first, to the right and up
+    size   : how many there are, across and up
+    """
+    centre = tuple(
+        (of_image - corner - first + 0.5) / 2.0
+        for of_image, corner, first in zip(eye["eye_centre"], eye["eye_corner"], offset, strict=True)
+    )
+    across, up = eye["eye_angle"]
+    return eye | {
+        "eye_focal": eye["eye_focal"] / 2.0,
+        "eye_angle": (2.0 * across, 2.0 * up),
+        "eye_centre": centre,
+        "eye_corner": (0, 0),
+        "eye_size": size,
+    }
+
+
 def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, object]:
     """The uniforms for rays with a lens point each.
 

@@ -71,7 +71,7 @@ class Engine(Owner, ABC):
 
     def look_at(self, window: Window) -> None:
         """Look at another window of the same size."""
-        assert window[2:] == self._size, f"a window of {window[2:]}, made for {self._size}"
+        assert window[2:] == self.window[2:], f"a window of {window[2:]}, made for {self.window[2:]}"
         self.window = window
 
     def look_from(self, sensor: Sensor) -> None:

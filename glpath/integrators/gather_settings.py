@@ -28,7 +28,7 @@ Cast = Literal["bvh", "path-buffer"]
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
 # Options by how rays are cast.
 _OF_BVH = ("guide", "branches")
-_OF_PATH_BUFFER = ("directions", "light_resolution", "cell_share", "cosine_roulette")
+_OF_PATH_BUFFER = ("directions", "light_resolution", "interleave", "cell_share", "cosine_roulette")
 
 
 class Solution(Protocol):
@@ -142,6 +142,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
     def recorded(self) -> dict[str, Any]:
         """Those that decide something. What is recorded of the solution is its digest, known when it is there."""
         unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
+        if not self.interleaved:
+            unused = (*unused, "interleave")
         return {k: v for k, v in super().recorded().items() if k not in ("radiosity", "radiosity_lookup", *unused)}
 
     def check_together(self, given: Mapping[str, Any]) -> None:

@@ -34,6 +34,7 @@ class PathBufferTracer(PathBufferStages):
         *,
         sensor: Sensor | None = None,
         timings: bool = False,
+        offset: tuple[int, int] | None = None,
     ) -> None:
         self._ambient = tuple(scene.scene.ambient) if settings.ambient is None else settings.ambient
         # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
@@ -47,6 +48,7 @@ class PathBufferTracer(PathBufferStages):
             max_radiance=max(self._ambient),
             lighting=Lighting.of(scene.scene, sky=False) if ambient_alone else None,
             timings=timings,
+            offset=offset,
         )
 
     def _prepare_stages(self) -> None:

@@ -52,10 +52,18 @@ class PathBufferGather(PathBufferStages):
         sensor: Sensor | None = None,
         radiosity: DeviceRadiosity,
         timings: bool = False,
+        offset: tuple[int, int] | None = None,
     ) -> None:
         assert settings.lookup_depth >= 2, f"a lookup at vertex {settings.lookup_depth}"
         super().__init__(
-            gl, scene, settings, window, sensor=sensor, max_radiance=radiosity.max_radiance, timings=timings
+            gl,
+            scene,
+            settings,
+            window,
+            sensor=sensor,
+            max_radiance=radiosity.max_radiance,
+            timings=timings,
+            offset=offset,
         )
         self._radiosity = radiosity
         # Else all light is looked up, and no scan for its shadows is needed.

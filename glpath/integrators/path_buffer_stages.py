@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -34,6 +35,7 @@ from numpy.typing import NDArray
 
 from glpath.buffers.hemicube_shadow_buffer import HemicubeShadowBuffer
 from glpath.buffers.path_buffer import PathBuffer, Scan, ScanView
+from glpath.gl.camera import of_every_second
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.lights import background_uniforms, light_defines, sample_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
@@ -107,11 +109,21 @@ class SetLight:
 class PathBufferStages(PathSetEngine):
     """The stages of one window of the image; subclasses define `trace_path_set`.
 
-    See `PathSetEngine` for the parameters.
+    offset : of the first pixel, right and down, where it is the engine of every second one alone, across and down;
+             see `interleaved`. `PathSetEngine` has the other parameters
     """
 
     settings: PathBufferSettings | GatherSettings
     _advance_passes: VertexPasses  # made by the frame
+
+    def __init__(self, *args: Any, offset: tuple[int, int] | None = None, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._offset: tuple[int, int] | None = None
+        if offset is not None:
+            # Rows of textures are counted from the bottom.
+            (right, down), (width, height) = offset, self._size
+            self._size = (width - right + 1) // 2, (height - down + 1) // 2
+            self._offset = right, height - 1 - down - 2 * (self._size[1] - 1)
 
     def _prepare_stages(self) -> None:
         gl, scene, settings, size = self.gl, self.scene, self.settings, self._size
@@ -148,6 +160,16 @@ class PathBufferStages(PathSetEngine):
         """Look at another window of the same size."""
         super().look_at(window)
         self._constant = self._constant_uniforms()
+
+    def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
+        eye = super()._eye_uniforms(pixel, index)
+        return eye if self._offset is None else of_every_second(eye, self._offset, self._size)
+
+    def _image_window(self) -> tuple[int, int, int, int]:
+        x, y, width, height = super()._image_window()
+        if self._offset is None:
+            return x, y, width, height
+        return (x + self._offset[0]) // 2, (y + self._offset[1]) // 2, (width + 1) // 2, (height + 1) // 2
 
     # The stages, in the order of a frame.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from glpath.errors import SceneError
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
+from glpath.integrators.interleaved import Interleaved
 from glpath.integrators.path_buffer import PathBufferTracer
 from glpath.integrators.path_buffer_gather import PathBufferGather
 from glpath.integrators.path_set_engine import PathSetEngine
@@ -39,7 +41,7 @@ def path_engine(
     sensor: Sensor | None = None,
     radiosity: DeviceRadiosity | None = None,
     timings: bool = False,
-) -> PathSetEngine:
+) -> PathSetEngine | Interleaved:
     """The engine, which is not prepared yet; see `PathSetEngine` for the parameters.
 
     sensor    : where paths start; the scene's camera, where it is not given
@@ -55,6 +57,10 @@ def path_engine(
             )
     engine = ENGINES[settings.integrator, settings.by_path_buffer]
     given = {} if radiosity is None else {"radiosity": radiosity}
+    if settings.interleaved:
+        return Interleaved(
+            gl, scene, settings, window, make=partial(engine, **given), sensor=sensor, timings=timings
+        )
     return engine(gl, scene, settings, window, sensor=sensor, timings=timings, **given)
 
 

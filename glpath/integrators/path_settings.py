@@ -178,6 +178,8 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
             del given["max_depth"]
         if self.bounce_lod is None:
             del given["bounce_lod"]
+        if not self.interleaved:
+            del given["interleave"]
         return given
 
 

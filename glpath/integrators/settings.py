@@ -30,6 +30,7 @@ Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]
 DirectLight = Literal["traced", "solution"]
 Guide = Literal["solution", "cosine"]
+Interleave = Literal["always", "never"]
 Rgb = tuple[float, float, float]
 
 #: A path counts its casts in eleven bits, up to two a vertex. As `max_depth` it stands for all bounces.
@@ -165,10 +166,20 @@ class PathSetSettings(IntegratorSettings):
                 f"aovs: {', '.join(seen)} with a sensor of points, from which no surface is seen.",
                 f"Of points there are {', '.join(_POINT_AOVS)}.",
             )
+        if self.interleaved:
+            raise UsageError(
+                'interleave: "always" with a sensor of points, which are not denoised.',
+                'Leave it out, or take "never".',
+            )
 
     @property
     def by_path_buffer(self) -> bool:
         """Are rays cast by scans of the path-buffer, along directions that all paths of a set share?"""
+        return False
+
+    @property
+    def interleaved(self) -> bool:
+        """Are four pictures of every second pixel made, each with shared directions of its own?"""
         return False
 
     @property
@@ -208,8 +219,21 @@ class SharedDirections:
 
     directions: Directions = "pair"
     light_resolution: LightResolution = 256
+    interleave: Annotated[
+        Interleave | None,
+        Meta(
+            description="whether every second pixel across and down has path sets of its own, of which four make the "
+            "picture: what shared directions leave is then noise, which a denoiser removes. Work per triangle is done "
+            'four times; of "path-buffer", and of a gather with cast "path-buffer"',
+            extra={"unset": "always where a picture is to be denoised and triangles are few beside its pixels"},
+        ),
+    ] = None
     cell_share: float = 1.25
     cosine_roulette: float = 3.0
+
+    @property
+    def interleaved(self) -> bool:
+        return self.interleave == "always"
 
 
 class SharedKeywords(TypedDict, total=False):
@@ -224,3 +248,4 @@ class SharedKeywords(TypedDict, total=False):
     roulette: int | None
     directions: Directions | None
     light_resolution: int | None
+    interleave: Interleave | None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
 from glpath.errors import SceneError
+from glpath.film.aovs import guides_denoiser
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
@@ -38,6 +39,11 @@ Say = Callable[[str], None]
 
 # What was measured, with 7.7 million: 5.9 GiB. Of fewer than so many triangles it is not asked.
 _BYTES_PER_TRIANGLE, _MANY_TRIANGLES = 820, 1_000_000
+
+_Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
+
+# Of a picture that is made as four, which does work per triangle four times.
+_PIXELS_PER_TRIANGLE = 16
 
 # From this share of lost rays on, the image is noisier than its path sets let expect.
 _CROWDED = 0.25
@@ -168,9 +174,7 @@ class _Paths(Plan):
         # Guides may be of any moment: paths stay unbiased.
         return _Paths(self.settings, _solved(scene.still(), say))
 
-    def engine(
-        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
-    ) -> PathSetEngine:
+    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
         return _engine_with_solution(self, context, scene, sensor, window, timings)
 
     def remarks(self, film: Film) -> list[str]:
@@ -190,9 +194,10 @@ class _PathBuffer(Plan):
             check_simplifiable(scene)
         return path_traceable(scene, streams=True)
 
-    def engine(
-        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
-    ) -> PathSetEngine:
+    def prepared(self, scene: Scene, say: Say) -> Plan:
+        return replace(self, settings=_interleaved(self.settings, scene))
+
+    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
         return path_engine(
             context.gl,
             DeviceScene(context.gl, scene, geometry_budget=self.settings.geometry_budget),
@@ -206,9 +211,19 @@ class _PathBuffer(Plan):
         return _crowding(film)
 
 
+def _interleaved(settings: _Shared, scene: Scene) -> _Shared:
+    """The settings with what was left open: whether a picture is four of every second pixel."""
+    if settings.interleave is not None or not settings.by_path_buffer:
+        return settings
+    width, height = scene.camera.resolution
+    pays = not scene.shapes.streams and _PIXELS_PER_TRIANGLE * len(scene.triangles) <= width * height
+    denoised = guides_denoiser(settings.aovs)
+    return replace(settings, interleave="always" if denoised and pays else "never")
+
+
 def _engine_with_solution(
     plan: _Paths | _Gathering, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
-) -> PathSetEngine:
+) -> Engine:
     """The engine, with the plan's radiosity solution where there is one."""
     solution, settings = plan.solution, plan.settings
     # Solutions are of the triangles of all instances, and points are found on these.
@@ -258,7 +273,6 @@ def _solved(scene: Scene, say: Say) -> RadiositySolution:
 
 def _move_camera(engine: Engine, scene: Scene) -> None:
     """Continue with the camera of a scene that is otherwise the same."""
-    assert isinstance(engine, PathSetEngine), f"an engine of another plan: {engine!r}"
     if scene.digest(camera=False) != engine.scene.given.digest(camera=False):
         raise SceneError(
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
@@ -340,11 +354,9 @@ class _Gathering(Plan):
             assert isinstance(given, RadiositySolution), f"an option that was not checked: {given!r}"
             solution = given
         solution.check_scene(scene)
-        return _Gathering(self.settings, solution)
+        return _Gathering(_interleaved(self.settings, scene), solution)
 
-    def engine(
-        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
-    ) -> PathSetEngine:
+    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
         assert self.solution is not None, "the plan is not prepared"
         return _engine_with_solution(self, context, scene, sensor, window, timings)
 
