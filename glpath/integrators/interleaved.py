@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from glpath.film.metadata import merged_values
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.engine import Engine, Window
-from glpath.integrators.path_buffer_stages import PathBufferStages
+from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.settings import PathSetSettings
 from glpath.sampling.points import counter_hash
 from glpath.sensors.sensor import CameraSensor, Sensor
@@ -32,7 +32,7 @@ _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 class Interleaved(Engine):
     """The path sets of four engines, one for every second pixel; see `Engine` for the other parameters.
 
-    make : an engine of a window and settings
+    make : an engine of every second pixel of a window, as `path_engine`
     """
 
     settings: PathSetSettings
@@ -44,7 +44,7 @@ class Interleaved(Engine):
         settings: PathSetSettings,
         window: Window,
         *,
-        make: Callable[..., PathBufferStages],
+        make: Callable[..., PathSetEngine],
         sensor: Sensor | None = None,
         timings: bool = False,
     ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -11,7 +11,6 @@ import numpy as np
 from glpath.errors import SceneError
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
-from glpath.integrators.interleaved import Interleaved
 from glpath.integrators.path_buffer import PathBufferTracer
 from glpath.integrators.path_buffer_gather import PathBufferGather
 from glpath.integrators.path_set_engine import PathSetEngine
@@ -41,11 +40,13 @@ def path_engine(
     sensor: Sensor | None = None,
     radiosity: DeviceRadiosity | None = None,
     timings: bool = False,
-) -> PathSetEngine | Interleaved:
+    offset: tuple[int, int] | None = None,
+) -> PathSetEngine:
     """The engine, which is not prepared yet; see `PathSetEngine` for the parameters.
 
     sensor    : where paths start; the scene's camera, where it is not given
     radiosity : of a gather, and of guided paths: the solution, of the scene's own triangles
+    offset    : of every second pixel alone, see `PathBufferStages`
     """
     assert (radiosity is not None) == settings.needs_solution, "a solution that the engine does not use, or none"
     if settings.by_path_buffer:
@@ -56,11 +57,9 @@ def path_engine(
                 "Give the geometry as a mesh.",
             )
     engine = ENGINES[settings.integrator, settings.by_path_buffer]
-    given = {} if radiosity is None else {"radiosity": radiosity}
-    if settings.interleaved:
-        return Interleaved(
-            gl, scene, settings, window, make=partial(engine, **given), sensor=sensor, timings=timings
-        )
+    given: dict[str, Any] = {} if radiosity is None else {"radiosity": radiosity}
+    if offset is not None:
+        given["offset"] = offset
     return engine(gl, scene, settings, window, sensor=sensor, timings=timings, **given)
 
 

@@ -222,9 +222,9 @@ class SharedDirections:
     interleave: Annotated[
         Interleave | None,
         Meta(
-            description="whether every second pixel across and down has path sets of its own, of which four make the "
-            "picture: what shared directions leave is then noise, which a denoiser removes. Work per triangle is done "
-            'four times; of "path-buffer", and of a gather with cast "path-buffer"',
+            description="whether every second pixel across and down has path sets of its own, four for a picture: "
+            "what shared directions leave is then noise, which a denoiser removes. Work per triangle is done four "
+            'times; of "path-buffer", and of a gather with cast "path-buffer"',
             extra={"unset": "always where a picture is to be denoised and triangles are few beside its pixels"},
         ),
     ] = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -17,6 +18,7 @@ from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.engine import Engine
 from glpath.integrators.gather_settings import GatherSettings
+from glpath.integrators.interleaved import Interleaved
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.path_settings import PathBufferSettings, PathSettings
@@ -198,7 +200,8 @@ class _PathBuffer(Plan):
         return replace(self, settings=_interleaved(self.settings, scene))
 
     def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
-        return path_engine(
+        make = partial(Interleaved, make=path_engine) if self.settings.interleaved else path_engine
+        return make(
             context.gl,
             DeviceScene(context.gl, scene, geometry_budget=self.settings.geometry_budget),
             self.settings,
@@ -230,14 +233,11 @@ def _engine_with_solution(
     parted = instanced(scene) if solution is None and isinstance(sensor, CameraSensor) else None
     if parted is None:
         _check_expandable(scene)
-    return path_engine(
-        context.gl,
-        DeviceScene(context.gl, parted or scene),
-        settings,
-        window,
-        sensor=sensor,
-        radiosity=None if solution is None else device_radiosity(context.gl, scene, solution, settings),
-        timings=timings,
+    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings)
+    each = partial(path_engine, radiosity=radiosity)
+    make = partial(Interleaved, make=each) if settings.interleaved else each
+    return make(
+        context.gl, DeviceScene(context.gl, parted or scene), settings, window, sensor=sensor, timings=timings
     )
 
 

@@ -75,5 +75,5 @@ def test_pictures_to_be_denoised_are_interleaved_by_default() -> None:
 
 
 def test_points_are_not_interleaved() -> None:
-    with pytest.raises(UsageError, match="interleave.*points"):
+    with pytest.raises(UsageError, match=r"interleave.*points"):
         glpath.irradiance(BOX, [[0.0, 0.1, 0.0]], [0.0, 1.0, 0.0], integrator="path-buffer", interleave="always")
