@@ -50,11 +50,7 @@ NOT_YET = frozenset(
         *(
             f"docs/{name}.md"
             for name in (
-                "accuracy-and-speed",
                 "commands",
-                "developing",
-                "how-it-works",
-                "reliability",
                 "image-tests",
                 "installing",
                 "jupyter",
