@@ -74,7 +74,7 @@ def time_to_an_error() -> str:
         for key, (program, unit) in _PROGRAMS.items():
             count, seconds = measured[f"{key}_{unit}_to_target"], measured[f"{key}_s"]
             share = seconds / measured["gather_s"]
-            rows.append(f"| {picture} | {program} | {count:.0f} | {seconds:.1f} | {share:.1f} |")
+            rows.append(f"| {picture} | {program} | {count:,.0f} | {seconds:.1f} | {share:.1f} |")
         machines[
             f"{machine['cores']} cores of an {machine['cpu']}, {machine['renderer']}, {versions['driver']}, "
             f"Mitsuba {versions['mitsuba']}"
