@@ -39,10 +39,11 @@ coverage: $(STAMPS)-test ## run the test suite and print which branches of the p
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --cov=glpath --cov-branch \
 		--cov-report=term:skip-covered tests
 
-lint: $(STAMPS)-test ## only check the style, the words, the types and who imports whom
+lint: $(STAMPS)-test ## only check the style, the words, the prose, the types and who imports whom
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python .ci/words.py
+	$(BIN)/python .ci/prose.py
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

@@ -1,12 +1,13 @@
-"""Write tables of the documentation that are made from the code: python .ci/tables.py [--check].
+"""Write tables of the documentation that are made from code and measurements: python .ci/tables.py [--check].
 
-The variants of shaders into docs/developing.md, the options of shafts into docs/how-it-works.md.
+The variants of shaders, the options of shafts, and what benches have found, from `benchmarks/results`.
 """
 
 from __future__ import annotations
 
 import argparse
 import inspect
+import json
 import re
 import sys
 from collections.abc import Callable
@@ -55,10 +56,37 @@ def shaft_options() -> str:
     return "\n".join(rows) + "\n"
 
 
+#: By the file in `benchmarks/results`: what was rendered.
+_GATHERS = {"gather-box-256": "`cornell-box-36`, 256 x 256", "gather-room-128": "`room`, 128 x 128"}
+_PROGRAMS = {"gather": ("gather", "sets"), "path": ("`path`", "sets"), "mitsuba": ("Mitsuba", "samples")}
+
+
+def time_to_an_error() -> str:
+    """Of the gather's bench: samples and seconds of each program, and the machine."""
+    rows = [
+        "| picture, to relMSE 1e-3 | program | path sets or samples | seconds | times as long |",
+        "|---|---|---|---|---|",
+    ]
+    machines = {}
+    for name, picture in _GATHERS.items():
+        found = json.loads((ROOT / "benchmarks" / "results" / f"{name}.json").read_text())
+        measured, machine, versions = found["measured"], found["machine"], found["versions"]
+        for key, (program, unit) in _PROGRAMS.items():
+            count, seconds = measured[f"{key}_{unit}_to_target"], measured[f"{key}_s"]
+            share = seconds / measured["gather_s"]
+            rows.append(f"| {picture} | {program} | {count:,.0f} | {seconds:.1f} | {share:.1f} |")
+        machines[
+            f"{machine['cores']} cores of an {machine['cpu']}, {machine['renderer']}, {versions['driver']}, "
+            f"Mitsuba {versions['mitsuba']}"
+        ] = None
+    return "\n".join([*rows, "", *(f"Measured on {machine}." for machine in machines)]) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
-    ("developing.md", "variants"): variants,
-    ("how-it-works.md", "shaft options"): shaft_options,
+    ("explanation/developing.md", "variants"): variants,
+    ("explanation/shaft-culling.md", "shaft options"): shaft_options,
+    ("explanation/accuracy.md", "time to an error"): time_to_an_error,
 }
 
 

@@ -1,7 +1,7 @@
 """Words that the house does not use: `python .ci/words.py [FOLDER ...]` lists them with the word to use.
 
 Identifiers are split at underscores and capitals. Prose is comments, docstrings and messages. Python is read by its
-tokenizer, GLSL by regular expressions.
+tokenizer, GLSL by regular expressions. `.ci/prose.py` looks for the same words in the documentation.
 """
 
 from __future__ import annotations
@@ -72,6 +72,18 @@ PHRASES = {
     "under way": "running, unfinished",
     "keeps nobody out": "leaves no stale lock",
 }
+#: Of the documentation alone.
+IN_DOCUMENTS = {
+    "beside mitsuba": "compared with Mitsuba",
+    "beside cycles": "compared with Cycles",
+    "beside embree": "compared with Embree",
+    "beside radiance": "compared with Radiance",
+    "is told": "is reported",
+    "are told": "are reported",
+    "at rest": "static",
+    "wanted of": "the target of",
+    "and the like": "name them, or `such as`",
+}
 #: Plain English, and terms.
 ALLOWED = re.compile(r"\bin[- ]place\b(?! of)|\bplace value\b|\bin the last place\b", re.IGNORECASE)
 
@@ -94,7 +106,8 @@ def _in_identifier(name: str, line: int) -> Iterator[Finding]:
         yield Finding(line, phrase, PHRASES[phrase])
 
 
-def _in_prose(text: str, line: int) -> Iterator[Finding]:
+def in_prose(text: str, line: int, phrases: dict[str, str] = PHRASES) -> Iterator[Finding]:
+    """The findings of a text that begins at a line."""
     text = ALLOWED.sub(lambda m: " " * len(m[0]), text)
     for match in re.finditer(r"[A-Za-z]\w*", text):
         at, word = line + text.count("\n", 0, match.start()), match[0]
@@ -103,9 +116,9 @@ def _in_prose(text: str, line: int) -> Iterator[Finding]:
         elif instead := WORDS.get(word.lower()):
             yield Finding(at, word.lower(), instead)
     flat = re.sub(r"\s", " ", text.lower())
-    for phrase in (each for each in PHRASES if " " in each):
+    for phrase in (each for each in phrases if " " in each):
         for match in re.finditer(rf"\b{phrase}\b", flat):
-            yield Finding(line + text.count("\n", 0, match.start()), phrase, PHRASES[phrase])
+            yield Finding(line + text.count("\n", 0, match.start()), phrase, phrases[phrase])
 
 
 def in_python(text: str) -> Iterator[Finding]:
@@ -115,7 +128,7 @@ def in_python(text: str) -> Iterator[Finding]:
         if token.type == tokenize.NAME:
             yield from _in_identifier(token.string, token.start[0])
         elif token.type in strings:
-            yield from _in_prose(token.string, token.start[0])
+            yield from in_prose(token.string, token.start[0])
 
 
 def in_glsl(text: str) -> Iterator[Finding]:
@@ -124,7 +137,7 @@ def in_glsl(text: str) -> Iterator[Finding]:
         code, _, comment = line.partition("//")
         for name in re.findall(r"[A-Za-z_]\w*", code):
             yield from _in_identifier(name, number)
-        yield from _in_prose(comment, number)
+        yield from in_prose(comment, number)
 
 
 def findings(folders: tuple[str, ...] = READ) -> Iterator[tuple[Path, Finding]]:

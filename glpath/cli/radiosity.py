@@ -129,8 +129,8 @@ def radiosity(
         typer.Option(
             metavar="NAME=VALUE",
             help="How shafts find occluders, which changes the time alone: strategy='ratio open', "
-            "order='largest first', clump=8 and others (docs/how-it-works.md has all, and when each pays); paper "
-            "is Haines and Wallace's own. Several allowed. Not of monte-carlo.",
+            "order='largest first', clump=8 and others (docs/explanation/shaft-culling.md has all, and when each "
+            "pays); paper is Haines and Wallace's own. Several allowed. Not of monte-carlo.",
             rich_help_panel=_SOLVER,
         ),
     ] = None,

@@ -1,7 +1,7 @@
 """Lanes of a vector that share their random numbers: the order in which the pixels of a window are traced.
 
 A pixel's error is what it was, and so is that of its neighbourhood, as the pixels that share numbers are `STRIDE`
-apart. docs/accuracy-and-speed.md has what it is worth. See shaders/path/lanes.glsl.
+apart. benchmarks/experiments.md has what it is worth. See shaders/path/lanes.glsl.
 
 Poor at:  means over a few pixels that happen to share numbers; so points that are measured do not.
 """

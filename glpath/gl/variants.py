@@ -1,7 +1,8 @@
 """The defines of shaders: the variants of a program, and the numbers in its text.
 
 A variant leaves out what a scene lacks, or says what a program is for. `defined` makes the defines of variants,
-`load_program` refuses what is not declared here. docs/developing.md has the table, which `.ci/tables.py` writes.
+`load_program` refuses what is not declared here. docs/explanation/developing.md has the table, which
+`.ci/tables.py` writes.
 """
 
 from __future__ import annotations

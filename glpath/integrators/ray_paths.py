@@ -8,7 +8,7 @@ sampled by solid angle (`glpath.lights.rectangles`), the sky also through portal
 A gather's path branches at its first vertex, which has nearly all of the error: branches share the eye's ray and
 the light there, 0.4 of a set's cost.
 No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
-triangles, a scan their number. docs/accuracy-and-speed.md has measurements.
+triangles, a scan their number. docs/explanation/accuracy.md has measurements.
 
 A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`). On a
 graphics card a compute shader does, bit-identical, as some of these shade pixels in few of their cores.
