@@ -17,9 +17,9 @@ from tests.support.repository import ROOT
 pytest_plugins = ["pytester"]
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-DOCS = sorted((ROOT / "docs").glob("*.md"))
+EXPLAINED = sorted((ROOT / "docs/explanation").glob("*.md"))
 GUIDES = sorted((ROOT / "docs/howto").glob("*.md"))
-PAGES = [ROOT / "README.md", *DOCS, *GUIDES]
+PAGES = [ROOT / "README.md", *EXPLAINED, *GUIDES]
 
 #: Candela by angle from straight down, LM-63.
 LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
@@ -58,8 +58,8 @@ def test_links_lead_to_files_and_sections(page: Path) -> None:
 
 
 def test_every_page_is_reached_from_the_readme() -> None:
-    for page in DOCS:
-        assert f"(docs/{page.name})" in README, page.name
+    for page in EXPLAINED:
+        assert f"(docs/explanation/{page.name})" in README, page.name
     assert "(docs/howto/index.md)" in README
     guides = (ROOT / "docs/howto/index.md").read_text(encoding="utf-8")
     for page in GUIDES:
