@@ -4,7 +4,7 @@ A path set has one time [PB 3.3], so that a scene that stands still is all that 
 two sets the vertices, normals and planes of what moves are written again, and the BVH keeps its tree: of the nodes
 above what moves the boxes are made anew, from the leaves up (refitting), in the grid of all that is moved through.
 
-Cost:     a path set more work on the CPU, about in proportion to the triangles that move; see docs/scenes.md.
+Cost:     a path set more work on the CPU, about in proportion to the triangles that move.
 Poor at:  objects that end far from where they were in the middle of the time, to which the tree is built.
 Source:   Haeberli & Akeley 1990, The Accumulation Buffer; van den Bergen 1997, Efficient Collision Detection of
           Complex Deformable Models using AABB Trees, for refitting.

@@ -57,8 +57,8 @@ def our_own() -> np.ndarray:
 
 def lines_of_the_page(word: str) -> str:
     """Those in JavaScript that have a word."""
-    page = (ROOT / "docs/lightmaps.md").read_text("utf-8")
-    (lines,) = (block for block in re.findall(r"```js\n(.*?)```", page, re.DOTALL) if word in block)
+    pages = "".join(path.read_text("utf-8") for path in sorted((ROOT / "docs/howto").glob("lightmap-*.md")))
+    (lines,) = (block for block in re.findall(r"```js\n(.*?)```", pages, re.DOTALL) if word in block)
     return lines
 
 

@@ -1,6 +1,6 @@
 """The mode stat: how often it cries wolf, and which changes it finds.
 
-The rates of docs/image-tests.md come from `pytest -m evidence -s tests/compare/test_compare_stat.py`, which
+The rates of benchmarks/experiments.md come from `pytest -m evidence -s tests/compare/test_compare_stat.py`, which
 prints them.
 """
 

@@ -17,7 +17,9 @@ from tests.support.repository import ROOT
 pytest_plugins = ["pytester"]
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+EXPLAINED = sorted((ROOT / "docs/explanation").glob("*.md"))
+GUIDES = sorted((ROOT / "docs/howto").glob("*.md"))
+PAGES = [ROOT / "README.md", *EXPLAINED, *GUIDES]
 
 #: Candela by angle from straight down, LM-63.
 LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
@@ -56,8 +58,12 @@ def test_links_lead_to_files_and_sections(page: Path) -> None:
 
 
 def test_every_page_is_reached_from_the_readme() -> None:
-    for page in PAGES[1:]:
-        assert f"(docs/{page.name})" in README, page.name
+    for page in EXPLAINED:
+        assert f"(docs/explanation/{page.name})" in README, page.name
+    assert "(docs/howto/index.md)" in README
+    guides = (ROOT / "docs/howto/index.md").read_text(encoding="utf-8")
+    for page in GUIDES:
+        assert page.name == "index.md" or f"({page.name})" in guides, page.name
 
 
 def test_the_first_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,8 +79,9 @@ def test_the_lightmap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_commands(blocks("A lightmap for three.js", "sh"), "--size", "128", "--spp", "8")
     assert (tmp_path / "baked-0.lightmap.exr").is_file()
-    # `tests/bake/test_lightmap_seen.py` runs the lines for three.js, which stand on the page of lightmaps, too.
-    assert blocks("A lightmap for three.js", "js") in (ROOT / "docs/lightmaps.md").read_text(encoding="utf-8")
+    # `tests/bake/test_lightmap_seen.py` runs the lines for three.js, which are in the guide for three.js, too.
+    guide = (ROOT / "docs/howto/lightmap-threejs.md").read_text(encoding="utf-8")
+    assert blocks("A lightmap for three.js", "js") in guide
 
 
 def test_lux_of_an_obj_with_an_ies_lamp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

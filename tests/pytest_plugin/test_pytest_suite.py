@@ -365,8 +365,8 @@ def test_an_error_is_said_once_with_the_line_of_the_test(run: Run, suite, call: 
 def readme_suite(suite, pytester: pytest.Pytester) -> str:
     """The example of the page on image tests as the suite, with its ini-file; returns the page."""
     pytest.importorskip("matplotlib.pyplot")  # pytester unloads what a run of its own has loaded
-    section = (ROOT / "docs/image-tests.md").read_text(encoding="utf-8")
-    code, ini = (re.search(rf"```{kind}\n(.*?)```", section, re.DOTALL)[1] for kind in ("python", "ini"))
+    section = (ROOT / "docs/howto/image-tests.md").read_text(encoding="utf-8")
+    code, ini = ("\n\n".join(re.findall(rf"```{kind}\n(.*?)```", section, re.DOTALL)) for kind in ("python", "ini"))
     suite("import matplotlib\nmatplotlib.use('Agg')\n" + code)
     pytester.makeini(ini)
     return section
