@@ -183,7 +183,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
         "camera": "first",
         "time": "rest",
         "shutter": 0.0,
-        "animation": "all",
+        "animation": "first",
         "variant": "none",
         "unit": "photometric",
         "light_factor": 1.0,
@@ -199,7 +199,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
     [
         (
             {"kamera": 1},
-            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, animation=all, "
+            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, animation=first, "
             "variant=none, light_factor=1.0, unit=photometric, backs=absent.",
         ),
         ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
