@@ -228,7 +228,7 @@ def test_a_model_without_triangles_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("points.obj", "v 0 0 0\nv 1 0 0\n", "has no triangles"),
+        ("normals.obj", "vn 0 0 1\n", "has no triangles"),
         ("cut.ply", "ply\nformat", "cannot be read as PLY: "),
         ("wide.obj", "v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n", "reaches beyond 1e+15 scene units"),
     ],
