@@ -13,7 +13,12 @@ from glpath.film.aovs import FAR
 from glpath.scene import Background, Environment, Scene, Sky
 
 RADIUS, HEIGHT = 1.0, 0.7
-ENGINES: list[dict[str, Any]] = [{"integrator": "path", "guide": "cosine"}, {"integrator": "gather"}]
+ENGINES: list[dict[str, Any]] = [
+    {"integrator": "path", "guide": "cosine"},
+    {"integrator": "gather"},
+    {"integrator": "classic"},
+    {"integrator": "t-buffer", "secondary": "bvh"},
+]
 #: Of what the middle of the ground sees, the disc is so much by the cosine.
 SHADE = RADIUS**2 / (RADIUS**2 + HEIGHT**2)
 
