@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -94,7 +95,8 @@ def _as_gltf(path: Path, folder: Path) -> Path:
     import trimesh
 
     made = folder / f"{path.name}.glb"
-    made.write_bytes(trimesh.load_scene(path).export(file_type="glb"))
+    scene: Any = trimesh.load_scene(path)
+    made.write_bytes(scene.export(file_type="glb"))
     return made
 
 

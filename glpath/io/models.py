@@ -133,6 +133,7 @@ def scene_of_model(model: Model) -> Scene:
         source=model.source,
         textures=model.textures,
         lights=model.lights,
+        sky=model.sky,
         unit=model.unit or "radiometric",
     )
     if model.camera is not None:

@@ -22,6 +22,7 @@ from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.animation import poses_at, shutter_times
 from glpath.io.gltf.choices import animation_names, chosen_animations, chosen_variant, material_of
 from glpath.io.gltf.document import Document, read_document
+from glpath.io.gltf.environment import environment_of
 from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import Nodes, Pose, instances
 from glpath.io.gltf.primitives import ONLY_TRIANGLES, Primitives, Skin, is_solid, skin_of
@@ -32,6 +33,7 @@ from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
+from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 
 #: A mark of `glpath export` in a file's extras: the backs of one-sided materials were black in the scene.
@@ -61,6 +63,7 @@ class Model:
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
     notes     : what the file holds that is not used, each once
     unit      : of its light; None where the format has none
+    sky       : light from all around; None where it has none
     """
 
     source: str
@@ -74,6 +77,7 @@ class Model:
     notes: tuple[str, ...]
     shutter: tuple[float, float] = (0.0, 0.0)
     unit: Unit | None = None
+    sky: Environment | None = None
 
 
 def read_gltf(
@@ -168,6 +172,7 @@ def read_gltf(
         notes=tuple(document.notes.texts),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
         unit=unit,
+        sky=environment_of(document),
     )
 
 
