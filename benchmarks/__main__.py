@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench NAME`, `... figure NAME`, `... scene NAME`; `make bench` and `make figure` call it.
+"""`python -m benchmarks bench NAME`, and figure, scene and look; `make bench` and `make figure` call it.
 
 Errors, warnings and exit codes are those of the `glpath` command.
 """
@@ -25,6 +25,11 @@ app = program(
             "benchmarks.scene_command",
             GROUP,
             "Make a model that ships, `scenes/NAME.glb`, or the room of another fineness.",
+        ),
+        "look": Part(
+            "benchmarks.look_command",
+            GROUP,
+            "Show models without an option, beside a viewer of the web.",
         ),
     },
 )

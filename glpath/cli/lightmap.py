@@ -50,7 +50,7 @@ def register(app: typer.Typer) -> None:
         ("glpath lightmap house.glb -o baked.glb --texels 20", "20 texels per scene unit"),
         ("glpath lightmap room -o a.glb --size 2048 --spp 512", "large, and cleaner"),
         everyday="scene out texels size uv materials exposure denoise spp integrator noise time_limit checkpoint "
-        "resume max_depth seed radiosity device parameters quiet",
+        "resume radiosity device environment animation variant parameters",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
         with_options(with_scene_options(lightmap, OF_LIGHT), OF_FILMS, _OPTIONS, integrators=POINT_INTEGRATORS)

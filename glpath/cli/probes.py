@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
         ("glpath probes room.glb -o probes.json --grid 4x2x4 --bounds 0,0,0,4,3,4", "in a box"),
         ("glpath probes room -o probes.json --noise 0.02", "until they are clean"),
         everyday="scene out grid bounds white_sky integrator spp noise time_limit max_depth resume seed device "
-        "parameters quiet",
+        "environment animation variant parameters quiet",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
         with_options(with_scene_options(probes, OF_LIGHT), OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)

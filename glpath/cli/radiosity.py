@@ -64,7 +64,7 @@ def register(app: typer.Typer) -> None:
         ("glpath radiosity room -o room.glb", "the scene with its light as vertex colours"),
         ("glpath radiosity office -o office.npz --method monte-carlo --patches 20000", "many elements"),
         everyday="scene out method patches size splits adaptive unshot particles seed radiosity exposure check "
-        "checkpoint resume parameters quiet",
+        "checkpoint resume environment animation variant parameters quiet",
     )
     app.command(epilog=codes + later, **help)(with_options(with_scene_options(radiosity, OF_LIGHT), OF_SOLVERS))
 

@@ -41,8 +41,8 @@ def register(app: typer.Typer) -> None:
         ("glpath render cornell-box -o box.png", "a shipped scene"),
         ("glpath render model.glb -o a.png -o a.exr --clean 0.01", "cleaner than by default"),
         ("glpath render room -o room.npz --integrator path --noise 0.01", "without bias, until the error is 1 %"),
-        everyday="scene out resolution exposure tonemap denoise parameters spp integrator seed aovs max_depth "
-        "camera_position camera_target camera_fov device resume noise time_limit quiet",
+        everyday="scene out resolution exposure tonemap denoise parameters environment background animation "
+        "variant spp integrator aovs camera_position camera_target camera_fov device resume noise time_limit",
     )
     app.command(epilog=f"{EXIT_CODES}, 134 ended by --hang-limit.", **help)(
         with_options(with_scene_options(render, OF_PICTURES), OF_RENDERS)

@@ -67,7 +67,8 @@ class SceneOptions:
         str | None,
         typer.Option(
             metavar="NAME",
-            help="The one of a glTF file's animations that runs, by name or number (`glpath info`); default all.",
+            help="The animation of a glTF file that runs, by name or number (`glpath info`), or all; default the "
+            "first, where --time or --frames asks for motion.",
             rich_help_panel=MODEL_PANEL,
         ),
     ] = None

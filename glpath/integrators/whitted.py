@@ -35,6 +35,7 @@ from glpath.gl.sums import PixelSums, Readback
 from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
+from glpath.integrators.ground import Ground
 from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import LIGHT_KINDS
@@ -139,6 +140,8 @@ class WhittedTracer(Engine):
         uniforms = self._constant | self._light_samples(index) | eye
         if self.shadow_buffer is not None:
             uniforms |= self.shadow_buffer.uniforms
+        if self._ground is not None:
+            uniforms |= self._ground.of_set(index)
         with self.stopwatch.stage("shade"):
             run_in_areas(self._shading.now, self._areas, uniforms)
         self._sums.path_set_added()
@@ -220,6 +223,10 @@ class WhittedTracer(Engine):
         self._sampler = PathSetSampler(settings.seed, settings.max_depth)
         if not self._area_lighting.dark:
             defines["LIGHT_SAMPLES"] = settings.light_samples
+        self._ground = Ground.of(objects.scene, settings.seed)
+        if self._ground is not None:
+            self._constant |= self._ground.uniforms
+            defines |= self._ground.defines
         self.bvh: DeviceBvh | None = bvh
         if settings.secondary == "bvh":
             self.bvh = self.bvh or DeviceBvh(gl, objects)

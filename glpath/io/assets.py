@@ -107,7 +107,8 @@ class Assets:
             model = read_model(path, here, None if time is None else time + opened, closed - opened)
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
-            for note in model.notes:
+            lost = ("Light from all around, which a scene has from its own sky.",) if model.sky is not None else ()
+            for note in (*model.notes, *lost):
                 text = f"{model.source}: not used: {note}"
                 if text not in self._reported:
                     self._reported.add(text)

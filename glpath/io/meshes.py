@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, warn
+from glpath.errors import SceneError, SceneWarning, warn
 from glpath.io import obj
 from glpath.io.precision import step_at, warn_of_steps
-from glpath.io.strokes import balls, point_radius
+from glpath.io.strokes import balls, line_radius, point_radius, rods
 from glpath.io.text import decoded
 from glpath.io.values import LARGEST, nearby_files
 from glpath.scene.geometry import unit_normals
@@ -209,7 +209,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         )
     try:
         file = _parse(path, colours)
-    except SceneError:
+    except (SceneError, SceneWarning):
         raise
     except Exception as error:  # trimesh raises whatever its parsers run into
         reason = f"{type(error).__name__}: {error}".rstrip(" .!")
@@ -221,7 +221,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         raise location.error(
             f"{which(path, location)}has no triangles.",
             "The file is empty, broken, of another format than its suffix says, or holds points or lines only. "
-            "Points of a .ply, and points and lines of glTF, are drawn where a file is a model of its own.",
+            "In a file that is a model of its own, points of .ply and points and lines of .obj and glTF are drawn.",
         )
     if file.single:
         corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])
@@ -291,6 +291,8 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     # One by one, as `load_mesh` joins them and forgets the normals.
     meshes = [loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry]
     meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    if plain is not None and colours and not meshes:
+        meshes = _strokes_of_obj(plain, path)
     for mesh in meshes:
         for array in (mesh.vertices, mesh.faces):
             if np.ndim(array) != 2 or np.shape(array)[1] != 3:
@@ -310,6 +312,32 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     return MeshFile(meshes, plain, texture, coloured, single)
 
 
+def _strokes_of_obj(plain: obj.Plain, path: Path) -> list[Any]:
+    """The lines of a file without faces as a mesh of rods, else its vertices as balls; with their colours."""
+    points, colours = plain.vertices()
+    if not len(points) or not np.isfinite(points).all():
+        return []
+    if len(plain.lines):
+        used = np.unique(plain.lines)
+        radius = line_radius(points[used])
+        made = rods(points, plain.lines, radius)
+        drawn = f"{len(plain.lines):,} lines are drawn as rods"
+    else:
+        radius = point_radius(points)
+        made = balls(points, radius)
+        drawn = f"{len(points):,} points are drawn as balls"
+    warn(f"{path}: has no triangles, so its {drawn} of radius {radius:.3g}.")
+    return [_stroked(*made, None if colours is None else np.clip(colours, 0.0, 1.0))]
+
+
+def _stroked(vertices: Float64, faces: NDArray[Any], normals: Float64, of: NDArray[Any], colours: Any) -> Any:
+    """A mesh of trimesh's from what `balls` and `rods` return, and colours of their points, or None."""
+    import trimesh
+
+    given = {} if colours is None else {"vertex_colors": np.asarray(colours)[of]}
+    return trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False, **given)
+
+
 def _points_of_ply(content: bytes, path: Path) -> list[Any]:
     """A cloud of points as a mesh of balls, with its colours; none where there is nothing to draw."""
     import trimesh
@@ -322,13 +350,9 @@ def _points_of_ply(content: bytes, path: Path) -> list[Any]:
     if points.ndim != 2 or not len(points) or not np.isfinite(points).all():
         return []
     radius = point_radius(points)
-    vertices, faces, normals, of = balls(points, radius)
     colours: Any = getattr(cloud, "colors", None)
-    given: dict[str, Any] = (
-        {"vertex_colors": np.asarray(colours)[of]} if np.shape(colours) == (len(points), 4) else {}
-    )
     warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
-    return [trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False, **given)]
+    return [_stroked(*balls(points, radius), colours if np.shape(colours) == (len(points), 4) else None)]
 
 
 def _checked_off(content: bytes) -> bool:

@@ -46,8 +46,9 @@ def read_gltf_as_asked(
         float, Meta(ge=0, description="seconds, from time on, that the shutter is open for what moves")
     ] = 0.0,
     animation: Annotated[
-        str, Meta(description="name or number, from 0, of the one of the file's animations that runs, or all")
-    ] = "all",
+        str,
+        Meta(description="name or number, from 0, of the one of the file's animations that runs, or first, or all"),
+    ] = "first",
     variant: Annotated[
         str, Meta(description="name or number, from 0, of one of the file's variants of materials, or none")
     ] = "none",
@@ -71,7 +72,7 @@ def read_gltf_as_asked(
     wanted: int | str | None = None if camera == "first" else camera
     if isinstance(wanted, str) and wanted.isdecimal():
         wanted = int(wanted)
-    if animation != "all" and time == "rest":
+    if animation != "first" and time == "rest":
         time = 0.0
     if shutter and time == "rest":
         raise UsageError(f"shutter is {shutter:g}, but the model is at rest.", "Say when it opens: -D time=0.")
@@ -80,7 +81,7 @@ def read_gltf_as_asked(
         time=None if time == "rest" else time,
         shutter=shutter,
         camera=wanted,
-        animation=None if animation == "all" else animation,
+        animation=None if animation == "first" else animation,
         variant=None if variant == "none" else variant,
         light_factor=light_factor,
         unit=unit,
@@ -132,6 +133,7 @@ def scene_of_model(model: Model) -> Scene:
         source=model.source,
         textures=model.textures,
         lights=model.lights,
+        sky=model.sky,
         unit=model.unit or "radiometric",
     )
     if model.camera is not None:

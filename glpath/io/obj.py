@@ -9,9 +9,16 @@ Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
 
 from glpath.io.text import decoded, statements
 from glpath.scene.source_location import SourceLocation
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
 
 # Numbers of a vertex, texture coordinate and normal that are used; a vertex may have a weight or a colour behind.
 _USED = {"v": 3, "vt": 2, "vn": 3}
@@ -28,12 +35,20 @@ class Plain:
     materials : names of those that faces have: `usemtl 3` is materials[3]
     libraries : the MTL files that it names
     coloured  : vertices have colours, or some of them, which then are left out
+    lines     : (L, 2) indices, from 0, of the vertices between which lines are
     """
 
     text: bytes
     materials: tuple[str, ...]
     libraries: tuple[str, ...]
     coloured: bool
+    lines: Int64
+
+    def vertices(self) -> tuple[Float64, Float64 | None]:
+        """(N, 3) of all vertices, and (N, 3) their colours in [0, 1] where all have one. Raises ValueError."""
+        rows = [line.split()[1:] for line in self.text.decode().splitlines() if line.startswith("v ")]
+        numbers = np.array(rows or np.zeros((0, 3)), np.float64)
+        return numbers[:, :3], numbers[:, 3:] if numbers.shape[1] == 6 else None
 
 
 def plain(content: bytes, source: str) -> Plain:
@@ -48,6 +63,7 @@ def plain(content: bytes, source: str) -> Plain:
     seen = dict.fromkeys(_USED, 0)
     known: dict[str, str] = {}  # corners that mean the same on every line
     lines = []
+    drawn: list[tuple[int, int]] = []
     widths = [len(words) - 1 for _, words in written if words[0] == "v"]
     # Behind x, y and z, or w behind them. trimesh wants colours of all vertices or of none.
     all_coloured = bool(widths) and min(widths) >= 6
@@ -67,6 +83,9 @@ def plain(content: bytes, source: str) -> Plain:
                 if value not in known or "-" in value:
                     known[value] = _corner(value, seen, totals, source, number)
             values = [known[value] for value in values]
+        elif kind == "l":
+            corners = [int(_corner(value, seen, totals, source, number).partition("/")[0]) for value in values]
+            drawn += pairwise(corners)
         elif kind == "usemtl":
             values = [str(materials.setdefault(" ".join(values), len(materials)))]
         elif kind == "mtllib":
@@ -76,7 +95,13 @@ def plain(content: bytes, source: str) -> Plain:
         lines.append(" ".join([kind, *values]))
     if materials:
         lines.insert(0, "mtllib all")
-    return Plain("\n".join(lines).encode(), tuple(materials), tuple(libraries), max(widths, default=0) >= 6)
+    return Plain(
+        "\n".join(lines).encode(),
+        tuple(materials),
+        tuple(libraries),
+        max(widths, default=0) >= 6,
+        np.array(drawn, np.int64).reshape(-1, 2) - 1,
+    )
 
 
 class NamesOnly:

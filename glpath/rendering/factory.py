@@ -189,6 +189,9 @@ class _PathBuffer(Plan):
 
     settings: PathBufferSettings
 
+    def warnings(self, scene: Scene) -> list[str]:
+        return _without_ground(scene)
+
     def traceable(self, scene: Scene) -> Scene:
         _check_expandable(scene)
         scene = _posed(scene)
@@ -293,6 +296,16 @@ def _crowding(film: Film) -> list[str]:
     ]
 
 
+def _without_ground(scene: Scene) -> list[str]:
+    """Of engines whose rays are cast by scans: none starts at what is no surface."""
+    if scene.background is None or scene.background.ground is None or scene.sky is None:
+        return []
+    return [
+        "The ground below the model catches no shadow where a path-buffer casts the rays; "
+        'integrator="path" shows it.'
+    ]
+
+
 def _cut(film: Film) -> list[str]:
     cut = film.metadata.statistics.get("paths_cut", 0)
     if not cut:
@@ -320,11 +333,13 @@ class _Gathering(Plan):
         return self.settings.recorded() | {"radiosity": digest}
 
     def warnings(self, scene: Scene) -> list[str]:
+        missing = _without_ground(scene) if self.settings.by_path_buffer else []
         if not np.any(scene.ambient > 0):
-            return []
+            return missing
         return [
+            *missing,
             "The scene's ambient light stands for bounces that are not traced; a gather has them all from its "
-            'solution, and leaves it out. integrator="path" adds it beyond the last vertex.'
+            'solution, and leaves it out. integrator="path" adds it beyond the last vertex.',
         ]
 
     def traceable(self, scene: Scene) -> Scene:

@@ -21,9 +21,9 @@ from glpath.scene.geometry import Float64
 
 # Of `framing`: degrees from the front to the right, and upwards, each of what is as wide and high as deep, and of
 # what is thin or flat; below which share of width over depth, of height over width, it begins to be so.
-_AZIMUTH, _ELEVATION = (20.0, 75.0), (15.0, 40.0)
+_AZIMUTH, _ELEVATION = (20.0, 75.0), (18.0, 40.0)
 _DEEP, _FLAT = 0.8, 0.3
-_FOV = 40.0
+_FOV = 30.0
 # How much larger the picture is than what it shows, and in diagonals of that, how near the eye may be at the least.
 _MARGIN = 1.15
 _CLOSEST = 0.1

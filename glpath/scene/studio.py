@@ -1,7 +1,8 @@
 """A neutral studio: the light of pictures of models that bring none.
 
-An environment map of large, soft lights in a grey room that is brighter above than below: a key from the upper
-left, a fill from the right, and two rims from behind, all white. A white, level ground has the radiance 1 in it.
+An environment map of large, soft lights in a grey room, all white: a key from the upper left, a fill from the
+right, and two rims from behind, before a backdrop that glass shows nearly as bright as the background is. A white,
+level ground has the radiance 1 in it, a white wall to the front nearly as much.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ Float64 = NDArray[np.float64]
 
 _HEIGHT, _WIDTH = 64, 128
 # Radiance of the room straight below, at the horizon and straight above, beside that of the lights.
-_FLOOR, _HORIZON, _ZENITH = 0.5, 0.28, 0.7
+_FLOOR, _HORIZON, _ZENITH = 0.55, 0.24, 0.4
 # Of the edge of a light, in degrees, in which it fades.
 _SOFT = 8.0
 
@@ -36,10 +37,11 @@ class _Softbox(NamedTuple):
 
 
 _LIGHTS = (
-    _Softbox(-42.0, 48.0, 56.0, 44.0, 7.5),  # key
-    _Softbox(62.0, 22.0, 44.0, 60.0, 1.8),  # fill
-    _Softbox(158.0, 40.0, 36.0, 60.0, 4.5),  # rim
-    _Softbox(-140.0, 24.0, 20.0, 64.0, 4.0),  # rim
+    _Softbox(180.0, 0.0, 130.0, 70.0, 1.8),  # backdrop
+    _Softbox(-36.0, 36.0, 48.0, 40.0, 12.0),  # key
+    _Softbox(56.0, 18.0, 44.0, 56.0, 2.0),  # fill
+    _Softbox(150.0, 44.0, 36.0, 50.0, 4.5),  # rim
+    _Softbox(-132.0, 30.0, 20.0, 60.0, 4.0),  # rim
 )
 
 

@@ -63,8 +63,7 @@ uniform int max_depth;               // vertices of a path
 uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
 #ifdef HAS_GROUND
-uniform vec4 ground;                        // its unit normal, and how far along that it is
-uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, as dense as the light that they bring to the ground
+#include "lights/ground.glsl"
 #endif
 #include "path/path_numbers.glsl"
 #include "path/path_direct.glsl"
@@ -201,16 +200,13 @@ bool is_from_eye(RayPath path)
 // direction, as dense as the light that it brings.
 vec3 light_on_ground(RayPath path, ivec2 pixel)
 {
-    float cosine = dot(ground.xyz, path.direction), height = dot(ground.xyz, path.origin) - ground.w;
-    if (cosine >= 0.0 || height <= 0.0) return vec3(1.0);
-    float t = height / -cosine;
-    vec3 at = path.origin + t * path.direction, far = abs(at);
-    at += RAY_ROUNDING * (t + max(far.x, max(far.y, far.z))) * ground.xyz;
+    vec3 start, to_light;
+    uint chance = pcg(path_in_image(pixel) + path_seed);
+    if (!ground_ray(path.origin, path.direction, chance, start, to_light)) return vec3(1.0);
 #ifdef HAS_ALPHA
     opacity_key_at(path.at, USE_SHADOW_OPACITY);
 #endif
-    uint chosen = pcg(path_in_image(pixel) + path_seed) % uint(GROUND_LIGHTS);
-    if (is_blocked(at, ground_lights[chosen], NO_HIT, -1)) return vec3(0.0);
+    if (is_blocked(start, to_light, NO_HIT, -1)) return vec3(0.0);
 #ifdef HAS_THIN_DIELECTRICS
     return passed_thin_dielectrics;
 #else

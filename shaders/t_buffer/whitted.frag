@@ -22,6 +22,10 @@
 #include "lights/profile.glsl"
 #include "lights/sky.glsl"
 #include "lights/background.glsl"
+#ifdef HAS_GROUND
+#include "sampling/random.glsl"
+#include "lights/ground.glsl"
+#endif
 #ifdef SHADOW_BUFFERS
 #include "shadow/point_shadow.glsl"
 #endif
@@ -74,14 +78,33 @@ void begin_ray()
 #endif
 }
 
-bool shadow_ray_blocked(Shaded at, vec3 wi, float tmax)
+bool is_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
     begin_ray();
 #ifdef BY_BVH
-    return blocked_by_bvh(at.surface.position, wi, at.rounding, tmax, at.primitive);
+    return blocked_by_bvh(origin, direction, tmin, tmax, exclude);
 #else
-    return blocked_classic(at.surface.position, wi, at.rounding, tmax, at.primitive);
+    return blocked_classic(origin, direction, tmin, tmax, exclude);
 #endif
+}
+
+bool shadow_ray_blocked(Shaded at, vec3 wi, float tmax)
+{
+    return is_blocked(at.surface.position, wi, at.rounding, tmax, at.primitive);
+}
+
+// What the eye sees behind all shapes: the background, with the shapes' shadow on the ground where there is one.
+vec3 seen_by_eye(vec3 origin, vec3 direction)
+{
+    vec3 light = seen_behind(direction);
+#ifdef HAS_GROUND
+    vec3 start, to_light;
+    ivec2 pixel = ivec2(gl_FragCoord.xy) + eye_corner;
+    uint chance = pcg(uint(pixel.x) + (uint(pixel.y) << 16u));
+    if (ground_ray(origin, direction, chance, start, to_light) && is_blocked(start, to_light, 0.0, NO_HIT, -1))
+        light = vec3(0.0);
+#endif
+    return light;
 }
 
 // Radiance towards wo of the light that comes straight from the lights.
@@ -217,7 +240,7 @@ void main()
     {
         if (primitive < 0)
         {
-            add_light(L, weight * (depth == 1 ? seen_behind(direction) : sky(direction)), depth <= 2);
+            add_light(L, weight * (depth == 1 ? seen_by_eye(origin, direction) : sky(direction)), depth <= 2);
             break;
         }
         Shaded at = shaded_at(primitive, origin, direction, t, rounding);

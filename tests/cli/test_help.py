@@ -38,6 +38,12 @@ def test_a_command_shows_three_examples_and_the_options_of_every_day(name: str) 
     assert "<bool>" not in text
 
 
+@pytest.mark.parametrize("name", ["render", "lightmap", "probes", "measure", "radiosity"])
+def test_what_surrounds_and_moves_a_model_is_shown_every_day(name: str) -> None:
+    wanted = {"--environment", "--animation", "--variant"} | ({"--background"} if name == "render" else set())
+    assert wanted <= options_in(shown(name, "--help"))
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_all_shows_every_option(name: str) -> None:
     few, every = shown(name, "--help"), shown(name, "--help-all")

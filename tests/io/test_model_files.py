@@ -96,12 +96,19 @@ def views(extent: tuple[float, float, float]) -> tuple[float, float]:
 
 
 def test_a_model_is_seen_from_the_front_what_is_flat_from_above_what_is_deep_from_its_side() -> None:
-    assert views((1, 1, 1)) == pytest.approx((20, 15))
-    assert views((1, 9, 1)) == pytest.approx((20, 15))
+    assert views((1, 1, 1)) == pytest.approx((20, 18))
+    assert views((1, 9, 1)) == pytest.approx((20, 18))
     assert views((3, 0, 2)) == pytest.approx((20, 40))
-    assert views((0, 2, 3)) == pytest.approx((75, 15))
+    assert views((0, 2, 3)) == pytest.approx((75, 18))
     turned, _ = views((1, 2, 2.5))
     assert 20 < turned < 75
+
+
+def test_the_top_and_a_side_of_a_box_are_seen() -> None:
+    corners = np.array(list(product((-0.5, 0.5), repeat=3)))
+    eye = framing(corners, (100, 100)).position
+    assert eye[1] > 0.7
+    assert eye[0] > 0.7
 
 
 def test_a_camera_that_was_chosen_stays_at_another_resolution(tmp_path: Path) -> None:
@@ -117,8 +124,8 @@ def test_what_a_model_lacks_is_added_and_said_once(tmp_path: Path, suffix: str) 
     path = (gltf if suffix == ".gltf" else obj)(tmp_path / f"box{suffix}")
     (text,) = said(path)
     assert text == (
-        f"{path}: has no camera, so one was set that sees everything: position [0.637, 0.437, 2.017], target "
-        "[-0.075, -0.121, 0.062], fov 40, for 512 x 512 pixels, and no light, so a studio lights it."
+        f"{path}: has no camera, so one was set that sees everything: position [0.894, 0.797, 2.65], target "
+        "[-0.051, -0.101, 0.053], fov 30, for 512 x 512 pixels, and no light, so a studio lights it."
     )
     scene = quiet(path)
     assert (scene.camera.resolution, scene.camera.up.tolist()) == ((512, 512), [0, 1, 0])
@@ -183,7 +190,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
         "camera": "first",
         "time": "rest",
         "shutter": 0.0,
-        "animation": "all",
+        "animation": "first",
         "variant": "none",
         "unit": "photometric",
         "light_factor": 1.0,
@@ -199,7 +206,7 @@ def test_parameters_choose_camera_time_and_light(tmp_path: Path, camera: object)
     [
         (
             {"kamera": 1},
-            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, animation=all, "
+            "a.gltf: has no parameter `kamera`. Allowed: camera=first, time=rest, shutter=0.0, animation=first, "
             "variant=none, light_factor=1.0, unit=photometric, backs=absent.",
         ),
         ({"time": -1}, "a.gltf: time is -1, but must be seconds into the file's animations, from 0, or rest."),
@@ -228,7 +235,7 @@ def test_a_model_without_triangles_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("points.obj", "v 0 0 0\nv 1 0 0\n", "has no triangles"),
+        ("normals.obj", "vn 0 0 1\n", "has no triangles"),
         ("cut.ply", "ply\nformat", "cannot be read as PLY: "),
         ("wide.obj", "v 0 0 0\nv 1e30 0 0\nv 0 1 0\nf 1 2 3\n", "reaches beyond 1e+15 scene units"),
     ],

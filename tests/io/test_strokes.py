@@ -46,7 +46,7 @@ def test_as_the_bare_geometry_of_a_shape_it_has_no_triangles(tmp_path: Path):
     scene = {"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "sky": {"zenith": 1.0}}
     with pytest.raises(SceneError, match="no triangles") as error:
         load_scene(scene | {"shapes": [{"type": "mesh", "file": str(tmp_path / "cloud.ply")}]})
-    assert "drawn where a file is a model of its own" in error.value.remedy
+    assert "In a file that is a model of its own" in error.value.remedy
 
 
 def test_balls_touch_where_points_lie_in_a_grid():
@@ -56,3 +56,31 @@ def test_balls_touch_where_points_lie_in_a_grid():
     assert np.linalg.norm(vertices - grid[of], axis=1) == pytest.approx(0.5)
     assert np.allclose(0.5 * normals, vertices - grid[of])
     assert faces.max() == len(vertices) - 1
+
+
+@pytest.mark.filterwarnings("ignore:.*no camera")
+def test_an_obj_of_lines_alone_is_rods(tmp_path: Path):
+    path = tmp_path / "frame.obj"
+    path.write_text("v 0 0 0\nv 3 0 0\nv 3 4 0\nv 9 9 9\nl 1 2 -2\n")
+    with pytest.warns(SceneWarning, match=r"has no triangles, so its 2 lines are drawn as rods of radius 0\.02\."):
+        scene = load_scene(path)
+    assert scene.bounds == (pytest.approx([-0.02] * 3, abs=2e-3), pytest.approx([3.02, 4.02, 0.02], abs=2e-3))
+    (shape,) = scene.shapes
+    assert isinstance(shape.geometry, Mesh)
+    assert len(shape.geometry.faces) == 2 * 16 + 3 * 80
+    path.write_text("v 0 0 0\nl 1 7\n")
+    with pytest.raises(SceneError, match=r"line 2 names vertex 7, but the file has 1 vertices"):
+        load_scene(path)
+
+
+@pytest.mark.filterwarnings("ignore:.*no camera")
+def test_an_obj_of_vertices_alone_is_balls_of_their_colours(tmp_path: Path):
+    path = tmp_path / "cloud.obj"
+    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\n")
+    with pytest.warns(SceneWarning, match=r"so its 3 points are drawn as balls"):
+        scene = load_scene(path)
+    (shape,) = scene.shapes
+    assert isinstance(shape.geometry, Mesh)
+    assert shape.geometry.colours is not None
+    colours = {tuple(np.round(c[:3], 3)) for c in shape.geometry.colours.tolist()}
+    assert colours == {(1, 0, 0), (0, 1, 0), (0, 0, 1)}

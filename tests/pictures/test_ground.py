@@ -13,7 +13,12 @@ from glpath.film.aovs import FAR
 from glpath.scene import Background, Environment, Scene, Sky
 
 RADIUS, HEIGHT = 1.0, 0.7
-ENGINES: list[dict[str, Any]] = [{"integrator": "path", "guide": "cosine"}, {"integrator": "gather"}]
+ENGINES: list[dict[str, Any]] = [
+    {"integrator": "path", "guide": "cosine"},
+    {"integrator": "gather"},
+    {"integrator": "classic"},
+    {"integrator": "t-buffer", "secondary": "bvh"},
+]
 #: Of what the middle of the ground sees, the disc is so much by the cosine.
 SHADE = RADIUS**2 / (RADIUS**2 + HEIGHT**2)
 
@@ -68,3 +73,13 @@ def test_what_the_ground_shows_does_not_depend_on_how_it_is_split():
     assert np.array_equal(first.merge(rest).mean, whole.mean)
     crop = glpath.render(scene, spp=16, crop=(9, 12, 11, 13), **options)
     assert np.array_equal(crop.mean, whole.mean[12:25, 9:20])
+
+
+@pytest.mark.parametrize("engine", [{"integrator": "path-buffer"}, {"integrator": "gather", "cast": "path-buffer"}])
+def test_engines_that_cast_by_scans_say_that_they_do_not_show_it(engine: dict[str, Any]):
+    scene = disc(Sky(np.ones(3), np.ones(3)))
+    with pytest.warns(
+        glpath.SceneWarning, match=r'ground below the model catches no shadow.*integrator="path" shows'
+    ):
+        film = glpath.render(scene, spp=1, **engine)
+    assert film.mean[8, 8] == pytest.approx(scene.background.radiance if scene.background else 0)

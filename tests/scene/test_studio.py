@@ -11,6 +11,7 @@ import pytest
 import glpath
 from glpath import SceneError
 from glpath.io.completed import aside
+from glpath.io.plain_background import PLAIN
 from glpath.scene import Environment, Sky
 from glpath.scene.studio import studio
 from tests.support.gltf_files import Gltf
@@ -35,6 +36,27 @@ def test_its_key_comes_from_the_upper_left_front():
 
     assert seen(-1, 1.6, 1.1) > 3 * seen(1, 0.6, 0.5) > 3 * seen(0, 0, 1)
     assert seen(0, -1, 0) > seen(0, 0, 1)  # the floor is no black hole
+
+
+def wall(light: Environment, x: float, y: float, z: float) -> float:
+    """Radiance of a white, diffuse wall of this normal."""
+    directions = np.random.default_rng(1).normal(size=(100_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    cosine = np.maximum(directions @ np.array([x, y, z], float), 0.0)
+    return float((4 * light.radiance(directions)[:, 0] * cosine).mean())
+
+
+def test_what_faces_the_eye_is_bright_and_other_sides_differ_from_it():
+    light = studio()
+    front, left, right = wall(light, 0, 0, 1), wall(light, -1, 0, 0), wall(light, 1, 0, 0)
+    assert 0.65 < front < 0.9, "a front that is as dark as a wall is grey, in the light of the ground"
+    assert left > 1.4 * right, "a ball has form"
+    assert wall(light, 0, -1, 0) < 0.3
+
+
+def test_what_glass_shows_from_behind_is_about_as_bright_as_the_background():
+    seen = studio().radiance([[0.0, y, -1.0] for y in (-0.3, 0.0, 0.3)])
+    assert seen == pytest.approx(PLAIN, rel=0.2)
 
 
 def model(folder: Path, radiance: float, size: float) -> Path:

@@ -342,8 +342,8 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
             float,
             Meta(
                 ge=0,
-                description="Seconds into the animations of a glTF file at time 0 of the camera's shutter; at rest "
-                "without it.",
+                description="Seconds into the first animation of a glTF file at time 0 of the camera's shutter; at "
+                "rest without it.",
             ),
         ]
         | UnsetType

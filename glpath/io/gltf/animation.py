@@ -1,6 +1,6 @@
 """Animations: the pose of all nodes at a time.
 
-The chosen one runs, or all at once, each held before its first and after its last key; where two of them move the
+Those that are chosen run at once, each held before its first and after its last key; where two of them move the
 same thing, the later one does.
 
 Source: glTF 2.0, 3.11 and appendix C (interpolation).

@@ -15,6 +15,8 @@ from glpath.io.gltf.table import Table, Tables
 from glpath.scene.source_location import shown
 
 _VARIANTS = "KHR_materials_variants"
+#: Of animations: all run at once, as exporters write them that make one of each object's motion.
+ALL = "all"
 
 
 def animation_names(document: Document) -> tuple[str, ...]:
@@ -37,9 +39,11 @@ def animation_lengths(document: Document, accessors: Accessors) -> tuple[float, 
 
 
 def chosen_animations(document: Document, wanted: str | None) -> list[tuple[int, Table]]:
-    """The animations that run, with their numbers: all, or the one by its name or number. Raises UsageError."""
+    """Those that run, with their numbers: the first, `ALL`, or one by name or number. Raises UsageError."""
     every = list(enumerate(document.all("animations")))
     if wanted is None:
+        return every[:1]
+    if wanted == ALL:
         return every
     return [every[_number(wanted, animation_names(document), "animation", document)]]
 

@@ -32,6 +32,7 @@ SUFFIXES = (".gltf", ".glb")
 #: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
 KNOWN_EXTENSIONS = (
     "EXT_lights_ies",
+    "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -55,7 +56,6 @@ KNOWN_EXTENSIONS = (
 )
 #: Extensions of which a part of the look is lost, with that part. They may be required: a picture can be made.
 UNUSED_EXTENSIONS = {
-    "EXT_lights_image_based": "light from an image all around",
     "KHR_animation_pointer": "animations of other things than nodes",
     **UNUSED_MATERIALS,
 }

@@ -20,8 +20,9 @@ from glpath.film.units import Unit
 from glpath.io.gltf import limits
 from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.animation import poses_at, shutter_times
-from glpath.io.gltf.choices import chosen_animations, chosen_variant, material_of
+from glpath.io.gltf.choices import animation_names, chosen_animations, chosen_variant, material_of
 from glpath.io.gltf.document import Document, read_document
+from glpath.io.gltf.environment import environment_of
 from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import Nodes, Pose, instances
 from glpath.io.gltf.primitives import ONLY_TRIANGLES, Primitives, Skin, is_solid, skin_of
@@ -32,6 +33,7 @@ from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
+from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 
 #: A mark of `glpath export` in a file's extras: the backs of one-sided materials were black in the scene.
@@ -61,6 +63,7 @@ class Model:
     shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
     notes     : what the file holds that is not used, each once
     unit      : of its light; None where the format has none
+    sky       : light from all around; None where it has none
     """
 
     source: str
@@ -74,6 +77,7 @@ class Model:
     notes: tuple[str, ...]
     shutter: tuple[float, float] = (0.0, 0.0)
     unit: Unit | None = None
+    sky: Environment | None = None
 
 
 def read_gltf(
@@ -93,7 +97,7 @@ def read_gltf(
     time         : seconds into its animations; None shows it at rest
     shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
     camera       : name or number of one of its cameras, for `Model.camera`
-    animation    : name or number of the one that runs; all do without it
+    animation    : name or number of the one that runs, or "all"; the first does without it, as in viewers
     variant      : name or number of one of its variants of materials; its own without it
     light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
                    Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
@@ -112,6 +116,9 @@ def read_gltf(
     document = read_document(path)
     accessors = Accessors(document)
     running = chosen_animations(document, animation)
+    if animation is None and time is not None and len(document.all("animations")) > 1:
+        first = animation_names(document)[0]
+        document.notes.add(f"Animations after the first, {shown(first)}: --animation NAME or all runs them.")
     poses = poses_at(document, accessors, time, running)
     nodes = Nodes.of(document, poses)
     surfaces = Surfaces(document)
@@ -165,6 +172,7 @@ def read_gltf(
         notes=tuple(document.notes.texts),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
         unit=unit,
+        sky=environment_of(document),
     )
 
 

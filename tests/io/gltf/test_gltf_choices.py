@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from glpath import UsageError, load_scene
+from glpath import SceneWarning, UsageError, load_scene
 from glpath.cli.main import app
 from glpath.io import scene_animations, scene_variants
 from glpath.scene import Scene
@@ -45,11 +46,20 @@ def corner(scene: Scene) -> list[float]:
         ({"animation": "Walk", "time": 1.0}, [2, 0, 0]),
         ({"animation": "1", "time": "0.5"}, [0, 1.5, 0]),
         ({"animation": "Jump"}, [0, 0, 0]),
-        ({"time": 1.0}, [0, 3, 0]),  # all run; the later one has the node
+        ({"time": 1.0}, [2, 0, 0]),
+        ({"animation": "all", "time": 1.0}, [0, 3, 0]),  # the later one has the node
     ],
 )
-def test_one_animation_runs_or_all(path: Path, given: dict[str, object], expected: list[float]):
+def test_the_first_animation_runs_or_one_or_all(path: Path, given: dict[str, object], expected: list[float]):
     assert corner(load_scene(path, given)) == pytest.approx(expected)
+
+
+def test_animations_that_do_not_run_are_named(path: Path):
+    with pytest.warns(SceneWarning, match=r'not used: Animations after the first, "Walk": --animation NAME or all'):
+        load_scene(path, {"time": 1.0})
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*not used")
+        load_scene(path, {"time": 1.0, "animation": "Walk"})
 
 
 def test_a_chosen_animation_alone_moves_what_a_shutter_sees(path: Path):

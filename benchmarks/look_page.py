@@ -1,0 +1,129 @@
+"""Pairs of pictures of models without an option: glpath's, and <model-viewer>'s, on a page of HTML.
+
+What <model-viewer> does not read, trimesh writes as .glb for it.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from benchmarks.peers.model_viewer import Shown, browser, package, shown_by_model_viewer
+from glpath.io.gltf.document import SUFFIXES
+from glpath.io.models import FORMATS
+
+Say = Callable[[str], None]
+
+# Of the sheet: pixels of a picture's side and between them, and pairs beside each other.
+_SIDE, _GAP, _PAIRS = 160, 4, 4
+
+_PAGE = """<!doctype html><meta charset="utf-8"><title>Default look</title>
+<style>
+body {{ font-family: sans-serif; margin: 2em }} td {{ padding: 0.3em; vertical-align: top }}
+img {{ background: white; border: 1px solid #ccc }} pre {{ white-space: pre-wrap; max-width: 60em }}
+</style>
+<h1>Models without an option</h1>
+<p>Left <code>glpath render MODEL -o PNG</code>, right &lt;model-viewer&gt; without an attribute. Seconds are of the
+whole process for the one, and of loading and drawing, without the browser's start, for the other.</p>
+<table>{rows}</table>
+"""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A picture by `glpath render`, what the command printed, and its seconds."""
+
+    png: bytes
+    seconds: float
+    printed: str
+
+
+def models_in(folder: Path) -> list[Path]:
+    """The models right in a folder, by their names."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in FORMATS and path.is_file())
+
+
+def write_page(models: Sequence[Path], output: Path, side: int, say: Say) -> Path:
+    """Write index.html, sheet.jpg and the pictures into a folder. Raises GlpathError for what is not installed."""
+    browser(), package()  # before minutes are spent
+    output.mkdir(parents=True, exist_ok=True)
+    ours = []
+    for path in models:
+        ours.append(_rendered(path, side))
+        say(f"{path.name}: {ours[-1].seconds:.1f} s")
+    with tempfile.TemporaryDirectory() as folder:
+        theirs = shown_by_model_viewer([_as_gltf(path, Path(folder)) for path in models], side)
+    rows = []
+    for path, mine, other in zip(models, ours, theirs, strict=True):
+        (output / f"{path.name}.glpath.png").write_bytes(mine.png)
+        (output / f"{path.name}.viewer.png").write_bytes(other.png)
+        rows.append(_row(path.name, mine, other))
+    _sheet([(mine.png, other.png) for mine, other in zip(ours, theirs, strict=True)]).save(
+        output / "sheet.jpg", quality=88
+    )
+    page = output / "index.html"
+    page.write_text(_PAGE.format(rows="\n".join(rows)), encoding="utf-8")
+    return page
+
+
+def _rendered(path: Path, side: int) -> Rendered:
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder, "a.png")
+        command = [sys.executable, "-m", "glpath", "render", str(path), "-o", str(picture)]
+        size = [] if side == 512 else ["--resolution", f"{side}x{side}"]
+        start = time.perf_counter()
+        done = subprocess.run([*command, *size], stdin=subprocess.DEVNULL, capture_output=True)
+        seconds = time.perf_counter() - start
+        png = picture.read_bytes() if picture.exists() else b""
+    return Rendered(png, seconds, done.stderr.decode(errors="replace").strip())
+
+
+def _as_gltf(path: Path, folder: Path) -> Path:
+    if path.suffix.lower() in SUFFIXES:
+        return path
+    import trimesh
+
+    made = folder / f"{path.name}.glb"
+    scene: Any = trimesh.load_scene(path)
+    made.write_bytes(scene.export(file_type="glb"))
+    return made
+
+
+def _row(name: str, mine: Rendered, other: Shown) -> str:
+    cells = [
+        f'<td><img src="{escape(name)}.{kind}.png" alt="no picture"><br>{what}'
+        for kind, what in (
+            ("glpath", f"glpath, {mine.seconds:.1f} s"),
+            ("viewer", escape(other.error) or f"model-viewer, {other.seconds:.1f} s"),
+        )
+    ]
+    return (
+        f"<tr><th colspan=2>{escape(name)}<tr>{''.join(cells)}<tr><td colspan=2><pre>{escape(mine.printed)}</pre>"
+    )
+
+
+def _sheet(pairs: Sequence[tuple[bytes, bytes]]) -> Image.Image:
+    """All pairs, small, over white; glpath's on the left of each."""
+    wide, high = 2 * _SIDE + 3 * _GAP, _SIDE + 2 * _GAP
+    columns = min(_PAIRS, len(pairs))
+    sheet = Image.new("RGB", (columns * wide, math.ceil(len(pairs) / columns) * high), "white")
+    for number, pair in enumerate(pairs):
+        for k, png in enumerate(pair):
+            if not png:
+                continue
+            picture = Image.open(io.BytesIO(png)).convert("RGBA")
+            picture.thumbnail((_SIDE, _SIDE), Image.Resampling.LANCZOS)
+            at = (number % columns) * wide + _GAP + k * (_SIDE + _GAP), (number // columns) * high + _GAP
+            sheet.paste(picture, at, picture)
+    return sheet

@@ -1,0 +1,117 @@
+"""Light from all around: the cube map of a file's scene, as its environment.
+
+The sharpest faces are read. Those behind them are the same light filtered for shaders, and so are the coefficients:
+paths filter it themselves.
+
+Source: EXT_lights_image_based. Faces are seen from inside and are not mirrored: OpenGL's, each flipped left to
+right, as the extension has them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import decode_srgb
+from glpath.io.gltf.document import Document
+from glpath.io.gltf.images import read_image
+from glpath.io.gltf.table import Table
+from glpath.scene.model import Float64
+from glpath.scene.sky import Environment
+
+NAME = "EXT_lights_image_based"
+
+# Rows of the environment at most.
+_MAX_HEIGHT = 1024
+# Of each face, +x -x +y -y +z -z: the axis through its middle, to the right and down, as seen from inside.
+_FACES = np.array([
+    [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    [[-1, 0, 0], [0, 0, -1], [0, -1, 0]],
+    [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+    [[0, -1, 0], [-1, 0, 0], [0, 0, -1]],
+    [[0, 0, 1], [-1, 0, 0], [0, -1, 0]],
+    [[0, 0, -1], [1, 0, 0], [0, -1, 0]],
+], np.float64)  # fmt: skip
+
+
+def environment_of(document: Document) -> Environment | None:
+    """The environment of the file's scene, y up; None where it has none. Raises SceneError."""
+    scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
+    extension = scenes[chosen].extension(NAME) if chosen < len(scenes) else None
+    if extension is None:
+        return None
+    every = (document.root.extension(NAME) or Table({}, document.location)).tables("lights")
+    light = every[extension.required_index("light", every, "lights")]
+    faces = np.stack(_faces(document, light))
+    height = min(2 * faces.shape[1], _MAX_HEIGHT)
+    empty = Environment(np.zeros((height, 2 * height, 3), np.float32))
+    turn = _rotation(light.numbers("rotation", (0.0, 0.0, 0.0, 1.0)), light)
+    image = np.stack([_seen(faces, row @ turn) for row in _directions(empty)])
+    return Environment(image.astype(np.float32), scale=light.number("intensity", 1.0, 0.0))
+
+
+def _faces(document: Document, light: Table) -> list[Float64]:
+    """Six of (n, n, 3), linear."""
+    location, images = light.location.field("specularImages"), document.all("images")
+    levels = light.values.get("specularImages")
+    if not isinstance(levels, list) or not levels:
+        raise location.wrong(levels, "a list of the levels of a cube map, six images each")
+    numbers = Table({"faces": levels[0]}, location.item(0)).indices("faces", images, "images")
+    if len(numbers) != 6:
+        raise location.item(0).error(f"has {len(numbers)} images, but a cube has 6 faces.", "Export the file anew.")
+    faces = [_linear(read_image(document, images[number])) for number in numbers]
+    shapes = {face.shape for face in faces}
+    if len(shapes) > 1 or faces[0].shape[0] != faces[0].shape[1]:
+        raise location.item(0).error(
+            "has images of several sizes, or that are not square, but the faces of a cube are squares of one size.",
+            "Export the file anew.",
+        )
+    return faces
+
+
+def _linear(stored: NDArray[Any]) -> Float64:
+    """Four channels are RGBD: light above 1 is divided by the fourth."""
+    values = stored / np.iinfo(stored.dtype).max
+    light = decode_srgb(values[..., :3])
+    return light / np.maximum(values[..., 3:], 1 / 255) if values.shape[2] == 4 else light
+
+
+def _rotation(quaternion: Float64, light: Table) -> Float64:
+    """(3, 3) world from light: v turns to R v."""
+    length = np.linalg.norm(quaternion)
+    if not length > 0:
+        raise light.location.field("rotation").wrong(quaternion, "a quaternion of a length above 0")
+    x, y, z, w = quaternion / length
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+def _directions(environment: Environment) -> Float64:
+    """(h, w, 3) unit, through the middles of its texels."""
+    height, width = environment.image.shape[:2]
+    theta = (np.arange(height) + 0.5)[:, None] * (np.pi / height)
+    phi = (0.5 - (np.arange(width) + 0.5) / width)[None, :] * (2 * np.pi)
+    level = np.sin(theta)
+    local = np.stack([level * np.cos(phi), level * np.sin(phi), np.cos(theta) + np.zeros_like(phi)], axis=2)
+    return np.asarray(local @ environment.frame)
+
+
+def _seen(faces: Float64, directions: Float64) -> Float64:
+    """(N, 3) of (6, n, n, 3) faces in directions (N, 3), filtered bilinearly within each face."""
+    size = faces.shape[1]
+    along = directions @ _FACES[:, 0].T
+    face = np.argmax(along, axis=1)
+    ahead = np.take_along_axis(along, face[:, None], axis=1)
+    at = np.einsum("nij,nj->ni", _FACES[face, 1:], directions) / ahead
+    column, row = np.clip((0.5 * at + 0.5) * size - 0.5, 0.0, size - 1.0).T
+    left, top = np.floor(column).astype(np.intp), np.floor(row).astype(np.intp)
+    right, bottom = np.minimum(left + 1, size - 1), np.minimum(top + 1, size - 1)
+    across, down = (column - left)[:, None], (row - top)[:, None]
+    upper = faces[face, top, left] * (1 - across) + faces[face, top, right] * across
+    lower = faces[face, bottom, left] * (1 - across) + faces[face, bottom, right] * across
+    return np.asarray(upper * (1 - down) + lower * down)
