@@ -292,23 +292,41 @@ class Material:
             return base
         if self.roughness is None:
             return np.asarray(np.minimum(base + self.mirror, _MAX_REFLECTED))
-        f0, f90 = self.dielectric
-        layer = f0 + (f90 - f0) / 21.0
+        layer, sheen, coat = self._layers()
         kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
         under = layer + (1.0 - layer.max()) * base * kept
         metal = base + (1.0 - base) / 21.0
         if self.iridescence > 0:
-            layer = self._under_film(layer, f0)
             metal = self._under_film(metal, base)
-            under = layer + (1.0 - layer.max()) * base * kept
-        coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         covered = self.metallic * metal + (1.0 - self.metallic) * under
-        if np.any(self.sheen > 0):
-            cosine = (np.arange(32) + 0.5) / 32
-            sheen = self.sheen * 2.0 * np.mean(cosine * np.minimum(sheen_albedo(cosine, self.sheen_alpha), 1.0))
+        if np.any(sheen > 0):
             covered = sheen + (1.0 - sheen.max()) * covered
         all_ = coat + (1.0 - coat) * covered
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
+
+    def hemispherical_transmittance(self, base: Float64, clear: float = 0.0) -> Float64:
+        """(3,) float64: the share of light from everywhere that its diffuse base sends to the other side.
+
+        base, clear : as of `hemispherical_reflectance`, with which it is at most 0.97
+        """
+        if self.roughness is None or self.diffuse_transmission == 0:
+            return np.zeros(3)
+        layer, sheen, coat = self._layers()
+        left = (1.0 - coat) * (1.0 - sheen.max()) * (1.0 - layer.max()) * (1.0 - self.metallic - clear)
+        through = self.diffuse_transmission * left * self.diffuse_transmission_colour
+        return np.asarray(np.clip(through, 0.0, _MAX_REFLECTED - self.hemispherical_reflectance(base, clear)))
+
+    def _layers(self) -> tuple[Float64, Float64, float]:
+        """What the dielectric (3,), sheen (3,) and the clearcoat reflect of light from everywhere, each alone."""
+        f0, f90 = self.dielectric
+        layer = f0 + (f90 - f0) / 21.0
+        if self.iridescence > 0:
+            layer = self._under_film(layer, f0)
+        sheen = np.zeros(3)
+        if np.any(self.sheen > 0):
+            cosine = (np.arange(32) + 0.5) / 32
+            sheen = self.sheen * 2.0 * np.mean(cosine * np.minimum(sheen_albedo(cosine, self.sheen_alpha), 1.0))
+        return layer, sheen, self.clearcoat * (0.04 + 0.96 / 21.0)
 
     def _under_film(self, plain: Float64, f0: Float64) -> Float64:
         """(3,) of light from everywhere."""
@@ -364,6 +382,8 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         sheen=material.sheen * colour(material.sheen_texture),
         sheen_roughness=material.sheen_roughness * mean(material.sheen_roughness_texture, 3),
         diffuse_transmission=material.diffuse_transmission * mean(material.diffuse_transmission_texture, 3),
+        diffuse_transmission_colour=material.diffuse_transmission_colour
+        * colour(material.diffuse_transmission_colour_texture),
         iridescence=material.iridescence * mean(material.iridescence_texture, 0),
         iridescence_thickness=thinnest + (material.iridescence_thickness - thinnest) * mean(thickness, 1),
     )
