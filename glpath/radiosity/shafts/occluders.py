@@ -157,12 +157,12 @@ class Occluders:
         """The records of the kernels. solids: a solid's polygon blocks only rays from its front."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
-        normal, one_way = self._normals(), self.solid & solids
+        normal, front_only = self._normals(), self.solid & solids
         if self.culled is not None:
             # As of a solid that is turned: what the emitter is behind of is before the receiver, which sees it.
             e1, e2 = np.where(self.culled[:, None], e2, e1), np.where(self.culled[:, None], e1, e2)
             normal = np.where(self.culled[:, None], -normal, normal)
-            one_way = one_way | self.culled
+            front_only = front_only | self.culled
         square = np.einsum("ij,ij->i", normal, normal)
         proper = square > np.finfo(float).tiny * 2**52
         if self.clear is not None:
@@ -178,7 +178,7 @@ class Occluders:
         bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)
         edges = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
         sliver = ~(np.sqrt(square) > _THIN * edges)
-        flags = PARALLELOGRAM * self.parallelogram + SOLID * one_way + SLIVER * sliver
+        flags = PARALLELOGRAM * self.parallelogram + SOLID * front_only + SLIVER * sliver
         length = np.abs(forms[:, 0, :3]).sum(axis=1)
         return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
 
