@@ -1,6 +1,6 @@
-"""`python -m benchmarks bench NAME`, and figure, scene and look; `make bench` and `make figure` call it.
+"""`python -m benchmarks bench NAME`, and figure, khronos, look and scene.
 
-Errors, warnings and exit codes are those of the `glpath` command.
+`make bench` and `make figure` call it. Errors, warnings and exit codes are those of the `glpath` command.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ app = program(
             "benchmarks.figure_command",
             GROUP,
             "Make a figure of the papers again, with its data and whether the paper's claim holds here.",
+        ),
+        "khronos": Part(
+            "benchmarks.khronos_command", GROUP, "Compare sample models of glTF with Cycles, on a page."
         ),
         "scene": Part(
             "benchmarks.scene_command",

@@ -72,11 +72,11 @@ def _rendered(asked: dict[str, Any]) -> dict[str, Any]:
         "load_seconds": loaded,
         "render_seconds": rendered,
         "render_peak_mib": peak,
-        **_view(scene),
+        **view_of(scene),
     }
 
 
-def _view(scene: Scene) -> dict[str, Any]:
+def view_of(scene: Scene) -> dict[str, Any]:
     """What another program that reads the file itself has to be told: the camera, and the light from around."""
     camera = scene.camera
     right, up, forward = camera.frame()

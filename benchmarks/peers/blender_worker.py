@@ -3,7 +3,8 @@
     python blender_worker.py < ASKED
 
 ASKED is JSON: {"file", "side", "spp", "max_depth", "folder", "camera", "fov", "clip", "sky"}, the last four as
-`model_worker` answers them. FOLDER/blender.exr is the picture; the last line of standard output says how it went.
+`model_worker` answers them; and, where they are wanted, "environment", a map that stands in for the sky, and
+"denoise". FOLDER/blender.exr is the picture; the last line of standard output says how it went.
 Nothing of glpath is imported here: the file, its materials and its lights are as Blender reads them.
 """
 
@@ -22,6 +23,7 @@ def main() -> None:
     asked = json.load(sys.stdin)
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # Blender writes what it does to standard output
+    del sys.path[0]  # this folder, whose cycles.py would stand before Blender's add-on of that name
     import bpy
 
     start = time.perf_counter()
@@ -86,12 +88,17 @@ def _look(bpy: Any, scene: Any, asked: dict[str, Any]) -> None:
     scene.collection.objects.link(camera)
     scene.camera = camera
     scene.world = None
-    if asked["sky"] is not None:
+    if asked["sky"] is not None or "environment" in asked:
         scene.world = bpy.data.worlds.new("sky")
         scene.world.use_nodes = True
         background = scene.world.node_tree.nodes["Background"]
-        background.inputs["Color"].default_value = (*asked["sky"], 1.0)
         background.inputs["Strength"].default_value = 1.0
+        if "environment" in asked:
+            picture = scene.world.node_tree.nodes.new("ShaderNodeTexEnvironment")
+            picture.image = bpy.data.images.load(asked["environment"])
+            scene.world.node_tree.links.new(picture.outputs["Color"], background.inputs["Color"])
+        else:
+            background.inputs["Color"].default_value = (*asked["sky"], 1.0)
 
 
 def _settle(scene: Any, asked: dict[str, Any]) -> None:
@@ -107,7 +114,7 @@ def _settle(scene: Any, asked: dict[str, Any]) -> None:
     cycles.device = "CPU"
     cycles.samples = asked["spp"]
     cycles.pixel_filter_type = "BOX"
-    cycles.use_denoising = cycles.use_adaptive_sampling = False
+    cycles.use_denoising, cycles.use_adaptive_sampling = asked.get("denoise", False), False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     bounces = asked["max_depth"] - 1
     for name in ("max", "diffuse", "glossy", "transmission", "volume"):

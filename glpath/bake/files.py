@@ -209,14 +209,21 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
     used = {shape.material for shape in scene.shapes}
     shiny: list[str] = []
     rough: list[str] = []
+    translucent: list[str] = []
     for i, material in enumerate(scene.materials):
         if i not in used or material.unlit or not (material.has_lobes or np.any(material.specular > 0)):
             continue
         metal = material.roughness is not None and material.metallic > _METAL and material.surface_texture is None
         (rough if metal or np.any(material.mirror > 0) else shiny).append(material.name)
+        if material.roughness is not None and material.diffuse_transmission > 0:
+            translucent.append(material.name)
     for names, text in (
         (shiny, "the diffuse part alone is baked; highlights and glass look different from everywhere."),
         (rough, "metal and mirrors, which look different from everywhere, are baked as if they were rough."),
+        (
+            translucent,
+            "light through it from the other side lights what is around, but is not baked on it.",
+        ),
     ):
         if names:
             listing = f"material{'s' * (len(names) > 1)} {listed(names)}"

@@ -49,10 +49,27 @@ _BOUNCES = 8
 
 
 @kernel
-def _cast(rays, origins, directions, own, hits, distances, found):  # type: ignore[no-untyped-def]
+def _cast(rays, normals, culled, origins, directions, own, hits, distances, work):  # type: ignore[no-untyped-def]
+    """What rays meet first, backs that are not there left out. work: (2, 3)."""
+    o, found = work[0], work[1]
     for i in range(len(origins)):
-        hits[i] = nearest(rays, origins[i], directions[i], own[i], found)
-        distances[i] = found[0] if hits[i] >= 0 else np.inf
+        skipped, distances[i] = own[i], 0.0
+        for k in range(3):
+            o[k] = origins[i, k]
+        while True:
+            hit = nearest(rays, o, directions[i], skipped, found)
+            if hit < 0:
+                distances[i] = np.inf
+                break
+            distances[i] += found[0]
+            along = 0.0
+            for k in range(3):
+                along += normals[hit, k] * directions[i, k]
+                o[k] += found[0] * directions[i, k]
+            if not (culled[hit] and along > 0):
+                break
+            skipped = hit
+        hits[i] = hit
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +198,7 @@ class _Surfaces:
     """(T, 2) bool of each triangle's sides: whether it shines, and whether it sends light on at all.
 
     passes : (T,) whether light goes through
+    culled : (T,) whether its back is not there
     normals : (T, 3) float64, the scene's
     lamps, chance : triangles that shine and how often each is taken, by area
     """
@@ -188,6 +206,7 @@ class _Surfaces:
     shines: Bools
     sends: Bools
     passes: Bools
+    culled: Bools
     normals: Float64
     lamps: Int64
     chance: Float64
@@ -197,14 +216,17 @@ class _Surfaces:
         shape_of = scene.triangle_shape
         materials = [scene.materials[shape.material] for shape in scene.shapes]
         two_sided = np.array([material.two_sided for material in materials], np.bool_)[shape_of]
-        passes = np.array([m.clear > 0 or m.alpha != "opaque" for m in materials], np.bool_)[shape_of]
+        passes = np.array(
+            [m.clear > 0 or m.diffuse_transmission > 0 or m.alpha != "opaque" for m in materials], np.bool_
+        )[shape_of]
+        culled = np.array([material.culled for material in materials], np.bool_)[shape_of]
         emits = np.array([shape.emits for shape in scene.shapes], np.bool_)[shape_of]
         both = np.array([shape.emission_two_sided for shape in scene.shapes], np.bool_)[shape_of]
         shines = np.stack([emits, emits & both], axis=1)
         sends = np.stack([np.ones_like(emits), two_sided | passes | shines[:, 1]], axis=1)
         lamps = np.flatnonzero(emits)
         area = scene.areas[lamps]
-        return cls(shines, sends, passes, scene.normals, lamps, area / area.sum() if len(lamps) else area)
+        return cls(shines, sends, passes, culled, scene.normals, lamps, area / area.sum() if len(lamps) else area)
 
 
 def _walk(
@@ -293,7 +315,8 @@ def _hit(
     )
 
     def part(first: int) -> None:
-        _cast(rays, *(array[first : first + _TOGETHER] for array in arrays), np.empty(3))
+        some = (array[first : first + _TOGETHER] for array in arrays)
+        _cast(rays, surfaces.normals, surfaces.culled, *some, np.empty((2, 3)))
 
     with ThreadPoolExecutor(core_count()) as pool:
         list(pool.map(part, range(0, len(origins), _TOGETHER)))

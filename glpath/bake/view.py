@@ -38,6 +38,7 @@ def seen_by_camera(baked: Lightmap) -> Float64:
     origins = camera.origins().reshape(-1, 3)
     found = np.zeros(directions.shape)
     rays, look = rays_of(scene), Appearance(scene)
+    transmittance = look.mean_diffuse_transmittance()
     clear = np.array([scene.materials[shape.material].clear for shape in scene.shapes]) > 0.5
     left, own = np.arange(len(directions)), np.full(len(directions), -1)
     for _ in range(_PANES + 1):
@@ -56,7 +57,10 @@ def seen_by_camera(baked: Lightmap) -> Float64:
         shape = scene.triangle_shape[hit[some]]
         twice = np.array([s.emission_two_sided for s in scene.shapes])[shape]
         emission = look.emission(hit[some], b) * ((back[some] == 0) | twice)[:, None]
-        found[left[some]] = scene.side_reflectance[back[some], hit[some]] * light / np.pi + emission
+        sent = scene.side_reflectance[back[some], hit[some]] * light
+        if transmittance.any():
+            sent += transmittance[hit[some]] * _looked_up(baked, hit[some], 1 - back[some], b)
+        found[left[some]] = sent / np.pi + emission
         left = left[through]
         if not len(left):
             break

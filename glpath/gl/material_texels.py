@@ -12,7 +12,15 @@ import numpy as np
 
 from glpath.scene.directional_albedo import CELLS, cells, directional_albedo
 from glpath.scene.geometry import Float64
-from glpath.scene.material import Material, sheen_albedo_fit, sheen_lambda
+from glpath.scene.material import (
+    CHARLIE_LAMBDA,
+    SHEEN_CELLS,
+    SHEEN_MIN_ALPHA,
+    Material,
+    sheen_albedo_fit,
+    sheen_albedo_table,
+    sheen_lambda,
+)
 
 #: The texels of a material, in order.
 MATERIAL_LAYOUT = {
@@ -81,6 +89,23 @@ def _sheen(m: Material) -> list[list[float]]:
         return [[0.0] * 4] * 5
     (a, *b_to_e), fit = sheen_lambda(m.sheen_alpha), sheen_albedo_fit(m.sheen_alpha)
     return [[*m.sheen, m.sheen_alpha], [*fit[:4]], [*fit[4:]], b_to_e, [a, 0, 0, 0]]
+
+
+def sheen_fits(materials: Sequence[Material]) -> Float64:
+    """(cells + 1, 2, 4) float64: white sheen's albedo by alpha, for roughnesses of textures; none without such."""
+    if not any(m.sheen_roughness_texture is not None and np.any(m.sheen > 0) for m in materials):
+        return np.zeros((0, 2, 4))
+    return sheen_albedo_table().reshape(-1, 2, 4)
+
+
+def sheen_glsl() -> list[str]:
+    """Constants of sheen whose roughness is a texture's."""
+    ends = {"MAX": CHARLIE_LAMBDA[1], "MIN": CHARLIE_LAMBDA[0]}
+    lines = [f"const int SHEEN_CELLS = {SHEEN_CELLS};", f"const float SHEEN_MIN_ALPHA = {SHEEN_MIN_ALPHA};"]
+    for name, (a, b, c, d, e) in ends.items():
+        lines.append(f"const vec4 CHARLIE_{name} = vec4({b}, {c}, {d}, {e});")
+        lines.append(f"const float CHARLIE_{name}_A = {a};")
+    return lines
 
 
 def _dielectric(m: Material) -> list[float]:

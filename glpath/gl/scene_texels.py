@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from glpath.gl.geometry_stream import facet_planes
 from glpath.gl.instance_numbers import InstanceNumbers
-from glpath.gl.material_texels import MATERIAL_LAYOUT, albedo_cells, material_table
+from glpath.gl.material_texels import (
+    MATERIAL_LAYOUT,
+    albedo_cells,
+    material_table,
+    sheen_fits,
+    sheen_glsl,
+)
 from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
@@ -58,6 +64,10 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
         "CORNERS": "of a cell of a table of microfacets' albedo: this roughness and cosine, (this, next), (next, "
         "this), (next, next)"
     },
+    "sheen_fit": {
+        "LOW": "of steps of the fourth root of Charlie's alpha: as MATERIAL_SHEEN_ALBEDO0",
+        "HIGH": "as MATERIAL_SHEEN_ALBEDO1",
+    },
     "cover": {"OPACITY": "of a material: opacity; cutoff"},
     "slot_map": {
         "U": "of a texture slot: u is x u + y v + z of the texture coordinates; normal_scale",
@@ -95,7 +105,8 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
         "SECOND": "of transmission_texture; see ALPHA_OPAQUE ...; 1 where unlit; 1 where culled",
         "COAT": "of clearcoat_texture, clearcoat_roughness_texture, clearcoat_normal_texture, anisotropy_texture",
         "SPECULAR": "of specular_texture, specular_colour_texture, iridescence_texture and that of its thickness",
-        "THROUGH": "of diffuse_transmission_texture, diffuse_transmission_colour_texture, sheen_texture",
+        "THROUGH": "of diffuse_transmission_texture, diffuse_transmission_colour_texture, sheen_texture, "
+        "sheen_roughness_texture",
     },
     "slot": {"IMAGE": "its texture's first texel in the store of its kind; width; height; see IMAGE_FILTERED ..."},
     "instance_block": {
@@ -119,7 +130,7 @@ def scene_glsl() -> str:
     lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
-    lines += [f"const int ALBEDO_CELLS = {CELLS};"]
+    lines += [f"const int ALBEDO_CELLS = {CELLS};", *sheen_glsl()]
     lines += ["vec3 vertex_position(uint number) { return vertex_texel(int(number), VERTEX_POSITION).xyz; }"]
     lines += [
         "int shape_of(int primitive)",
@@ -226,6 +237,7 @@ def float_tables(
         "emitter": densities,
         "material": material_table(scene.materials),
         "albedo": albedo_cells(scene.materials),
+        "sheen_fit": sheen_fits(scene.materials),
         "cover": _texel(np.array([(m.opacity, m.cutoff) for m in scene.materials]).reshape(-1, 2)),
         "slot_map": images.maps,
         "image": images.floats,

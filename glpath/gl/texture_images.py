@@ -70,6 +70,7 @@ class TextureImages:
             HAS_IRIDESCENCE_TEXTURES=bool(slots & {"iridescence_texture", "iridescence_thickness_texture"}),
             HAS_DIFFUSE_TRANSMISSION_TEXTURES=bool(slots & _DIFFUSE_TRANSMISSION),
             HAS_SHEEN_TEXTURES="sheen_texture" in slots,
+            HAS_SHEEN_ROUGHNESS_TEXTURES="sheen_roughness_texture" in slots,
             HAS_ANISOTROPY_TEXTURES="anisotropy_texture" in slots,
             HAS_EMISSION_TEXTURES="emission_texture" in slots,
             HAS_TRANSMISSION_TEXTURES="transmission_texture" in slots,

@@ -60,6 +60,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_IRIDESCENCE_TEXTURES": Variant("of thin films and their thickness", _TEXTURES),
     "HAS_DIFFUSE_TRANSMISSION_TEXTURES": Variant("of what diffuse surfaces let through", _TEXTURES),
     "HAS_SHEEN_TEXTURES": Variant("of the colour of sheen", _TEXTURES),
+    "HAS_SHEEN_ROUGHNESS_TEXTURES": Variant("of its roughness", _TEXTURES),
     "HAS_ANISOTROPY_TEXTURES": Variant("of tangents and anisotropy", _TEXTURES),
     "HAS_EMISSION_TEXTURES": Variant("of emission", _TEXTURES),
     "HAS_TRANSMISSION_TEXTURES": Variant("of transmission", _TEXTURES),

@@ -138,6 +138,7 @@ class WhittedTracer(Engine):
     def shade(self, index: int, eye: Uniforms) -> None:
         """Light and shadow at what was found, and the path on by reflection."""
         uniforms = self._constant | self._light_samples(index) | eye
+        uniforms["random_seed"] = counter_hash(self.settings.seed, index, 0, 13)
         if self.shadow_buffer is not None:
             uniforms |= self.shadow_buffer.uniforms
         if self._ground is not None:

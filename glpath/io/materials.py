@@ -49,7 +49,7 @@ _RENAMED = {
 }
 _GIVEN = {target: field for field, target in _RENAMED.items()}
 _NO_COLOURS = tuple(name for name in (_GIVEN.get(slot, slot) for slot in SLOTS) if name not in _COLOURS)
-_ALPHA = ("specular_texture", "diffuse_transmission_texture")
+_ALPHA = ("specular_texture", "diffuse_transmission_texture", "sheen_roughness_texture")
 # Its colours that may be above 1.
 _ABOVE_ONE = ("specular_color", "attenuation")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import ImageError, SceneError, UsageError
 from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene, path_traceable
+from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64, Int32
 from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
@@ -153,25 +154,35 @@ class RadiositySolution:
         back: ArrayLike = 0,
         mode: Lookup = "interpolated",
     ) -> Float64:
-        """(N, 3) float64: reflected radiosity at points of triangles, rho H in W m^-2: direct and indirect light.
+        """(N, 3) float64: radiosity that points of triangles send on, in W m^-2: of direct and indirect light.
+
+        That is rho H, and of light on the other side what a diffuse base transmits.
 
         scene : that it is a solution of, see `check_scene`; whose reflectance it is
 
         Other parameters and errors are those of `irradiance`.
         """
         arrived = self.irradiance(triangle, barycentric, back, mode)
-        reflectance = path_traceable(scene.still()).side_reflectance
+        triangles = path_traceable(scene.still())
         t, side = np.atleast_1d(np.asarray(triangle, np.int64)), np.asarray(back, np.int64)
-        return np.asarray(reflectance[side, t] * arrived)
+        found = triangles.side_reflectance[side, t] * arrived
+        through = Appearance(triangles).mean_diffuse_transmittance()
+        if through.any():
+            found = found + through[t] * self.irradiance(triangle, barycentric, 1 - side, mode)
+        return np.asarray(found)
 
     def reflected(self, scene: Scene) -> Float64:
-        """(2, E, 3) float64: radiosity that the elements' fronts and backs reflect, rho H in W m^-2, of all light.
+        """(2, E, 3) float64: radiosity that the elements' fronts and backs send on, in W m^-2, of all light.
+
+        That is rho H, and of light on the other side what a diffuse base transmits.
 
         scene : that it is a solution of, see `check_scene`; whose reflectance it is
         """
-        reflectance = path_traceable(scene.still()).side_reflectance
-        of_elements = np.repeat(reflectance, self.divisions.astype(np.int64) ** 2, axis=1)
-        return np.asarray(of_elements * self.elements.sum(axis=0))
+        triangles = path_traceable(scene.still())
+        count = self.divisions.astype(np.int64) ** 2
+        arrived = self.elements.sum(axis=0)
+        through = np.repeat(Appearance(triangles).mean_diffuse_transmittance(), count, axis=0)
+        return np.asarray(np.repeat(triangles.side_reflectance, count, axis=1) * arrived + through * arrived[::-1])
 
     def check_scene(self, scene: Scene) -> None:
         """Raises SceneError unless this is a solution of `scene`, whatever its camera."""

@@ -67,8 +67,7 @@ def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]
     having = [kind for kind in _IN_THIS_ORDER if all(kind.integrator in names for names in owners)]
     kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # which says what is wrong
     if kinds[0] is GatherSettings and len(kinds) > 1:
-        culled = any(scene.materials[shape.material].culled for shape in scene.shapes)  # the solver's backs block
-        solved = not (_has_ambient(scene) or scene.moving_shapes or culled) and solvable()
+        solved = not (_has_ambient(scene) or scene.moving_shapes) and solvable()
         return kinds[0 if solved else 1].integrator
     return kinds[0].integrator
 

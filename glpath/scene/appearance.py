@@ -160,6 +160,30 @@ class Appearance:
         two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
         return np.stack([front, front * two_sided])
 
+    def mean_diffuse_transmittance(self) -> Float64:
+        """(T, 3) float64: of light on a triangle what its diffuse base sends to the other side; alike from both.
+
+        Of textures the mean over the whole surface, times the triangle's opacity.
+        """
+        of_shapes = np.zeros((len(self._materials), 3))
+        for number, (material, clear) in enumerate(zip(self._materials, self.clear_shares(), strict=True)):
+            if material.diffuse_transmission > 0:
+                base = material.reflectance
+                if material.texture is not None:
+                    base = base * self.scene.textures[material.texture.texture].mean
+                mean = averaged(material, self.scene.textures)
+                of_shapes[number] = mean.hemispherical_transmittance(base, clear)
+        found = of_shapes[self.scene.triangle_shape]
+        through = np.flatnonzero(found.any(axis=1))
+        if len(through):
+            found[through] *= self.mean_opacity()[through, None]
+        return found
+
+    @property
+    def culled(self) -> NDArray[np.bool_]:
+        """(T,) bool: whether a triangle's back is not there."""
+        return np.array([material.culled for material in self._materials], bool)[self.scene.triangle_shape]
+
     def clear_shares(self) -> Float64:
         """(shapes,) float64: the share of each shape's base that is glass."""
         share = np.array([material.clear for material in self._materials], float)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -18,8 +18,10 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 #: GGX's alpha below which microfacets are a mirror.
 SMOOTH = 1e-3
 _MAX_REFLECTED = 0.97
-# Of less, Charlie's distribution is a rim that no pixel resolves, and its albedo there is several times 1.
-_SHEEN_MIN_ALPHA = 0.01
+#: Of less, Charlie's distribution is a rim that no pixel resolves, and its albedo there is several times 1.
+SHEEN_MIN_ALPHA = 0.01
+#: Cells of the table of white sheen's albedo, along the fourth root of alpha.
+SHEEN_CELLS = 24
 #: Charlie's fitted lambda, of alpha = 0 and of 1 [Estevez & Kulla 2017, table 1].
 CHARLIE_LAMBDA = (
     (25.3245, 3.32435, 0.16801, -1.27393, -4.85967),
@@ -46,6 +48,7 @@ SLOTS = (
     "diffuse_transmission_texture",
     "diffuse_transmission_colour_texture",
     "sheen_texture",
+    "sheen_roughness_texture",
 )
 
 
@@ -167,7 +170,7 @@ class Material:
                            thickness lies between the two
     diffuse_transmission_texture : its alpha multiplies diffuse_transmission;
                            diffuse_transmission_colour_texture multiplies the colour
-    sheen_texture        : multiplies sheen
+    sheen_texture        : multiplies sheen; the alpha of sheen_roughness_texture its roughness
     specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
@@ -221,6 +224,7 @@ class Material:
     diffuse_transmission_texture: TextureSlot | None = None
     diffuse_transmission_colour_texture: TextureSlot | None = None
     sheen_texture: TextureSlot | None = None
+    sheen_roughness_texture: TextureSlot | None = None
 
     @property
     def has_lobes(self) -> bool:
@@ -269,7 +273,7 @@ class Material:
     @property
     def sheen_alpha(self) -> float:
         """The roughness of Charlie's distribution."""
-        return float(max(self.sheen_roughness**2, _SHEEN_MIN_ALPHA))
+        return float(max(self.sheen_roughness**2, SHEEN_MIN_ALPHA))
 
     @property
     def clear(self) -> float:
@@ -288,23 +292,41 @@ class Material:
             return base
         if self.roughness is None:
             return np.asarray(np.minimum(base + self.mirror, _MAX_REFLECTED))
-        f0, f90 = self.dielectric
-        layer = f0 + (f90 - f0) / 21.0
+        layer, sheen, coat = self._layers()
         kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
         under = layer + (1.0 - layer.max()) * base * kept
         metal = base + (1.0 - base) / 21.0
         if self.iridescence > 0:
-            layer = self._under_film(layer, f0)
             metal = self._under_film(metal, base)
-            under = layer + (1.0 - layer.max()) * base * kept
-        coat = self.clearcoat * (0.04 + 0.96 / 21.0)
         covered = self.metallic * metal + (1.0 - self.metallic) * under
-        if np.any(self.sheen > 0):
-            cosine = (np.arange(32) + 0.5) / 32
-            sheen = self.sheen * 2.0 * np.mean(cosine * np.minimum(sheen_albedo(cosine, self.sheen_alpha), 1.0))
+        if np.any(sheen > 0):
             covered = sheen + (1.0 - sheen.max()) * covered
         all_ = coat + (1.0 - coat) * covered
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
+
+    def hemispherical_transmittance(self, base: Float64, clear: float = 0.0) -> Float64:
+        """(3,) float64: the share of light from everywhere that its diffuse base sends to the other side.
+
+        base, clear : as of `hemispherical_reflectance`, with which it is at most 0.97
+        """
+        if self.roughness is None or self.diffuse_transmission == 0:
+            return np.zeros(3)
+        layer, sheen, coat = self._layers()
+        left = (1.0 - coat) * (1.0 - sheen.max()) * (1.0 - layer.max()) * (1.0 - self.metallic - clear)
+        through = self.diffuse_transmission * left * self.diffuse_transmission_colour
+        return np.asarray(np.clip(through, 0.0, _MAX_REFLECTED - self.hemispherical_reflectance(base, clear)))
+
+    def _layers(self) -> tuple[Float64, Float64, float]:
+        """What the dielectric (3,), sheen (3,) and the clearcoat reflect of light from everywhere, each alone."""
+        f0, f90 = self.dielectric
+        layer = f0 + (f90 - f0) / 21.0
+        if self.iridescence > 0:
+            layer = self._under_film(layer, f0)
+        sheen = np.zeros(3)
+        if np.any(self.sheen > 0):
+            cosine = (np.arange(32) + 0.5) / 32
+            sheen = self.sheen * 2.0 * np.mean(cosine * np.minimum(sheen_albedo(cosine, self.sheen_alpha), 1.0))
+        return layer, sheen, self.clearcoat * (0.04 + 0.96 / 21.0)
 
     def _under_film(self, plain: Float64, f0: Float64) -> Float64:
         """(3,) of light from everywhere."""
@@ -358,7 +380,10 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         specular_weight=material.specular_weight * mean(material.specular_texture, 3),
         specular_colour=material.specular_colour * colour(material.specular_colour_texture),
         sheen=material.sheen * colour(material.sheen_texture),
+        sheen_roughness=material.sheen_roughness * mean(material.sheen_roughness_texture, 3),
         diffuse_transmission=material.diffuse_transmission * mean(material.diffuse_transmission_texture, 3),
+        diffuse_transmission_colour=material.diffuse_transmission_colour
+        * colour(material.diffuse_transmission_colour_texture),
         iridescence=material.iridescence * mean(material.iridescence_texture, 0),
         iridescence_thickness=thinnest + (material.iridescence_thickness - thinnest) * mean(thickness, 1),
     )
@@ -408,6 +433,17 @@ def sheen_albedo_fit(alpha: float) -> Float64:
     powers = np.vander(np.sqrt(cosine), 8, increasing=True)
     logs = np.log(np.maximum(albedo, 1e-6))
     return np.asarray(np.linalg.lstsq(powers * weight[:, None], logs * weight, rcond=None)[0])
+
+
+@lru_cache(maxsize=1)
+def sheen_albedo_table() -> Float64:
+    """(SHEEN_CELLS + 1, 8) float64: `sheen_albedo_fit` of alphas whose fourth roots are as far apart.
+
+    Between two of them the logarithm is interpolated: off by less than 0.006 of light from everywhere.
+    """
+    lowest = SHEEN_MIN_ALPHA**0.25
+    roots = lowest + (1.0 - lowest) * np.arange(SHEEN_CELLS + 1) / SHEEN_CELLS
+    return np.stack([sheen_albedo_fit(float(root) ** 4) for root in roots])
 
 
 def moved_textures(material: Material, first: int) -> Material:

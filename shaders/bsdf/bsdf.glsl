@@ -266,18 +266,27 @@ vec3 bsdf_albedo(Bsdf b)
     return all;
 }
 
-// Share of the light from the mirror direction, of a mirror and of smooth microfacets.
+// Share of the light from the mirror direction, of a mirror and of smooth microfacets. Without a clearcoat that has normals
+// of its own.
 vec3 mirrored(Bsdf b, float cosine)
 {
     vec3 share = b.mirror;
 #ifdef HAS_MICROFACETS
     if (max(b.alpha.x, b.alpha.y) < SMOOTH) share += microfacet_reflects(b, cosine) * under_layers(b, cosine);
-#ifdef HAS_COAT
+#if defined(HAS_COAT) && !defined(HAS_COAT_NORMALS)
     if (b.coat_alpha < SMOOTH) share += coat_takes(b, cosine);
 #endif
 #endif
     return share;
 }
+
+#ifdef HAS_COAT_NORMALS
+// The same of a smooth clearcoat, whose mirror direction is another.
+float coat_mirrored(Bsdf b)
+{
+    return b.coat_alpha < SMOOTH ? coat_reflects(b, b.coat_cosine) : 0.0;
+}
+#endif
 
 // Lambert, sheen, and Phong's highlight: the cosine is not in the highlight's definition, so it is divided out.
 vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)

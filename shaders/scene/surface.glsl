@@ -6,7 +6,7 @@
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
 //                                 HAS_IRIDESCENCE_TEXTURES, HAS_DIFFUSE_TRANSMISSION_TEXTURES,
-//                                 HAS_SHEEN_TEXTURES; see also texture.glsl
+//                                 HAS_SHEEN_TEXTURES, HAS_SHEEN_ROUGHNESS_TEXTURES; see also texture.glsl
 //         HAS_ANISOTROPY          microfacets of two roughnesses; HAS_ANISOTROPY_TEXTURES
 //         HAS_UV                  texture coordinates of vertices
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
@@ -341,6 +341,24 @@ void part_diffuse(inout Bsdf b, Surface s, float share)
 }
 #endif
 
+#ifdef HAS_SHEEN_ROUGHNESS_TEXTURES
+// Of an alpha that is no material's: Charlie's lambda and white sheen's albedo, whose logarithm is interpolated.
+void set_sheen_alpha(inout Bsdf b, float alpha)
+{
+    b.sheen_alpha = max(alpha, SHEEN_MIN_ALPHA);
+    float lowest = sqrt(sqrt(SHEEN_MIN_ALPHA));
+    float at = clamp((sqrt(sqrt(b.sheen_alpha)) - lowest) / (1.0 - lowest), 0.0, 1.0) * float(SHEEN_CELLS);
+    int cell = min(int(at), SHEEN_CELLS - 1);
+    float part = at - float(cell);
+    b.sheen_albedo = mat2x4(
+        mix(sheen_fit_texel(cell, SHEEN_FIT_LOW), sheen_fit_texel(cell + 1, SHEEN_FIT_LOW), part),
+        mix(sheen_fit_texel(cell, SHEEN_FIT_HIGH), sheen_fit_texel(cell + 1, SHEEN_FIT_HIGH), part));
+    float smoother = (1.0 - b.sheen_alpha) * (1.0 - b.sheen_alpha);
+    b.sheen_lambda = mix(CHARLIE_MAX, CHARLIE_MIN, smoother);
+    b.sheen_lambda_a = mix(CHARLIE_MAX_A, CHARLIE_MIN_A, smoother);
+}
+#endif
+
 #ifdef HAS_MICROFACETS
 // The layers over the base: a thin film, the clearcoat and sheen.
 void cover(inout Bsdf b, Surface s, float reflects)
@@ -373,6 +391,13 @@ void cover(inout Bsdf b, Surface s, float reflects)
     b.sheen_albedo = mat2x4(material_texel(s.material, MATERIAL_SHEEN_ALBEDO0), material_texel(s.material, MATERIAL_SHEEN_ALBEDO1));
     b.sheen_lambda = material_texel(s.material, MATERIAL_SHEEN_LAMBDA);
     b.sheen_lambda_a = material_texel(s.material, MATERIAL_SHEEN_LAMBDA_A).x;
+#ifdef HAS_SHEEN_ROUGHNESS_TEXTURES
+    uint rough_slot = slots_texel(s.material, SLOTS_THROUGH).w;
+    if (rough_slot != 0u) {
+        float rough = slot_value(int(rough_slot) - 1, s.uv, s.uv1).a;
+        set_sheen_alpha(b, sheen.w * rough * rough);
+    }
+#endif
 #endif
 }
 #endif

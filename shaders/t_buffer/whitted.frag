@@ -15,6 +15,9 @@
 #include "scene/object_bvh.glsl"
 #endif
 #include "film/accumulate.glsl"
+#if defined(REFLECTIONS) && defined(HAS_COAT_NORMALS)
+#include "sampling/random.glsl"
+#endif
 #ifdef LIGHT_SAMPLES
 #include "lights/light_samples.glsl"
 #endif
@@ -203,13 +206,37 @@ void add_direct_light(inout vec3 L, Shaded at, vec3 weight, int depth)
 #endif
 }
 
+#if defined(REFLECTIONS) && defined(HAS_COAT_NORMALS)
+uint mirrors_chosen = 0u;  // of the pixel
+
+// A smooth clearcoat with normals of its own mirrors another direction than its base does. A ray does not part: it follows one
+// of the two, as often as that mirrors more.
+void choose_mirror(Shaded at, inout vec3 share, inout vec3 mirroring)
+{
+    float coat = coat_mirrored(at.bsdf), both = coat + mean(share);
+    if (coat <= 0.0) return;
+    ivec2 pixel = ivec2(gl_FragCoord.xy) + eye_corner;
+    uint path = pcg(uint(pixel.x) + (uint(pixel.y) << 16u)) + ++mirrors_chosen;
+    if (random_number(path, USE_LOBE) * both < coat) {
+        share = vec3(both);
+        mirroring = at.bsdf.coat_normal;
+    } else {
+        share *= both / (both - coat);
+    }
+}
+#endif
+
 #ifdef REFLECTIONS
 // Follow the ray to the next surface; false where nothing more of it would be seen.
 bool mirror_ray(
     Shaded at, bool last, inout vec3 weight, inout vec3 origin, inout vec3 direction, inout int primitive, inout float t)
 {
     vec3 mirroring = mirroring_normal(at.n, at.normal, at.wo);
-    weight *= mirrored(at.bsdf, dot(mirroring, at.wo));
+    vec3 share = mirrored(at.bsdf, dot(mirroring, at.wo));
+#ifdef HAS_COAT_NORMALS
+    choose_mirror(at, share, mirroring);
+#endif
+    weight *= share;
     if (last || max(weight.r, max(weight.g, weight.b)) <= 0.0) return false;
 
     origin = at.surface.position;

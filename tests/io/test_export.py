@@ -141,6 +141,35 @@ def every_material() -> tuple[Material, ...]:
             transmission_texture=TextureSlot(1),
         ),
         Material("paper", gold / 3, texture=TextureSlot(0), normal_texture=TextureSlot(2), normal_scale=0.5),
+        Material(
+            "velvet",
+            gold,
+            roughness=0.9,
+            sheen=gold,
+            sheen_roughness=0.6,
+            sheen_texture=TextureSlot(0),
+            sheen_roughness_texture=TextureSlot(0),
+        ),
+        Material(
+            "bubble",
+            gold,
+            roughness=0.2,
+            iridescence=0.7,
+            iridescence_ior=1.4,
+            iridescence_thickness=500.0,
+            iridescence_thickness_min=200.0,
+            iridescence_texture=TextureSlot(1),
+            iridescence_thickness_texture=TextureSlot(1),
+        ),
+        Material(
+            "lampshade",
+            gold,
+            roughness=0.8,
+            diffuse_transmission=0.6,
+            diffuse_transmission_colour=gold,
+            diffuse_transmission_texture=TextureSlot(0),
+            diffuse_transmission_colour_texture=TextureSlot(0),
+        ),
     )
 
 
@@ -447,7 +476,7 @@ def test_every_material_is_read_back_as_it_was(tmp_path: Path) -> None:
     model = read_back(scene, tmp_path)
     found = {shape.name: model.materials[shape.material] for shape in model.shapes}
     same = ("white", "one-sided", "gold", "brushed", "plastic", "car", "pane", "glass", "veil", "leaf", "textured")
-    same += ("paper",)
+    same += ("paper", "velvet", "bubble", "lampshade")
     other = {"name", "specular", "exponent", "mirror", "unlit", "cutoff", *SLOTS}
     kept = [each.name for each in fields(Material) if each.name not in other]
     expected = {material.name: material for material in scene.materials}
@@ -579,7 +608,8 @@ def test_extensions_are_named_where_they_are_used(tmp_path: Path) -> None:
     assert document.extensionsUsed == sorted(
         ["KHR_lights_punctual", "KHR_texture_transform"]
         + [f"KHR_materials_{name}" for name in (
-            "anisotropy", "clearcoat", "emissive_strength", "ior", "specular", "transmission", "unlit", "volume"
+            "anisotropy", "clearcoat", "diffuse_transmission", "emissive_strength", "ior", "iridescence", "sheen",
+            "specular", "transmission", "unlit", "volume",
         )]
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ import pytest
 import glpath
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
-from glpath.scene.model import Float64, Scene
+from glpath.scene.model import Float64, Mesh, Scene
 from tests.support.gltf_files import Gltf
 
 ENGINES: dict[str, dict[str, Any]] = {
@@ -114,6 +114,36 @@ def test_paths_and_scans_agree_where_light_goes_one_way() -> None:
     scene = pane_before_a_wall("eye", "lamp", side=0.5)
     own, shared = (seen(scene, spp=2048, max_depth=4, **ENGINES[name]) for name in ("path", "path-buffer"))
     np.testing.assert_allclose(own, shared, rtol=0.02)
+
+
+def doll_house() -> Scene:
+    """A lit room of walls that are there from within alone, seen from outside, on a floor."""
+    shell = {"type": "box", "min": [-1, 0, -1], "max": [1, 2, 1], "material": "wall"}
+    floor = {"type": "quad", "corners": [[-4, -0.01, 4], [4, -0.01, 4], [4, -0.01, -4], [-4, -0.01, -4]]}
+    lamp = {"type": "box", "min": [-0.3, 1.2, -0.3], "max": [0.3, 1.5, 0.3], "emission": {"radiance": 5}}
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [4, 5, 7], "target": [0, 0.7, 0], "fov": 40},
+            "film": {"resolution": [32, 24]},
+            "materials": {"wall": {"reflectance": [0.5, 0.4, 0.2], "two_sided": False, "culled": True}},
+            "shapes": [shell, floor | {"material": "wall"}, lamp | {"material": "wall"}],
+        }
+    )
+    mesh = scene.shapes[0].geometry
+    assert isinstance(mesh, Mesh)
+    turned = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]), normals=None)
+    return replace(scene, shapes=[replace(scene.shapes[0], geometry=turned), *scene.shapes[1:]])
+
+
+def test_a_gather_knows_a_room_without_backs() -> None:
+    """Inside and on the floor around it, to which the lamp shines through the walls."""
+    scene = doll_house()
+    paths = glpath.render(scene, spp=512, max_depth=24, guide="cosine", aovs=("object_id",))
+    room, floor = (paths.aov("object_id") == number for number in (1, 2))
+    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=300, particles=1 << 17)
+    found = glpath.render(scene, integrator="gather", radiosity=solution, spp=256).mean
+    assert found[room].mean() == pytest.approx(paths.mean[room].mean(), rel=0.04)
+    assert found[floor].mean() == pytest.approx(paths.mean[floor].mean(), rel=0.04)
 
 
 @pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")

@@ -143,6 +143,47 @@ def test_the_clearcoat_is_shaded_by_its_own_normal_map() -> None:
     np.testing.assert_allclose(seen(lit_square(coat, stored)), seen(lit_square(metal, stored)), rtol=0.01)
 
 
+def mirror_of_two_lamps(material: Material) -> Scene:
+    """A square seen straight on, whose mirror direction has a red lamp; tilted by 0.3, a green one."""
+
+    def lamp(angle: float, colour: list[float]) -> dict[str, Any]:
+        at, across = np.array([np.sin(angle), 0, np.cos(angle)]), np.array([np.cos(angle), 0, -np.sin(angle)])
+        up = np.array([0, 1.0, 0])
+        corners = [6 * at + 0.8 * (i * across + j * up) for i, j in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
+        return {
+            "type": "quad", "corners": [c.tolist() for c in corners], "material": "black",
+            "emission": {"radiance": colour, "two_sided": True},
+        }  # fmt: skip
+
+    made = scene_from_dict(
+        {
+            "camera": {"position": [0, 0, 3], "target": [0, 0, 0], "fov": 2},
+            "film": {"resolution": [8, 8]},
+            "materials": {"m": {"reflectance": 0.5}, "black": {"reflectance": 0}},
+            "shapes": [
+                {"type": "quad", "corners": [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "material": "m"},
+                lamp(0.0, [1, 0, 0]),
+                lamp(0.6, [0, 1, 0]),
+            ],
+        }
+    )
+    stored = (Texture("t", np.full((1, 1, 3), stored_normal(0.3), np.float32)),)
+    return replace(made, materials=(material, made.materials[1]), textures=stored)
+
+
+@pytest.mark.parametrize("integrator", ["classic", "t-buffer", "path"])
+def test_a_smooth_clearcoat_mirrors_by_its_own_normals(integrator: str) -> None:
+    """A mirror under it by its own: of both the eye sees what each reflects, whichever is tilted."""
+    metal = replace(BLACK, reflectance=np.full(3, 0.5), metallic=1.0, roughness=0.0, clearcoat=1.0)
+    options: dict[str, Any] = {"integrator": integrator, "max_depth": 3, "spp": 512}
+    coat = 0.04 + 0.96 * (1 - np.cos(0.3)) ** 5
+    tilted = seen(mirror_of_two_lamps(replace(metal, clearcoat_normal_texture=slot())), **options)
+    np.testing.assert_allclose(tilted[:2], [0.5 * (1 - coat), coat], rtol=0.05)
+    bent = seen(mirror_of_two_lamps(replace(metal, normal_texture=slot())), **options)
+    base = 0.5 + 0.5 * (1 - np.cos(0.3)) ** 5
+    np.testing.assert_allclose(bent[:2], [0.04, 0.96 * base], rtol=0.05)
+
+
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_bent_clearcoat_takes_from_the_base_what_it_reflects(smooth: bool) -> None:
     """Under a uniform sky: the coat with a normal map over a bent base is as one that both have in common."""

@@ -12,7 +12,7 @@ import glpath
 from glpath.gl.device_scene import DeviceScene
 from glpath.io.load import scene_from_dict
 from glpath.scene.material import sheen_albedo_fit
-from glpath.scene.model import Float64, Material
+from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from tests.support.engines import coarse
 from tests.support.uniform_sky import furnace, plane_under_the_sky
 
@@ -79,6 +79,39 @@ def test_white_cloth_in_a_furnace_is_no_brighter_than_its_sky(roughness: float) 
         scene = plane_under_the_sky(cloth, min(cosine, 0.9999))
         found = float(glpath.render(scene, spp=1024, max_depth=2).mean.mean())
         assert found == pytest.approx(1.0, abs=0.02)
+
+
+def in_two_halves(left: float, right: float) -> tuple[Texture, ...]:
+    """A texture whose alpha is another in the two halves of v; its colour, which is not read, is black."""
+    alpha = np.zeros((2, 1, 4), np.float32)
+    alpha[:, 0, 3] = left, right
+    return (Texture("roughness", alpha, filter="nearest"),)
+
+
+@pytest.mark.parametrize("roughness", [0.15, 0.45, 0.8, 0.97])
+def test_a_texture_of_the_roughness_is_the_factor_that_it_multiplies(roughness: float) -> None:
+    """On each half of the surface, by quadrature, and beside the material without a texture."""
+    cloth = replace(BLACK, sheen=WHITE, sheen_roughness=1.0, sheen_roughness_texture=TextureSlot(0))
+    plane = plane_under_the_sky(cloth, 0.4)
+    quad = plane.shapes[0]
+    uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    mesh = replace(quad.geometry, uv=uv)
+    textured = replace(plane, shapes=[replace(quad, geometry=mesh)], textures=in_two_halves(roughness, roughness))
+    found = float(glpath.render(textured, spp=1024, max_depth=2).mean.mean())
+    assert found == pytest.approx(min(albedo(0.4, roughness**2), 1.0), rel=0.02)
+    plain = replace(plane, materials=(replace(BLACK, sheen=WHITE, sheen_roughness=roughness),))
+    assert found == pytest.approx(float(glpath.render(plain, spp=1024, max_depth=2).mean.mean()), rel=0.01)
+
+
+@pytest.mark.filterwarnings("ignore:.*reflects all light")
+def test_white_cloth_of_any_roughness_in_a_texture_keeps_the_furnace_flat() -> None:
+    white = replace(BLACK, reflectance=WHITE, sheen=WHITE, sheen_roughness=1.0)
+    scene = replace(
+        furnace(replace(white, sheen_roughness_texture=TextureSlot(0)), 16), textures=in_two_halves(0.0, 1.0)
+    )
+    found = np.asarray(glpath.render(scene, spp=1024, max_depth=2).mean)
+    upper, lower = found[3:8, 4:12].mean(), found[8:13, 4:12].mean()
+    np.testing.assert_allclose([upper, lower], 1.0, atol=0.01)
 
 
 def test_without_sheen_programs_know_nothing_of_it() -> None:

@@ -183,6 +183,12 @@ class Principled(Surface, tag="principled", kw_only=True):
         Annotated[str, Meta(description="Name of a texture of this file, which sheen is multiplied by.")]
         | UnsetType
     ) = UNSET
+    sheen_roughness_texture: (
+        Annotated[
+            str, Meta(description="Name of a texture of this file: sheen_roughness is multiplied by its alpha.")
+        ]
+        | UnsetType
+    ) = UNSET
     surface_texture: (
         Annotated[
             str,

@@ -132,7 +132,7 @@ class _Surface:
         if material.keeps_energy:
             self._note("Mitsuba loses what its microfacets scatter more than once, which is kept here")
         if material.slots.keys() & _UNSAID:
-            self._note("textures of its clearcoat, anisotropy and dielectric are left out")
+            self._note("textures of its layers, anisotropy and dielectric are left out")
         if material.roughness is None:
             made = self._without_microfacets()
         elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:

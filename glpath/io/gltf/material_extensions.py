@@ -27,13 +27,11 @@ class Layer(NamedTuple):
                default is 0, there is no layer
     numbers  : the field of each property from 0 on, with the default of `Material`
     textures : the field of each texture
-    unread   : properties that are not read
     """
 
     factors: dict[str, str]
     numbers: Mapping[str, str] = MappingProxyType({})
     textures: Mapping[str, LayerTexture] = MappingProxyType({})
-    unread: tuple[str, ...] = ()
 
     @property
     def strength(self) -> str:
@@ -52,8 +50,10 @@ LAYERS = {
     ),
     "KHR_materials_sheen": Layer(
         {"sheenColorFactor": "sheen", "sheenRoughnessFactor": "sheen_roughness"},
-        textures={"sheenColorTexture": LayerTexture("sheen_texture", srgb=True)},
-        unread=("sheenRoughnessTexture",),
+        textures={
+            "sheenColorTexture": LayerTexture("sheen_texture", srgb=True),
+            "sheenRoughnessTexture": LayerTexture("sheen_roughness_texture", alpha=True),
+        },
     ),
     "KHR_materials_diffuse_transmission": Layer(
         {

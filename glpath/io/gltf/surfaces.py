@@ -238,7 +238,6 @@ class Surfaces:
                         fields[into.field] = self._slot(found, name, srgb=into.srgb)
                         if into.scale is not None and name in found:
                             fields[into.scale] = found.table(name).number("scale", 1.0)
-                self._unused(found, *layer.unread)
         anisotropic = table.extension("KHR_materials_anisotropy")
         if anisotropic is not None:
             fields["anisotropy"] = self._share(anisotropic, "anisotropyStrength", 0.0)

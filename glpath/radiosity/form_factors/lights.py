@@ -253,16 +253,18 @@ def _shares(sky: Environment, wi: Float64, normals: Float64) -> Float64:
 
 
 class _Surfaces(NamedTuple):
-    """What lets light through: normals (T, 3), opacity (T,)."""
+    """What lets light through: normals (T, 3), opacity (T,), and (T,) bool whether a back is not there."""
 
     rays: Rays
     normals: Float64
     opacity: Float64
+    culled: NDArray[np.bool_]
     glass: Glass
 
     @classmethod
     def of(cls, scene: Scene) -> _Surfaces:
-        return cls(rays_of(scene), scene.normals, Appearance(scene).mean_opacity(), Glass.of_scene(scene))
+        look = Appearance(scene)
+        return cls(rays_of(scene), scene.normals, look.mean_opacity(), look.culled, Glass.of_scene(scene))
 
 
 @kernel
@@ -271,7 +273,7 @@ def _free(surfaces, points, triangle, wi, end, work, free):  # type: ignore[no-u
 
     work: (2, 3).
     """
-    rays, normals, opacity, glass = surfaces
+    rays, normals, opacity, culled, glass = surfaces
     o, found = work[0], work[1]
     for p in range(len(points)):
         for k in range(wi.shape[1]):
@@ -284,11 +286,13 @@ def _free(surfaces, points, triangle, wi, end, work, free):  # type: ignore[no-u
                 if hit < 0 or found[0] >= remaining:
                     break
                 passes = 1.0 - opacity[hit]
-                left = 0.0
-                if glass.thin[hit]:
-                    cosine = 0.0
+                left, cosine = 0.0, 0.0
+                if culled[hit] or glass.thin[hit]:
                     for c in range(3):
                         cosine += normals[hit, c] * wi[p, k, c]
+                if culled[hit] and cosine > 0:
+                    passes = 1.0
+                elif glass.thin[hit]:
                     _, left = at_glass(glass, hit, abs(cosine), False)
                 for c in range(3):
                     share[c] *= passes + opacity[hit] * left * glass.clear[hit, c]

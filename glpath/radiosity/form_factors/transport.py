@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,8 @@ class Transport:
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
             scene,
-            Visibility(Occluders.of_scene(scene), shafts or ShaftOptions(), threads=1),  # threads share emitters
+            # Threads share emitters.
+            Visibility(Occluders.of_scene(scene, culling=True), shafts or ShaftOptions(), threads=1),
             mesh.patches,
             self.sides,
             kind=options.kind,
@@ -106,6 +108,21 @@ class Transport:
     def _lit(self, sides: Sides, at: ReceiverPoints) -> Float64:
         triangle = self.mesh.elements.triangle[sides.element]
         return self._lights.of_sides(sides, triangle, at.lit.points, at.lit.number, at.each)
+
+    def sent_on(self, irradiance: Float64) -> Float64:
+        """(Q, 3): what patches reflect and transmit of irradiance (R, 3) of their elements' sides."""
+        found = self.mean_of_patches(self.elements.reflectance * irradiance)
+        if self.elements.transmittance.any():
+            through = self.mean_of_patches(self.elements.transmittance * irradiance)
+            there = self.behind >= 0
+            found[there] += through[self.behind[there]]
+        return found
+
+    @cached_property
+    def behind(self) -> Int64:
+        """(Q,): the side of a patch that is the other one of each; -1 where that is black."""
+        number = self.sides.number(len(self.mesh.patches))
+        return np.asarray(number[self.sides.element, 1 - self.sides.back])
 
     def mean_of_patches(self, values: Float64) -> Float64:
         """(Q, 3): the mean over each patch of values (R, 3) of its elements."""

@@ -27,13 +27,14 @@ _OFF = 1e-6
 
 @dataclass(frozen=True)
 class Sides:
-    """Sides of elements that reflect or emit: (R,) each.
+    """Sides of elements that reflect, transmit or emit: (R,) each.
 
     element     : its number
     back        : 0 the front, 1 the back
     normal      : (R, 3) away from this side
     reflectance : (R, 3)
     emission    : (R, 3), radiosity pi Le, W m^-2
+    transmittance : (R, 3), of light on this side what leaves from the other, all around
     """
 
     element: Int64
@@ -41,6 +42,7 @@ class Sides:
     normal: Float64
     reflectance: Float64
     emission: Float64
+    transmittance: Float64
 
     def __len__(self) -> int:
         return len(self.element)
@@ -51,6 +53,9 @@ class Sides:
         shape = scene.triangle_shape[elements.triangle]
         reflectance = scene.side_reflectance[:, elements.triangle]
         emits_at_all = np.array([s.emits for s in scene.shapes], bool)[shape]
+        through = np.broadcast_to(np.zeros(3), (len(elements), 3))
+        if any(scene.materials[s.material].diffuse_transmission > 0 for s in scene.shapes):
+            through = Appearance(scene).mean_diffuse_transmittance()[elements.triangle]
         emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)[shape]
         appearance = Appearance(scene)
         painted = np.flatnonzero(appearance.varies("emission")[shape])
@@ -65,9 +70,16 @@ class Sides:
             emits = emission * (both[shape, None] if back else 1.0)
             # A black element of a picture that shines stays, as the patch that it is part of does.
             shines = emits_at_all & (both[shape] if back else True)
-            some = np.flatnonzero(reflects.any(axis=1) | shines)
+            some = np.flatnonzero(reflects.any(axis=1) | through.any(axis=1) | shines)
             parts.append(
-                (some, np.full(len(some), back), normal[some] * (1 - 2 * back), reflects[some], emits[some])
+                (
+                    some,
+                    np.full(len(some), back),
+                    normal[some] * (1 - 2 * back),
+                    reflects[some],
+                    emits[some],
+                    through[some],
+                )
             )
         return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
 

@@ -73,6 +73,7 @@ class Occluders:
     solid         : (N,) bool, part of a closed surface, so that whatever hits its back must have hit a front
     shape         : (N,) int32, of the scene's shapes
     clear         : (N,) bool, hides nothing; None: all hide what is behind them
+    culled        : (N,) bool, hides light from behind it alone, which receivers see from its front; None: of none
     """
 
     corners: Float64
@@ -80,13 +81,16 @@ class Occluders:
     solid: NDArray[np.bool_]
     shape: Int32
     clear: NDArray[np.bool_] | None = None
+    culled: NDArray[np.bool_] | None = None
 
     @classmethod
-    def of_scene(cls, scene: Scene) -> Occluders:
+    def of_scene(cls, scene: Scene, *, culling: bool = False) -> Occluders:
         """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes.
 
         Visibility is all or nothing: of a surface with an opacity or of glass, a polygon hides what is behind it
         where half of it or more lets nothing through.
+
+        culling : backs that are not there hide nothing from receivers; else they hide what is behind them
         """
         shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
@@ -107,7 +111,8 @@ class Occluders:
             )
             clear = clear < _CLEAR
             closed &= ~see_through
-        return cls(corners, two, closed[shape[first]], shape[first], clear)
+        culled = appearance.culled[first] if culling and appearance.culled.any() else None
+        return cls(corners, two, closed[shape[first]], shape[first], clear, culled)
 
     @classmethod
     def of_triangles(cls, triangles: ArrayLike) -> Occluders:
@@ -152,7 +157,12 @@ class Occluders:
         """The records of the kernels. solids: a solid's polygon blocks only rays from its front."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
-        normal = self._normals()
+        normal, front_only = self._normals(), self.solid & solids
+        if self.culled is not None:
+            # As of a solid that is turned: what the emitter is behind of is before the receiver, which sees it.
+            e1, e2 = np.where(self.culled[:, None], e2, e1), np.where(self.culled[:, None], e1, e2)
+            normal = np.where(self.culled[:, None], -normal, normal)
+            front_only = front_only | self.culled
         square = np.einsum("ij,ij->i", normal, normal)
         proper = square > np.finfo(float).tiny * 2**52
         if self.clear is not None:
@@ -168,7 +178,7 @@ class Occluders:
         bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)
         edges = np.linalg.norm(e1, axis=1) * np.linalg.norm(e2, axis=1)
         sliver = ~(np.sqrt(square) > _THIN * edges)
-        flags = PARALLELOGRAM * self.parallelogram + SOLID * (self.solid & solids) + SLIVER * sliver
+        flags = PARALLELOGRAM * self.parallelogram + SOLID * front_only + SLIVER * sliver
         length = np.abs(forms[:, 0, :3]).sum(axis=1)
         return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
 

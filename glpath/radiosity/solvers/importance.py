@@ -76,7 +76,7 @@ def _from_camera(
     """(2, C, 3): what paths from a camera bring to sides of cells after the surface that the eye sees."""
     divisions = np.ones(len(scene.triangles), np.int64)
     np.maximum.at(divisions, cells.triangle, cells.n)
-    surfaces, camera = Surfaces.of(scene, rays, divisions), scene.camera.at()
+    surfaces, camera = Surfaces.of(scene, rays, divisions, from_eye=True), scene.camera.at()
     nothing = np.zeros(0, np.int64)
     lamps = Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
     flux = np.zeros((2, 2, len(cells), 3))

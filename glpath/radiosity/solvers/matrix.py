@@ -22,10 +22,14 @@ def solve_matrix(transport: Transport) -> Float64:
     between = np.zeros((count, count))
     np.add.at(between, t.patch, factors * t.share[:, None])
     lit = t.from_lights()
-    first = t.sides.emission + t.mean_of_patches(t.elements.reflectance * lit)
+    first = t.sides.emission + t.sent_on(lit)
     radiosity = np.empty((count, 3))
     for c in range(3):
         system = np.eye(count) - t.sides.reflectance[:, c, None] * between
+        if t.sides.transmittance.any():
+            other = np.flatnonzero(t.behind >= 0)
+            behind = t.behind[other]
+            system[other] -= t.sides.transmittance[behind, c, None] * between[behind]
         radiosity[:, c] = np.linalg.solve(system, first[:, c])
     exact = factors.astype(np.float64)
     return np.stack([lit + exact @ t.sides.emission, exact @ (radiosity - t.sides.emission)])

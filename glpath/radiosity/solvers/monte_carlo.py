@@ -49,6 +49,8 @@ class _Lit(NamedTuple):
     triangle : (L,) of the scene; `back` the side of it
     chance   : (L,) of a particle to start there
     scale    : (L, 3) its energy per irradiance at its start: reflectance times area over chance
+    through  : (L, 3) the same by transmittance, of one that leaves from the other side
+    across   : (L,) the chance of that
     to_sky, to_camera : (L, BINS) guides to where the sky is seen, and to where a camera may see what leaves, of
                starts that a camera decides; else none
     """
@@ -58,6 +60,8 @@ class _Lit(NamedTuple):
     back: Int64
     chance: Float64
     scale: Float64
+    through: Float64
+    across: Float64
     to_sky: Float64 | None
     to_camera: Float64 | None
 
@@ -132,7 +136,8 @@ class Shooting:
             cdf=np.cumsum(chance),
             energy=power / chance[:, None] * (BATCH / max(BATCH - count, 1)),
         )
-        return lamps, lit._replace(scale=lit.scale * (BATCH / max(count, 1))), count
+        each = BATCH / max(count, 1)
+        return lamps, lit._replace(scale=lit.scale * each, through=lit.through * each), count
 
     def _find_lit(self) -> tuple[_Lit, float]:
         """Where reflected light starts, and about its power.
@@ -143,7 +148,8 @@ class Shooting:
         """
         scene, elements, lit, areas = self.mesh.scene, self.mesh.elements, self.lit, self.open_areas
         reflectance = scene.side_reflectance[:, elements.triangle]
-        power = (reflectance * lit).mean(axis=2) * areas
+        through = self._surfaces.transmittance[elements.triangle]
+        power = ((reflectance + through) * lit).mean(axis=2) * areas
         total = float(power.sum())
         to_sky = to_camera = None
         if total and self.for_camera:
@@ -153,8 +159,10 @@ class Shooting:
             visits = self._spread_visits(elements, visits)
             power, to_sky = self._contribution(elements, visits)
             reflectance = scene.side_reflectance[:, elements.triangle]
+            through = self._surfaces.transmittance[elements.triangle]
             to_camera = came
-        back, element = np.nonzero(reflectance.any(axis=2) if self._light else np.zeros(power.shape, bool))
+        sends = reflectance.any(axis=2) | through.any(axis=1)
+        back, element = np.nonzero(sends if self._light else np.zeros(power.shape, bool))
         whole = scene.areas[elements.triangle[element]] / elements.n[element] ** 2
         chance = power[back, element]
         chance = chance / max(float(chance.sum()), np.finfo(float).tiny)
@@ -169,6 +177,9 @@ class Shooting:
             back=back,
             chance=chance,
             scale=reflectance[back, element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
+            through=through[element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
+            across=through[element].max(axis=1)
+            / np.maximum((reflectance[back, element] + through[element]).max(axis=1), np.finfo(float).tiny),
             to_sky=None if to_sky is None else guides_of(to_sky[back, element]),
             to_camera=None if to_camera is None else guides_of(to_camera[back, element]),
         )
@@ -197,13 +208,14 @@ class Shooting:
         """
         scene = self.mesh.scene
         reflectance = scene.side_reflectance[:, cells.triangle].mean(axis=2)
+        through = self._surfaces.transmittance[cells.triangle].mean(axis=1)
         lit, from_sky = np.zeros(visits.shape), np.zeros((*visits.shape, BINS))
-        worth = visits * reflectance
+        worth = visits * reflectance + visits[::-1] * through
         random = np.random.default_rng([self.seed, 1])
         threshold = np.sort(worth, axis=None)[-_CLOSER] if worth.size > _CLOSER else 0.0
         close, there = worth > threshold, worth > 0
         for some, rays in ((close, _CLOSE_RAYS), (there & ~close, _CELL_RAYS), (~there, _FAR_RAYS)):
-            back, cell = np.nonzero(some & (reflectance > 0))
+            back, cell = np.nonzero(some & (reflectance + through > 0))
             triangle, each = cells.triangle[cell], 4
             u = np.sort(random.random((len(cell), each, 2)), axis=2)
             b = np.stack([u[..., 0], u[..., 1] - u[..., 0], 1.0 - u[..., 1]], axis=2)
@@ -216,7 +228,7 @@ class Shooting:
         # A window, a lamp or a path to the camera may have been missed by all of a few rays: what seldom
         # starts comes with much energy, and a single particle of it would be a large error.
         usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
-        return np.asarray(reflectance * visits * (lit + _UNHIT * usual)), from_sky
+        return np.asarray(worth * (lit + _UNHIT * usual)), from_sky
 
     def _starts(self, number: int) -> Starts:
         """The starts of a batch: even over elements, as far as their probabilities allow."""
@@ -230,12 +242,20 @@ class Shooting:
         triangle, back = lit.triangle[which], lit.back[which]
         normals = self._surfaces.normals[triangle] * (1 - 2 * back[:, None])
         guides = None if lit.to_sky is None else lit.to_sky[which]
-        energy = lit.scale[which] * self._light.estimate(position, normals, triangle, random, _START_RAYS, guides)
+        irradiance = self._light.estimate(position, normals, triangle, random, _START_RAYS, guides)
+        energy = lit.scale[which] * irradiance
         direction = np.zeros((count, 3))
         if lit.to_camera is not None:
             bins, share = drawn_bins(lit.to_camera[which], random, 1)
             direction = directions_in_bins(normals, bins[:, 0], random)
             energy /= BINS * share
+        across = lit.across[which]
+        if across.any():
+            other = random.random(count) < across
+            energy /= np.where(other, 1.0, 1.0 - across)[:, None]
+            energy[other] = (lit.through[which] * irradiance / np.maximum(across, 1e-300)[:, None])[other]
+            direction[other] = 0.0  # by the cosine
+            back = np.where(other, 1 - back, back)
         return Starts(position, energy, triangle, back, direction)
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:

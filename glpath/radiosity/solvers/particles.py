@@ -32,8 +32,12 @@ class Surfaces(NamedTuple):
     """The surfaces that particles hit: as rays hit them, normals, reflectance (2, T, 3), opacity (T,), glass, and
     lattices.
 
-    reflectance : of glass without that of its surface, which mirrors
-    begin       : where lattices begin
+    reflectance   : of glass without that of its surface, which mirrors
+    transmittance : (T, 3) of the diffuse base, to the other side
+    culled        : (T,) bool: its back is not there
+    from_eye      : particles go as rays from an eye do, which meet no such back. Those of light meet its front, and
+                    what is behind it as well, which sees them through the back
+    begin         : where lattices begin
     """
 
     rays: Rays
@@ -42,19 +46,25 @@ class Surfaces(NamedTuple):
     opacity: Float64
     is_glass: NDArray[np.bool_]
     glass: Glass
+    transmittance: Float64
+    culled: NDArray[np.bool_]
+    from_eye: bool
     divisions: Int64
     begin: Int64
 
     @classmethod
-    def of(cls, scene: Scene, rays: Rays, divisions: Int64) -> Surfaces:
-        glass = Glass.of_scene(scene)
+    def of(cls, scene: Scene, rays: Rays, divisions: Int64, *, from_eye: bool = False) -> Surfaces:
+        glass, appearance = Glass.of_scene(scene), Appearance(scene)
         return cls(
             rays,
             scene.normals,
             _beside_glass(scene.side_reflectance, glass),
-            Appearance(scene).mean_opacity(),
+            appearance.mean_opacity(),
             np.asarray(glass.clear.any(axis=1)),
             glass,
+            appearance.mean_diffuse_transmittance(),
+            appearance.culled,
+            from_eye,
             divisions,
             lattice.starts(lattice.element_count(divisions)),
         )
@@ -180,12 +190,22 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
             j = max(0, min(int(y), n - 1 - i))
             upper = 1 if (x - i + y - j > 1 and i + j < n - 1) else 0
             at = surfaces.begin[triangle] + j * (2 * n - j) + 2 * i + upper
+            is_culled = surfaces.culled[triangle]
+            if is_culled and surfaces.from_eye and back == 1:
+                passed += 1
+                if passed > _MAX_THROUGH:
+                    break
+                leaves = False
+                continue
             if part == 1 and came.shape[1] > 0:
                 came[back, at, _bin(normals[triangle], d)] += (w[0] + w[1] + w[2]) / 3
-            survival = 0.0
+            survival, reflected, across = 0.0, 0.0, 0.0
             for k in range(3):
                 flux[part, back, at, k] += w[k]
-                survival = max(survival, reflectance[back, triangle, k])
+                through = surfaces.transmittance[triangle, k]
+                survival = max(survival, reflectance[back, triangle, k] + through)
+                reflected = max(reflected, reflectance[back, triangle, k])
+                across = max(across, through)
             state, u = _random(state)
             chance, hit_surface = survival, u < surfaces.opacity[triangle]
             if is_glass and hit_surface:
@@ -221,6 +241,18 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 rest = max(1 - mirrored - through, 1e-9)
                 u = (u - mirrored - through) / rest
                 chance = survival / (rest * surfaces.opacity[triangle])
+            if is_culled and not surfaces.from_eye and back == 0:
+                # It is reflected, and what is behind is lit as well: one of both, with the energy of both.
+                state, u = _random(state)
+                for k in range(3):
+                    w[k] *= 1 + chance
+                if u * (1 + chance) >= chance:
+                    passed += 1
+                    if passed > _MAX_THROUGH:
+                        break
+                    leaves = False
+                    continue
+                u = 0.0
             passed = 0
             leaves = u < chance
             if leaves:
@@ -228,6 +260,15 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 if reflections > max_reflections:
                     break
                 part = 1
+                if across > 0:
+                    share = across / (reflected + across)
+                    state, u = _random(state)
+                    if u < share:
+                        back = 1 - back
+                        for k in range(3):
+                            w[k] *= surfaces.transmittance[triangle, k] / (survival * share)
+                        continue
+                    survival *= 1 - share
                 for k in range(3):
                     w[k] *= reflectance[back, triangle, k] / survival
             elif hit_surface:

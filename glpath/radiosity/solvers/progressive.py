@@ -47,7 +47,7 @@ class Refinement:
         self.overshoot = overshoot
         lit = transport.from_lights()
         self.irradiance: Float64 = np.stack([lit, np.zeros_like(lit)])
-        first = transport.mean_of_patches(transport.elements.reflectance * lit)
+        first = transport.sent_on(lit)
         self.unshot: Float64 = transport.sides.emission + first
         self.shot: Float64 = np.zeros((2, *self.unshot.shape))
         self.steps = 0
@@ -78,7 +78,9 @@ class Refinement:
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
         self.whole = False
-        surfaces = _Surfaces(t.sides.emission, t.elements.reflectance, t.share, t.patch, t.areas)
+        surfaces = _Surfaces(
+            t.sides.emission, t.elements.reflectance, t.elements.transmittance, t.share, t.patch, t.behind, t.areas
+        )
         light = _Light(self.irradiance, self.shot, self.unshot)
         received = _shoot(side, sent, column, surfaces, light, np.empty((2, 3)))
         self.steps += 1
@@ -129,8 +131,7 @@ class Refinement:
             return 0
         self.whole = False
         self.irradiance = t.refine(which, self.irradiance, self.shot)
-        arrived = t.elements.reflectance * self.irradiance.sum(axis=0)
-        self.unshot = t.sides.emission + t.mean_of_patches(arrived) - self.shot.sum(axis=0)
+        self.unshot = t.sides.emission + t.sent_on(self.irradiance.sum(axis=0)) - self.shot.sum(axis=0)
         self.splits.append(which)
         self.whole = True
         return int(which.sum())
@@ -181,12 +182,15 @@ def _energy(unshot, areas, energy):  # type: ignore[no-untyped-def]
 
 
 class _Surfaces(NamedTuple):
-    """Emission (Q, 3) and areas (Q,) of patches' sides, reflectance (R, 3) of elements'; see `Transport`."""
+    """Emission (Q, 3), areas and sides behind (Q,) of patches' sides, reflectance and transmittance (R, 3) of
+    elements'; see `Transport`."""
 
     emission: Float64
     reflectance: Float64
+    transmittance: Float64
     share: Float64
     patch: NDArray[np.int64]
+    behind: NDArray[np.int64]
     areas: Float64
 
 
@@ -205,7 +209,7 @@ def _shoot(side, sent, column, surfaces, light, parts):  # type: ignore[no-untyp
     Of what is sent, emission is what has not been before: it goes out whole, the first time. All else is reflected.
     parts: (2, 3), room to work in.
     """
-    emission, reflectance, share, patch, areas = surfaces
+    emission, reflectance, transmittance, share, patch, behind, areas = surfaces
     irradiance, shot, unshot = light
     for c in range(3):
         parts[0, c] = emission[side, c] - shot[0, side, c]
@@ -228,4 +232,6 @@ def _shoot(side, sent, column, surfaces, light, parts):  # type: ignore[no-untyp
                 h = f * parts[part, c]
                 irradiance[part, r, c] += h
                 unshot[p, c] += h * reflectance[r, c] * share[r]
+                if transmittance[r, c] > 0 and behind[p] >= 0:
+                    unshot[behind[p], c] += h * transmittance[r, c] * share[r]
     return total

@@ -105,7 +105,11 @@ def test_textures_of_the_layers(tmp_path: Path) -> None:
                 "clearcoatNormalTexture": info | {"scale": 0.5},
             },
             "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyTexture": info},
-            "KHR_materials_sheen": {"sheenColorFactor": [1, 1, 1], "sheenColorTexture": info},
+            "KHR_materials_sheen": {
+                "sheenColorFactor": [1, 1, 1],
+                "sheenColorTexture": info,
+                "sheenRoughnessTexture": info,
+            },
         },
     )
     model = read(file, tmp_path)
@@ -118,6 +122,7 @@ def test_textures_of_the_layers(tmp_path: Path) -> None:
         "specular_texture",
         "specular_colour_texture",
         "sheen_texture",
+        "sheen_roughness_texture",
     }
     assert material.clearcoat_normal_scale == 0.5
     colours = {name for name, slot in material.slots.items() if model.textures[slot.texture].srgb}

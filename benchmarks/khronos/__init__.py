@@ -1,0 +1,1 @@
+"""Sample models in Khronos' layout, rendered beside Cycles."""
