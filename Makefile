@@ -76,5 +76,5 @@ $(STAMPS)-test: pyproject.toml
 	@touch $(STAMPS) $@
 
 $(STAMPS)-reference: pyproject.toml
-	sh .ci/setup test,reference,browser,gltf
+	sh .ci/setup test,reference,browser,gltf,ktx2
 	@touch $(STAMPS) $(STAMPS)-test $@

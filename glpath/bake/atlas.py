@@ -113,7 +113,8 @@ def require_xatlas() -> Any:
     except ImportError as error:
         raise GlpathError(
             f"xatlas cannot be imported ({error}); it cuts surfaces into the charts of a lightmap.",
-            'pip install "glpath[bake]"; or keep the texture coordinates of the file: uv "keep".',
+            'pip install "glpath[bake]"; where there is no wheel of it, pip install xatlas builds it with a C++ '
+            'compiler. Or keep the texture coordinates of the file: uv "keep".',
         ) from error
     return xatlas
 

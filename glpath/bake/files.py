@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from glpath.bake.pages import pages_of
 from glpath.errors import SceneError, warn
 from glpath.film.image import encode_png, encode_srgb, write_exr
 from glpath.film.units import symbol
+from glpath.io.export import gltf_json
 from glpath.io.export.geometry import behind, listed
 from glpath.io.export.glb import Glb
 from glpath.io.export.gltf import write_gltf
@@ -31,13 +32,10 @@ if TYPE_CHECKING:
 _COLOUR_SAMPLES = 5
 #: From here on a material is called metal.
 _METAL = 0.99
-_CLAMP, _LINEAR, _MIPMAPPED = 33071, 9729, 9987
 
 
 def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] | None) -> list[Path]:
     """See `Lightmap.save`."""
-    import pygltflib as gltf
-
     scene, atlas = baked.scene, baked.atlas
     _warn_of_what_is_left_out(scene, path)
     radiance, opacity = radiance_of(baked)
@@ -45,12 +43,19 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
     colours = np.round(255 * encode_srgb(np.clip(radiance * 2.0**exposure, 0.0, 1.0))).astype(np.uint8)
     alpha = np.round(255 * np.clip(opacity, 0.0, 1.0)).astype(np.uint8)
     file = Glb(scene)
-    file.samplers.append(gltf.Sampler(magFilter=_LINEAR, minFilter=_MIPMAPPED, wrapS=_CLAMP, wrapT=_CLAMP))
+    file.samplers.append(
+        gltf_json.Sampler(
+            mag_filter=gltf_json.LINEAR,
+            min_filter=gltf_json.LINEAR_MIPMAP_LINEAR,
+            wrap_s=gltf_json.CLAMP_TO_EDGE,
+            wrap_t=gltf_json.CLAMP_TO_EDGE,
+        )
+    )
     for page in range(atlas.pages):
         clear = bool((alpha[page] < 255).any())
         image = np.concatenate([colours[page], alpha[page]], axis=-1) if clear else colours[page]
         name = f"light {page}"
-        file.textures.append(gltf.Texture(name=name, sampler=0, source=file.add_image(name, image)))
+        file.textures.append(gltf_json.Texture(name=name, sampler=0, source=file.add_image(name, image)))
     materials: dict[tuple[int, str, float, bool], int] = {}
     for number, shape in enumerate(scene.shapes):
         material = scene.materials[shape.material]
@@ -63,12 +68,12 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
                 materials[key] = len(file.materials)
                 file.materials.append(_unlit(file, *key))
             assert mesh.uv1 is not None
-            attributes = gltf.Attributes(
-                POSITION=file.add_array(mesh.vertices.astype(np.float32), bounds=True),
-                TEXCOORD_0=file.add_array((mesh.uv1 * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)),
-            )
+            attributes = {
+                "POSITION": file.add_array(mesh.vertices.astype(np.float32), bounds=True),
+                "TEXCOORD_0": file.add_array((mesh.uv1 * [1.0, -1.0] + [0.0, 1.0]).astype(np.float32)),
+            }
             indices = file.add_array(mesh.faces.astype(np.uint32).ravel(), indices=True)
-            primitives.append(gltf.Primitive(attributes=attributes, indices=indices, material=materials[key]))
+            primitives.append(gltf_json.Primitive(attributes=attributes, indices=indices, material=materials[key]))
         if primitives:
             file.add_node(shape.name, mesh=file.add_mesh(shape.name, primitives))
     file.save(path, exposure_stops=exposure, scene_hash=baked.film.metadata.scene_hash, spp=baked.film.path_sets)
@@ -187,21 +192,17 @@ def radiance_of(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float3
     return pages[..., :3] * baked.irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
 
 
-def _unlit(file: Glb, page: int, mode: str, cutoff: float, two_sided: bool) -> Any:
-    import pygltflib as gltf
-
-    return gltf.Material(
+def _unlit(file: Glb, page: int, mode: str, cutoff: float, two_sided: bool) -> gltf_json.Material:
+    return gltf_json.Material(
         name=f"baked light {page}" + ("" if mode == "opaque" else f" ({mode})"),
-        pbrMetallicRoughness=gltf.PbrMetallicRoughness(
-            baseColorFactor=[1, 1, 1, 1],
-            metallicFactor=0,
-            roughnessFactor=1,
-            baseColorTexture=gltf.TextureInfo(index=page),
+        pbr_metallic_roughness=gltf_json.PbrMetallicRoughness(
+            metallic_factor=0.0,
+            base_color_texture=gltf_json.TextureInfo(index=page),
         ),
         extensions={file.use("KHR_materials_unlit"): {}},
-        doubleSided=two_sided,
-        alphaMode=mode.upper(),
-        alphaCutoff=cutoff if mode == "mask" else None,
+        double_sided=two_sided,
+        alpha_mode=mode.upper(),
+        alpha_cutoff=cutoff if mode == "mask" else None,
     )
 
 

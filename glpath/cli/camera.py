@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import typer
 
 from glpath.cli.completion import words
 from glpath.cli.values import shutter as read_shutter
 from glpath.cli.values import vector
-from glpath.scene.camera import Projection
+from glpath.scene.choices import PROJECTIONS
 
 #: The panel of the help, with what moves the camera.
 CAMERA = "Camera"
@@ -29,8 +29,8 @@ FovOption = Annotated[
 TypeOption = Annotated[
     str | None,
     typer.Option(
-        metavar="|".join(get_args(Projection)),
-        autocompletion=words(get_args(Projection)),
+        metavar="|".join(PROJECTIONS),
+        autocompletion=words(PROJECTIONS),
         help="How it projects.",
         rich_help_panel=CAMERA,
     ),

@@ -16,9 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from glpath.cli.picture import Picture
 from glpath.cli.running import workers_of
@@ -32,6 +30,8 @@ from glpath.system.reporting import duration
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.scene import Scene
@@ -146,6 +146,8 @@ def write_movie(path: Path, frames: Sequence[Path], fps: float) -> None:
 
 def _even(picture: NDArray[Any]) -> NDArray[Any]:
     """Codecs take even numbers of pixels."""
+    import numpy as np
+
     height, width = picture.shape[:2]
     return np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 

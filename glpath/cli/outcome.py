@@ -13,7 +13,7 @@ import typer
 from glpath.cli.picture import Picture
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
-from glpath.film.metadata import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
+from glpath.film.choices import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
 from glpath.system.files import save_all, write_bytes
 from glpath.system.machine import peak_resident_bytes
 from glpath.system.reporting import duration, percent

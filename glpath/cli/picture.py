@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 import typer
 
 from glpath.cli.completion import words
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
-from glpath.film.denoise import can_denoise, require_denoiser
-from glpath.film.image import TONEMAPS, tonemap
+from glpath.film.choices import TONEMAP_NAMES
 from glpath.system.files import Save
 
 if TYPE_CHECKING:
@@ -36,10 +34,10 @@ ExposureOption = Annotated[
 TonemapOption = Annotated[
     str,
     typer.Option(
-        metavar="|".join(TONEMAPS),
+        metavar="|".join(TONEMAP_NAMES),
         help="Tone curve of a .png.",
         rich_help_panel=IMAGE,
-        autocompletion=words(TONEMAPS),
+        autocompletion=words(TONEMAP_NAMES),
     ),
 ]
 DenoiseOption = Annotated[
@@ -63,7 +61,7 @@ class Picture:
     """How a film is shown.
 
     exposure : stops, "auto", or None: as the film's scene says
-    tonemap  : of `glpath.film.image.TONEMAPS`
+    tonemap  : of `TONEMAP_NAMES`
     denoise  : whether it is; None: where that can be, see `of_film`
     missing  : it would be, but for the denoiser
     """
@@ -76,7 +74,9 @@ class Picture:
     @classmethod
     def of_options(cls, exposure: str | None, tonemap: str, denoise: bool | None) -> Picture:
         """Raises UsageError, and GlpathError where the denoiser is missing that is asked for."""
-        check_choice("--tonemap", tonemap, tuple(TONEMAPS))
+        from glpath.film.denoise import require_denoiser
+
+        check_choice("--tonemap", tonemap, TONEMAP_NAMES)
         if denoise:
             require_denoiser()
         return cls(read_exposure(exposure), tonemap, denoise)
@@ -86,6 +86,8 @@ class Picture:
 
         denoisable : whether the film has noise, and will have what a denoiser goes by
         """
+        from glpath.film.denoise import can_denoise
+
         if self.denoise is not None:
             return self
         wanted = denoisable and any(path.suffix.lower() in _FOR_EYES for path in out)
@@ -94,6 +96,10 @@ class Picture:
 
     def verdict(self, film: Film, stops: float) -> str | None:
         """One line about a picture that shows next to nothing, with what helps; None of others."""
+        import numpy as np
+
+        from glpath.film.image import tonemap
+
         seen = tonemap(film.mean, stops, self.tonemap)
         if film.alpha is not None:
             seen = seen[film.alpha > 0.0]

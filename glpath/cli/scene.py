@@ -6,18 +6,16 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from glpath.cli import completion
 from glpath.errors import UsageError
-from glpath.io import load_scene, parameters_from_options
-from glpath.io.load import scene_from_toml
-from glpath.io.surroundings import SURROUNDINGS
-from glpath.scene import Environment, Scene
 from glpath.scene.source_location import SourceLocation
+
+if TYPE_CHECKING:
+    from glpath.scene import Scene
 
 HELP = "A file, the name of a shipped scene, or - for TOML from stdin."
 
@@ -50,6 +48,8 @@ class OptionLocation(SourceLocation):
         return OptionLocation("", path.replace("--film-", "--"))
 
     def written(self, value: object) -> str:
+        import numpy as np
+
         parts = np.atleast_1d(np.asarray(value)).tolist()
         return ("x" if self.path == "--resolution" else ",").join(f"{part:.9g}" for part in parts)
 
@@ -70,6 +70,10 @@ def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, 
 
 def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     """The scene of the argument and the options `-D`. Raises SceneError and UsageError; warns as `load_scene`."""
+    from glpath.io import load_scene, parameters_from_options
+    from glpath.io.load import scene_from_toml
+    from glpath.io.surroundings import SURROUNDINGS
+
     values = parameters_from_options(parameters or [])
     if scene != "-":
         return load_scene(scene, values)
@@ -82,6 +86,10 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
 
 def light_of(scene: Scene) -> str:
     """What lights a scene, in a line, with what was added."""
+    import numpy as np
+
+    from glpath.scene import Environment
+
     emitting = sum(shape.emits for shape in scene.shapes)
     shining = sum(bool(np.any(light.intensity > 0)) for light in scene.lights)
     parts = [

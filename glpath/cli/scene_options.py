@@ -18,7 +18,7 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.errors import UsageError
-from glpath.io.surroundings import BACKGROUNDS
+from glpath.scene.choices import BACKGROUNDS
 
 #: The panel of the help.
 SURROUNDINGS_PANEL = "Surroundings"

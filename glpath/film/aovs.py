@@ -33,10 +33,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 
 Aov = Literal[
     "albedo",
@@ -66,7 +68,7 @@ ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 
 #: A depth where no surface is hit; OpenEXR's readers know it.
 FAR = 1e10
-_INFINITY = np.uint32(0x7F800000)
+_INFINITY = 0x7F800000
 #: The counts of shapes, by the same name as of a sum.
 SHAPES = "shapes"
 
@@ -142,13 +144,18 @@ def sums_of(aovs: Iterable[str]) -> dict[str, int]:
 
 def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
     """Add what further path sets have of one of the AOVs' sums to what is held, in place."""
+    import numpy as np
+
     # "depth_min" is held as the bits of infinity less its own, 0 where nothing was hit: the greatest is kept.
     (np.maximum if name == "depth_min" else np.add)(held, more, out=held)
 
 
 def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
     """Depths by what a film holds of "depth_min"; infinite where nothing was hit."""
-    return (_INFINITY - np.clip(held, 0, _INFINITY).astype(np.uint32)).view(np.float32).astype(np.float64)
+    import numpy as np
+
+    bits = np.uint32(_INFINITY) - np.clip(held, 0, _INFINITY).astype(np.uint32)
+    return bits.view(np.float32).astype(np.float64)
 
 
 def described() -> str:

@@ -40,7 +40,7 @@ def require_denoiser() -> Any:
     except (ImportError, OSError) as error:
         raise GlpathError(
             f"pyoidn cannot be imported ({error}); pictures are denoised by Open Image Denoise, which is in it.",
-            'pip install "glpath[denoise]"',
+            'pip install "glpath[denoise]"; it has wheels for Linux and Windows on x86-64, and for macOS.',
         ) from error
     if not pyoidn.Device.is_cpu_available():
         raise GlpathError("Open Image Denoise does not know this processor.", "It needs SSE 4.1.")

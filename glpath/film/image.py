@@ -84,7 +84,7 @@ def _aces(radiance: Float64) -> Float64:
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
 
-# From radiance times exposure to linear values of which [0, 1] is shown.
+# From radiance times exposure to linear values of which [0, 1] is shown; of `choices.TONEMAP_NAMES`.
 TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
     "srgb": lambda radiance: radiance,
     "reinhard": _reinhard,

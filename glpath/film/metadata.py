@@ -14,10 +14,6 @@ from glpath.film.bias import UNBIASED, check_unbiased
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
-#: Ends of a render, as `stop_rule` names them; by one of RULES it is complete.
-SPP, TIME_LIMIT, NOISE, CLEAN, INTERRUPTED_RULE = "spp", "time limit", "noise", "clean", "interrupted"
-RULES = (SPP, TIME_LIMIT, NOISE, CLEAN)
-
 # Types of the metadata's fields in a file.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule unit": str,

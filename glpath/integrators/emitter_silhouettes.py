@@ -23,7 +23,8 @@ from glpath.gl.passes import Pass
 from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh
 from glpath.gl.variants import defined
-from glpath.sampling.points import Sampling, pixel_samples
+from glpath.sampling import Sampling
+from glpath.sampling.points import pixel_samples
 
 #: Samples of a pixel in each path set, a power of two.
 SUBSAMPLES = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Protocol, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, TypedDict
 
 from msgspec import Meta
 
@@ -21,7 +21,9 @@ from glpath.integrators.settings import (
     Rgb,
     SharedDirections,
 )
-from glpath.scene.model import Scene
+
+if TYPE_CHECKING:
+    from glpath.scene.model import Scene
 
 Cast = Literal["bvh", "path-buffer"]
 

@@ -24,7 +24,7 @@ from msgspec import Meta
 
 from glpath.errors import UsageError
 from glpath.film.aovs import Aov, described
-from glpath.sampling.points import Sampling
+from glpath.sampling import Sampling
 
 Directions = Literal["pair", "lattice", "hemisphere", "sphere"]
 Lookup = Literal["interpolated", "constant"]

@@ -1,17 +1,26 @@
-"""Readers and writers of scenes and models, and the scenes that ship: all between files and the model."""
+"""Readers and writers of scenes and models, and the scenes that ship: all between files and the model.
 
-from glpath.io.description import scene_schema
-from glpath.io.from_python import AnyScene
-from glpath.io.library import (
-    load_scene,
-    parameters_from_options,
-    scene_animations,
-    scene_cameras,
-    scene_parameters,
-    scene_variants,
-    shipped_scenes,
-)
-from glpath.io.load import scene_from_dict
+Each name brings what it needs when it is first used, so that a command's help loads no reader.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glpath.io.description import scene_schema
+    from glpath.io.from_python import AnyScene
+    from glpath.io.library import (
+        load_scene,
+        parameters_from_options,
+        scene_animations,
+        scene_cameras,
+        scene_parameters,
+        scene_variants,
+        shipped_scenes,
+    )
+    from glpath.io.load import scene_from_dict
 
 __all__ = [
     "AnyScene",
@@ -25,3 +34,14 @@ __all__ = [
     "scene_variants",
     "shipped_scenes",
 ]
+
+# Where a name lives; those that are not here live in `library`.
+_HOME = {"AnyScene": "from_python", "scene_from_dict": "load", "scene_schema": "description"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'glpath.io' has no attribute {name!r}")
+    value = getattr(import_module(f"glpath.io.{_HOME.get(name, 'library')}"), name)
+    globals()[name] = value
+    return value

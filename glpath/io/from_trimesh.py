@@ -17,6 +17,7 @@ from glpath.io import phong
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.pictures import pixels_of
 from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
+from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
 #: The colour of trimesh's materials that say none.
@@ -152,7 +153,7 @@ def lights(scene: Any) -> tuple[list[Light], list[str]]:
     They look along -z of their nodes.
     """
     found, others = [], []
-    for given in getattr(scene, "_lights", None) or ():
+    for given in given_trimesh_lights(scene) or ():
         kind = {"PointLight": "point", "SpotLight": "spot", "DirectionalLight": "directional"}.get(
             type(given).__name__
         )

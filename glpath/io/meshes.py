@@ -31,6 +31,7 @@ from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import split_faces
 from glpath.system.files import read_bytes
+from glpath.system.private_interfaces import given_trimesh_normals
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
 #: The same for a reader.
@@ -99,7 +100,7 @@ def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
     """Its triangles, with texture coordinates and vertex normals where it has them; none are made up."""
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
     made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, location)
-    normals = _of_each(_given_normals(mesh), mesh, 3)
+    normals = _of_each(given_trimesh_normals(mesh), mesh, 3)
     return made if normals is None else replace(made, normals=unit_normals(normals))
 
 
@@ -245,7 +246,7 @@ def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
         face, corner = beyond[0]
         raise _no_such_vertex(SourceLocation(str(path), f"face {face}"), int(faces[face, corner]), len(vertices))
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
-    normals = _of_each(_given_normals(mesh), mesh, 3)
+    normals = _of_each(given_trimesh_normals(mesh), mesh, 3)
     for name, values in (("vertex", vertices), ("texture coordinate", uv), ("normal of vertex", normals)):
         if values is not None and not np.isfinite(values).all():
             number = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
@@ -253,15 +254,6 @@ def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
                 values[number], f"{'two' if values is uv else 'three'} finite numbers", "Mend the file."
             )
     return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else unit_normals(normals))
-
-
-def _given_normals(mesh: Any) -> Any:
-    """The vertex normals that a mesh of trimesh was given; None without.
-
-    The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
-    exporters ask so).
-    """
-    return mesh.vertex_normals if "vertex_normals" in mesh._cache else None
 
 
 def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:

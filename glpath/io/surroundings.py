@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -19,11 +19,9 @@ from glpath.io.convert import convert
 from glpath.io.lights import environment_map
 from glpath.io.plain_background import with_plain_background
 from glpath.scene.background import Background
+from glpath.scene.choices import BackgroundKind
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
-
-BackgroundKind = Literal["environment", "plain", "transparent"]
-BACKGROUNDS = get_args(BackgroundKind)
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,9 @@ from typing import Any
 
 from glpath.errors import ContextError, GlpathError, UsageError, warn
 from glpath.film.batches import BLOCK
+from glpath.film.choices import INTERRUPTED_RULE
 from glpath.film.film import Film
-from glpath.film.metadata import INTERRUPTED_RULE, merged_values
+from glpath.film.metadata import merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
 from glpath.jobs.connection import Connection, quiet
 from glpath.jobs.worker import Part, Shared, render_part, this_version

@@ -41,6 +41,7 @@ from glpath.rendering.job import describe
 from glpath.rendering.options import with_options
 from glpath.scene import Camera, Scene, path_traceable
 from glpath.system.interactive import in_notebook
+from glpath.system.private_interfaces import rfb_page
 
 UInt8 = NDArray[np.uint8]
 
@@ -335,8 +336,8 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
     label : what it is and what the keys do, for readers of the screen
     """
 
-    _esm = f"const RFB = {json.dumps(RemoteFrameBuffer._esm)};\n{_SCRIPT.read_text('utf-8')}"
-    _css = RemoteFrameBuffer._css + _FOCUSED
+    _esm = f"const RFB = {json.dumps(rfb_page()[0])};\n{_SCRIPT.read_text('utf-8')}"
+    _css = rfb_page()[1] + _FOCUSED
     label = traitlets.Unicode("").tag(sync=True)
 
     def __init__(self, owner: View, label: str) -> None:

@@ -35,6 +35,7 @@ from glpath.film.image import read_exr_channels, write_png
 from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
+from glpath.system.private_interfaces import is_xfail
 
 # Severity of what could not be compared at all: in a report it stands first.
 _INCOMPARABLE = 1e9
@@ -144,7 +145,7 @@ class RenderRegression:
         missing = not baseline.exists()
         results = results_folder(config, self._item.path, stem)
         # A test that is expected to fail has a baseline that it does not meet, and keeps it.
-        update = "none" if _is_expected_to_fail(self._item) else self._settings.update
+        update = "none" if is_xfail(self._item) else self._settings.update
         record: dict[str, Any] = {
             "test": self._item.nodeid,
             "file": str(self._item.path),
@@ -240,13 +241,6 @@ def shown_path(path: str | Path) -> str:
     """A path, relative to here where that is below."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith(os.pardir) else relative
-
-
-def _is_expected_to_fail(item: pytest.Item) -> bool:
-    """Whether a marker xfail holds for the test, as pytest itself sees it; no public interface has it."""
-    from _pytest.skipping import evaluate_xfail_marks
-
-    return not item.config.getoption("runxfail", False) and evaluate_xfail_marks(item) is not None
 
 
 def _existing(folder: Path, stem: str, picture: Picture) -> Path:

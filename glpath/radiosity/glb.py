@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
+from glpath.io.export import gltf_json
 from glpath.io.export.geometry import behind
 from glpath.io.export.glb import Glb
 from glpath.radiosity.mesh import lattice
@@ -29,21 +30,15 @@ if TYPE_CHECKING:
 
 def write_glb(solution: RadiositySolution, scene: Scene, path: str | Path, exposure: float = 0.0) -> None:
     """Write `scene`, in triangles, as .glb. See `RadiositySolution.to_glb`."""
-    import pygltflib as gltf
-
     path = check_suffix(path)
     if not abs(exposure) <= 100:
         raise UsageError(f"exposure is {exposure}; must be a number of stops from -100 to 100.")
     file = Glb(scene)
     file.materials.append(
-        gltf.Material(
+        gltf_json.Material(
             name="baked light",
-            pbrMetallicRoughness=gltf.PbrMetallicRoughness(
-                baseColorFactor=[1, 1, 1, 1], metallicFactor=0, roughnessFactor=1
-            ),
+            pbr_metallic_roughness=gltf_json.PbrMetallicRoughness(metallic_factor=0.0),
             extensions={file.use("KHR_materials_unlit"): {}},
-            alphaMode="OPAQUE",
-            alphaCutoff=None,
         )
     )
     for number, shape in enumerate(scene.shapes):
@@ -61,10 +56,10 @@ def check_suffix(path: str | Path) -> Path:
     return path
 
 
-def _primitives(file: Glb, solution: RadiositySolution, scene: Scene, number: int, exposure: float) -> list[object]:
+def _primitives(
+    file: Glb, solution: RadiositySolution, scene: Scene, number: int, exposure: float
+) -> list[gltf_json.Primitive]:
     """Of one shape: its fronts and its backs, as far as they aren't black by their nature."""
-    import pygltflib as gltf
-
     shape = scene.shapes[number]
     material = scene.materials[shape.material]
     part = scene.shapes.ranges[number]
@@ -73,7 +68,7 @@ def _primitives(file: Glb, solution: RadiositySolution, scene: Scene, number: in
     reflectance, emission = appearance.reflectance(triangle, b), appearance.emission(triangle, b)
     first = int(solution.first_vertex[part.start])
     position = file.add_array(points.astype(np.float32), bounds=True)
-    found: list[object] = []
+    found: list[gltf_json.Primitive] = []
     for back in range(2):
         emits = shape.emits and (not back or shape.emission_two_sided)
         reflects = np.any(material.reflectance > 0) and (not back or material.two_sided)
@@ -89,8 +84,8 @@ def _primitives(file: Glb, solution: RadiositySolution, scene: Scene, number: in
             position = file.add_array(behind_it.astype(np.float32), bounds=True)
         corners = faces[:, ::-1] if back else faces
         found.append(
-            gltf.Primitive(
-                attributes=gltf.Attributes(POSITION=position, COLOR_0=file.add_array(colour)),
+            gltf_json.Primitive(
+                attributes={"POSITION": position, "COLOR_0": file.add_array(colour)},
                 indices=file.add_array(corners.astype(np.uint32).ravel(), indices=True),
                 material=0,
             )

@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Unpack, get_args
+from typing import Annotated, Any, Literal, Unpack
 
 import msgspec
 from msgspec import Meta
@@ -42,9 +42,9 @@ from glpath.rendering.options import (
     whole_numbers,
     with_options,
 )
-from glpath.rendering.stopping import MAX_FIRST_PATH_SET, MAX_SPP
+from glpath.sampling import MAX_FIRST_PATH_SET, MAX_SPP
 from glpath.scene import Camera, Scene, check_camera
-from glpath.scene.camera import Projection
+from glpath.scene.choices import PROJECTIONS, Projection
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.files import read_bytes, whole_file
@@ -387,7 +387,7 @@ def with_overrides(
         raise UsageError(f"camera: {camera!r} where a Camera, or a dictionary of what to replace of it, is needed")
     for name, value in (camera or {}).items():
         if name == "type":
-            check_word("camera type", value, get_args(Projection))
+            check_word("camera type", value, PROJECTIONS)
             changes["projection"] = value
             continue
         if name not in _CAMERA_NUMBERS:

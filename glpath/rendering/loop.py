@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from glpath.errors import ContextError
 from glpath.film.batches import BLOCK, blocks
+from glpath.film.choices import INTERRUPTED_RULE, SPP, TIME_LIMIT
 from glpath.film.film import Film
-from glpath.film.metadata import INTERRUPTED_RULE, SPP, TIME_LIMIT, merged_values
+from glpath.film.metadata import merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine

@@ -16,17 +16,19 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywords
 from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
 from glpath.rendering.run_options import RunKeywords, RunOptions
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -239,6 +241,8 @@ def _checked(setting: Setting, value: Any) -> Any:
         check_word(name, value, setting.words)
         return value
     if setting.type is bool:
+        import numpy as np
+
         if not isinstance(value, bool | np.bool_):
             raise UsageError(f"{name}: {value!r} where True or False is needed")
         return bool(value)
@@ -272,6 +276,8 @@ def _file_or_solution(name: str, value: Any) -> Path | Solution:
 
 def check_count(name: str, value: object, low: int, high: int) -> None:
     """A whole number from `low` to `high`, or a UsageError that names the option."""
+    import numpy as np
+
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or not low <= value <= high:
         raise UsageError(f"{name}: {value!r} where a whole number from {low} to {high} is needed")
 
@@ -297,6 +303,8 @@ def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
 
 def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
     """So many finite numbers, or a UsageError that names the option."""
+    import numpy as np
+
     try:
         found = np.atleast_1d(np.asarray(value, np.float64))
     except (TypeError, ValueError):
@@ -310,7 +318,7 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
 def whole_numbers(name: str, value: Any, count: int) -> list[int]:
     """So many whole numbers of pixels, or a UsageError that names the option."""
     found = numbers(name, value, count)
-    if np.any(found != np.floor(found)):
+    if any(found != found.round()):
         raise UsageError(f"{name}: {value!r} where {count} whole numbers of pixels are needed")
     return [int(n) for n in found]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 from glpath.errors import UsageError
-from glpath.rendering.stopping import MAX_SPP
+from glpath.sampling import MAX_SPP
 from glpath.system.interactive import in_notebook
 from glpath.system.machine import limit_threads
 

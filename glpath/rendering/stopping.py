@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from glpath.film.batches import BLOCK
-from glpath.film.metadata import CLEAN, NOISE
+from glpath.film.choices import CLEAN, NOISE
 from glpath.film.noise import MIN_BATCHES
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.rendering.run_options import RunOptions
-
-#: A Sobol sequence of 30 bits ends at 2**30.
-MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
 
 #: The share of renders whose error is below the bound that noise is asked for.
 CONFIDENCE = 0.95

@@ -13,14 +13,12 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.sampling import Sampling
 from glpath.sampling.sobol import DIMENSIONS, sobol_points, sobol_points_at
-
-Sampling = Literal["sobol", "random"]
 
 # Order of the dimensions: the best ones of the sequence to what varies most, the first two directions. Measured on
 # the Cornell box at 128 sets, this has a fifth less error than with the directions last. A bounce has two.

@@ -1,11 +1,20 @@
-"""The model of a scene: primitives, materials, lights and a camera. Plain data: no file is read here, and no GL."""
+"""The model of a scene: primitives, materials, lights and a camera. Plain data: no file is read here, and no GL.
 
-from glpath.scene.background import Background
-from glpath.scene.camera import CameraKey
-from glpath.scene.check import check_camera, check_scene
-from glpath.scene.model import Camera, Environment, Light, Material, Portal, Scene, Shape, Sky, Texture
-from glpath.scene.motion import Motion
-from glpath.scene.triangulate import path_traceable
+Each name brings what it needs when it is first used, so that a command's help loads no numpy.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glpath.scene.background import Background
+    from glpath.scene.camera import CameraKey
+    from glpath.scene.check import check_camera, check_scene
+    from glpath.scene.model import Camera, Environment, Light, Material, Portal, Scene, Shape, Sky, Texture
+    from glpath.scene.motion import Motion
+    from glpath.scene.triangulate import path_traceable
 
 __all__ = [
     "Background",
@@ -24,3 +33,21 @@ __all__ = [
     "check_scene",
     "path_traceable",
 ]
+
+# Where a name lives; those that are not here live in `model`.
+_HOME = {
+    "Background": "background",
+    "CameraKey": "camera",
+    "Motion": "motion",
+    "check_camera": "check",
+    "check_scene": "check",
+    "path_traceable": "triangulate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'glpath.scene' has no attribute {name!r}")
+    value = getattr(import_module(f"glpath.scene.{_HOME.get(name, 'model')}"), name)
+    globals()[name] = value
+    return value

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pyrr import matrix33
 
+from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
 
 # Of `framing`: degrees from the front to the right, and upwards, each of what is as wide and high as deep, and of
@@ -27,8 +27,6 @@ _FOV = 30.0
 # How much larger the picture is than what it shows, and in diagonals of that, how near the eye may be at the least.
 _MARGIN = 1.15
 _CLOSEST = 0.1
-
-Projection = Literal["perspective", "orthographic", "panorama"]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ Loading does not warn: a scene is often loaded to be changed. Rendering and `glp
 
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.camera import CameraKey
+from glpath.scene.choices import PROJECTIONS
 from glpath.scene.model import Camera, Light, Mesh, Scene
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
 from glpath.scene.source_location import SourceLocation, coordinates
@@ -54,8 +53,8 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
 
 
 def _check_lens(camera: Camera, location: SourceLocation) -> None:
-    if camera.projection not in get_args(Projection):
-        raise location.field("type").wrong(camera.projection, f"one of: {', '.join(get_args(Projection))}")
+    if camera.projection not in PROJECTIONS:
+        raise location.field("type").wrong(camera.projection, f"one of: {', '.join(PROJECTIONS)}")
     for name, min_value in (("height", 0.0), ("aperture_radius", -1.0), ("focus_distance", 0.0)):
         value = getattr(camera, name)
         if value is not None and not (np.isfinite(value) and value > min_value and value >= 0):

@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from glpath.errors import SceneError
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -72,6 +70,8 @@ def coordinates(point: Iterable[float]) -> str:
 
 def shown(value: object) -> str:
     """`value` as a scene file would write it, cut short when long."""
+    import numpy as np
+
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
-from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.camera import CameraKey
 from glpath.scene.centre import moved_camera, origin_of
+from glpath.scene.choices import Projection
 from glpath.scene.model import Camera, Scene
 
 Vector = tuple[float, float, float]

@@ -26,10 +26,12 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
-from numba.core.serialize import dumps
+
+from glpath.system.private_interfaces import numba_internals
 
 log = logging.getLogger("glpath")
+
+NUMBA = numba_internals()
 
 #: Seconds to wait for a process that compiles the same kernel; longer, and it hangs or was stopped.
 _PATIENCE = 60.0
@@ -64,7 +66,7 @@ def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-class KernelCache(FunctionCache):
+class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
     """The cache of one function, a file for each signature.
 
     on_wait : gets the function's name where another process is compiling it
@@ -77,7 +79,7 @@ class KernelCache(FunctionCache):
         on_wait: Callable[[str], None] | None = None,
         on_load: Callable[[str], None] | None = None,
     ) -> None:
-        super().__init__(function)  # type: ignore[no-untyped-call]
+        super().__init__(function)
         self._stamp = room_stamp(Path(function.__code__.co_filename))
         self._version = _short(repr((numba.__version__, self._stamp)))
         self._on_wait, self._on_load = on_wait, on_load
@@ -112,7 +114,7 @@ class KernelCache(FunctionCache):
         if not self._impl.check_cachable(data):
             return
         path = self._file(sig, data.codegen)
-        content = dumps((self._made_from(sig, data.codegen), self._impl.reduce(data)))  # type: ignore[no-untyped-call]
+        content = NUMBA.dumps((self._made_from(sig, data.codegen), self._impl.reduce(data)))
         temporary = path.with_suffix(f".{os.getpid()}.part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -140,11 +142,11 @@ class KernelCache(FunctionCache):
             return None
 
     def _file(self, sig: Any, codegen: Any) -> Path:
-        which = _short(repr(self._index_key(sig, codegen)))  # type: ignore[no-untyped-call]
+        which = _short(repr(self._index_key(sig, codegen)))
         return Path(self._cache_path) / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
 
     def _made_from(self, sig: Any, codegen: Any) -> str:
-        return repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))  # type: ignore[no-untyped-call]
+        return repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))
 
 
 @functools.cache

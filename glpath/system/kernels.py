@@ -14,10 +14,14 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from numba.core import event, types
-from numba.core.compiler_lock import global_compiler_lock
 
-from glpath.system.kernel_cache import KernelCache
+from glpath.system.kernel_cache import NUMBA, KernelCache
+from glpath.system.private_interfaces import (
+    NUMBA_OPTIONS,
+    NUMBA_WITHOUT_PYTHON,
+    numba_cache,
+    set_numba_cache,
+)
 
 _njit: Any = numba.njit  # whose types know neither of all options
 log = logging.getLogger("glpath")
@@ -34,7 +38,7 @@ Report = Callable[[str], None]
 
 # Neither makes arrays: to compile `np.empty` alone takes seconds, and without arrays that come and go no references
 # are counted, which is atomic and takes longer than what is done in inner loops. Python makes all room there is.
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", **NUMBA_OPTIONS}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -50,7 +54,7 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     """As `kernel`, for what kernels call: it is compiled as a part of them alone. From Python it runs as Python."""
     if _PLAIN:
         return function
-    return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True)(function)))
+    return _as_python(_for_types(_njit(**_OPTIONS, **NUMBA_WITHOUT_PYTHON)(function)))
 
 
 def outer(inner: Any) -> Any:
@@ -63,7 +67,7 @@ def inner_sum(function: Callable[..., Any]) -> Any:
     at a time, so that the last bits of the sum depend on the processor."""
     if _PLAIN:
         return function
-    return _as_python(_for_types(_njit(**_OPTIONS, no_cpython_wrapper=True, fastmath={"reassoc"})(function)))
+    return _as_python(_for_types(_njit(**_OPTIONS, **NUMBA_WITHOUT_PYTHON, fastmath={"reassoc"})(function)))
 
 
 def kernel_part(function: Callable[..., Any]) -> Any:
@@ -89,7 +93,7 @@ def _for_types(dispatcher: Any) -> Any:
     compile_now = dispatcher.compile
 
     def compile_types(signature: Any) -> Any:
-        plain = tuple(map(types.unliteral, signature)) if isinstance(signature, tuple) else signature
+        plain = tuple(map(NUMBA.types.unliteral, signature)) if isinstance(signature, tuple) else signature
         return compile_now(plain)
 
     dispatcher.compile = compile_types
@@ -139,12 +143,16 @@ _compilations = _Compilations()
 def waiting(kernels: Iterable[Any]) -> list[Any]:
     """The kernels that are not compiled yet, neither in this process nor in the cache."""
     made = [k for k in kernels if not isinstance(k, FunctionType)]
-    return [k for k in made if not (k.signatures or (isinstance(k._cache, KernelCache) and k._cache.holds_any()))]
+    return [k for k in made if not (k.signatures or _holds_any(numba_cache(k)))]
+
+
+def _holds_any(cache: Any) -> bool:
+    return isinstance(cache, KernelCache) and cache.holds_any()
 
 
 def cache_folder(kernel: Any) -> Path | None:
     """Where a kernel is kept; None where no folder can be written to."""
-    cache = getattr(kernel, "_cache", None)
+    cache = None if isinstance(kernel, FunctionType) else numba_cache(kernel)
     return Path(cache.cache_path) if isinstance(cache, KernelCache) else None
 
 
@@ -164,7 +172,7 @@ def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator
         _compilations.expected, _compilations.done, _compilations.report = before
 
 
-class _Outermost(event.Listener):
+class _Outermost(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
     """Reports the kernel that is compiled, not the functions in it. Loading is not compiling."""
 
     def on_start(self, event: Any) -> None:
@@ -179,7 +187,7 @@ class _Outermost(event.Listener):
         self._depth = 0
 
 
-event.register("numba:compile", _Outermost())  # type: ignore[no-untyped-call]
+NUMBA.event.register("numba:compile", _Outermost())
 
 
 @contextmanager
@@ -202,11 +210,12 @@ def _kept(dispatcher: Any) -> Any:
     cache = None
     # Numba raises where neither the folder of the file nor the user's cache can be written to.
     with suppress(RuntimeError):
-        cache = dispatcher._cache = KernelCache(dispatcher.py_func, _compilations.wait, _compilations.loaded)
+        cache = KernelCache(dispatcher.py_func, _compilations.wait, _compilations.loaded)
+        set_numba_cache(dispatcher, cache)
     compile_now = dispatcher.compile
 
     def compile_alone(signature: Any) -> Any:
-        with global_compiler_lock, ExitStack() as alone:
+        with NUMBA.compiler_lock, ExitStack() as alone:
             if not _compilations.running:
                 alone.enter_context(_running())
             if cache is not None:

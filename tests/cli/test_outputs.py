@@ -19,9 +19,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from benchmarks.figures.outcome import Outcome, write
-from glpath.cli import picture
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
+from glpath.film import denoise
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata
 from glpath.radiosity import RadiositySolution
@@ -51,7 +51,7 @@ def film(make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch) -> Film:
     """What `glpath render` renders, at once; and without a denoiser, as it has no AOVs by which one goes."""
     made = make_film([(0, 32)])
     monkeypatch.setattr(calls, "run_job", lambda job, scene, options: made)
-    monkeypatch.setattr(picture, "can_denoise", lambda: False)
+    monkeypatch.setattr(denoise, "can_denoise", lambda: False)
     return made
 
 

@@ -25,7 +25,7 @@ from glpath.film.film import Film
 from glpath.film.image import read_exr_channels, read_image
 from glpath.rendering import RenderJob
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.stopping import MAX_SPP
+from glpath.sampling import MAX_SPP
 from glpath.scene import Scene
 from tests.conftest import MakeFilm
 from tests.support.engines import with_depth
@@ -262,7 +262,7 @@ def test_what_is_for_eyes_is_denoised_by_default(
 
 
 def test_without_the_denoiser_a_line_says_what_would_help(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("glpath.cli.picture.can_denoise", lambda: False)
+    monkeypatch.setattr("glpath.film.denoise.can_denoise", lambda: False)
     render = ("render", "cornell-box-36", "--spp", 2, "--max-depth", 1, "--resolution", "12x10")
     help_line = "  not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
     result = cli(*render, "-o", tmp_path / "a.png")
@@ -286,7 +286,7 @@ def test_a_picture_without_options_ends_when_it_looks_clean(
         return film
 
     monkeypatch.setattr("glpath.rendering.calls.run_job", run_job)
-    monkeypatch.setattr("glpath.cli.picture.can_denoise", lambda: there)
+    monkeypatch.setattr("glpath.film.denoise.can_denoise", lambda: there)
     for options, ended_by, spp in (
         ((), rule, 64),
         (("--spp", 3), {}, 3),

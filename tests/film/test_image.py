@@ -13,6 +13,7 @@ import pytest
 
 from glpath.errors import ImageError, UsageError
 from glpath.film import image
+from glpath.film.choices import TONEMAP_NAMES
 from glpath.film.film import read_image
 from glpath.system import files
 
@@ -29,6 +30,10 @@ def test_the_srgb_curve_has_its_published_values() -> None:
 def test_an_exposure_of_one_stop_doubles_the_light() -> None:
     radiance = np.random.default_rng(0).uniform(0, 0.4, (5, 7, 3))
     assert np.array_equal(image.tonemap(radiance, exposure=1.0), image.tonemap(2 * radiance))
+
+
+def test_every_tone_curve_that_is_offered_is_there() -> None:
+    assert tuple(image.TONEMAPS) == TONEMAP_NAMES
 
 
 @pytest.mark.parametrize("operator", image.TONEMAPS)

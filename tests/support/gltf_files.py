@@ -1,4 +1,4 @@
-"""Small glTF files, built in tests."""
+"""Small glTF files, built in tests; and what is in a file that was written."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,44 @@ def glb(text: bytes, binary: bytes) -> bytes:
     if binary:
         chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+@dataclass(frozen=True)
+class ReadGlb:
+    """A .glb taken apart by the specification's section 4: its JSON, and the arrays and images of its buffer."""
+
+    json: dict[str, Any]
+    binary: bytes
+
+    @classmethod
+    def of(cls, path: str | Path) -> ReadGlb:
+        content = Path(path).read_bytes()
+        magic, version, length = struct.unpack_from("<4sII", content)
+        assert (magic, version, length) == (b"glTF", 2, len(content))
+        chunks, at = [], 12
+        while at < length:
+            size, kind = struct.unpack_from("<I4s", content, at)
+            assert size % 4 == 0
+            chunks.append((kind, content[at + 8 : at + 8 + size]))
+            at += 8 + size
+        assert [kind for kind, _ in chunks] in ([b"JSON"], [b"JSON", b"BIN\0"])
+        return cls(json.loads(chunks[0][1]), chunks[-1][1] if len(chunks) == 2 else b"")
+
+    def view(self, number: int) -> bytes:
+        view = self.json["bufferViews"][number]
+        start = view.get("byteOffset", 0)
+        return self.binary[start : start + view["byteLength"]]
+
+    def values(self, number: int) -> np.ndarray:
+        """Of an accessor: (N,) or (N, 2 to 4)."""
+        accessor = self.json["accessors"][number]
+        kind = {code: name for name, code in COMPONENTS.items()}[accessor["componentType"]]
+        width = {name: width for width, name in TYPES.items()}[accessor["type"]]
+        flat = np.frombuffer(self.view(accessor["bufferView"]), kind, accessor["count"] * width)
+        return flat if width == 1 else flat.reshape(-1, width)
+
+    def image(self, number: int) -> bytes:
+        return self.view(self.json["images"][number]["bufferView"])
 
 
 def encoded(pixels: ArrayLike, kind: str = "PNG", **options: Any) -> bytes:

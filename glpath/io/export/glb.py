@@ -1,6 +1,6 @@
 """A binary glTF 2.0 file as it grows: arrays and images in one buffer, a root that turns up to y, a camera.
 
-What scenes and baked scenes have in common. Structure by pygltflib, imported when a file is made.
+What scenes and baked scenes have in common.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.film.image import encode_png
+from glpath.io.export import gltf_json
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64
 from glpath.scene.model import Scene
@@ -30,27 +31,26 @@ class Glb:
     vertices have 32 bits.
 
     bounds : the scene's
-    textures, samplers, images, materials : as pygltflib has them, to be added to
+    textures, samplers, images, materials : to be added to
     """
 
     def __init__(self, scene: Scene) -> None:
-        import pygltflib as gltf
-
         self.name = scene.name
-        self.textures: list[Any] = []
-        self.samplers: list[Any] = []
-        self.images: list[Any] = []
-        self.materials: list[Any] = []
+        self.textures: list[gltf_json.Texture] = []
+        self.samplers: list[gltf_json.Sampler] = []
+        self.images: list[gltf_json.Image] = []
+        self.materials: list[gltf_json.Material] = []
         self.extensions: dict[str, Any] = {}
-        self._meshes: list[Any] = []
+        self._meshes: list[gltf_json.Mesh] = []
         self._bytes = bytearray()
-        self._accessors: list[Any] = []
-        self._views: list[Any] = []
+        self._accessors: list[gltf_json.Accessor] = []
+        self._views: list[gltf_json.BufferView] = []
         self._used: set[str] = set()
-        root = gltf.Node(name=scene.name, rotation=_to_y_up(scene.camera.up), children=[])
+        rotation = _to_y_up(scene.camera.up)
+        root = gltf_json.Node(name=scene.name, rotation=rotation)
         if scene.origin.any():
-            root.translation = [float(x) for x in _matrix(root.rotation) @ scene.origin]
-        self._nodes: list[Any] = [root]
+            root.translation = [float(x) for x in _matrix(rotation) @ scene.origin]
+        self._nodes: list[gltf_json.Node] = [root]
         self.bounds = scene.bounds
         self._camera = _camera(scene.camera, float(np.linalg.norm(self.bounds[1] - self.bounds[0])))
         self.add_node("camera", _camera_matrix(scene.camera), camera=0)
@@ -65,12 +65,11 @@ class Glb:
 
         Returns the number of the accessor.
         """
-        import pygltflib as gltf
-
         data = np.ascontiguousarray(array)
-        accessor = gltf.Accessor(
-            bufferView=self._add(data.tobytes(), gltf.ELEMENT_ARRAY_BUFFER if indices else gltf.ARRAY_BUFFER),
-            componentType=gltf.UNSIGNED_INT if indices else gltf.FLOAT,
+        target = gltf_json.ELEMENT_ARRAY_BUFFER if indices else gltf_json.ARRAY_BUFFER
+        accessor = gltf_json.Accessor(
+            buffer_view=self._add(data.tobytes(), target),
+            component_type=gltf_json.UNSIGNED_INT if indices else gltf_json.FLOAT,
             count=len(data),
             type=_TYPES[1 if data.ndim == 1 else data.shape[1]],
         )
@@ -81,39 +80,31 @@ class Glb:
 
     def add_image(self, name: str, image: NDArray[np.uint8]) -> int:
         """Put (h, w, 3) or (h, w, 4) in, row 0 at the top; returns its number."""
-        import pygltflib as gltf
-
         self.images.append(
-            gltf.Image(name=name, mimeType="image/png", bufferView=self._add(encode_png(image), None))
+            gltf_json.Image(name=name, mime_type="image/png", buffer_view=self._add(encode_png(image), None))
         )
         return len(self.images) - 1
 
-    def add_mesh(self, name: str, primitives: list[Any]) -> int:
+    def add_mesh(self, name: str, primitives: list[gltf_json.Primitive]) -> int:
         """Returns its number."""
-        import pygltflib as gltf
-
-        self._meshes.append(gltf.Mesh(name=name, primitives=primitives))
+        self._meshes.append(gltf_json.Mesh(name=name, primitives=primitives))
         return len(self._meshes) - 1
 
     def add_node(self, name: str, world_from_node: Float64 | None = None, **fields: Any) -> None:
         """A child of the root; the map is (3, 4), the identity without it."""
-        import pygltflib as gltf
-
         if world_from_node is not None:
             matrix = np.eye(4)
             matrix[:3] = world_from_node
             fields["matrix"] = [float(x) for x in matrix.T.ravel()]
         self._nodes[0].children.append(len(self._nodes))
-        self._nodes.append(gltf.Node(name=name, **fields))
+        self._nodes.append(gltf_json.Node(name=name, **fields))
 
     def save(self, path: Path, **extras: Any) -> None:
         """Write the file, whole or not at all. extras: what it says of itself. Raises ImageError."""
-        import pygltflib as gltf
-
-        document = gltf.GLTF2(
-            asset=gltf.Asset(version="2.0", generator="glpath"),
+        document = gltf_json.Document(
+            asset=gltf_json.Asset(version="2.0", generator="glpath"),
             scene=0,
-            scenes=[gltf.Scene(name=self.name, nodes=[0])],
+            scenes=[gltf_json.Scene(name=self.name, nodes=[0])],
             nodes=self._nodes,
             meshes=self._meshes,
             cameras=[self._camera],
@@ -122,21 +113,18 @@ class Glb:
             samplers=self.samplers,
             images=self.images,
             accessors=self._accessors,
-            bufferViews=self._views,
-            buffers=[gltf.Buffer(byteLength=len(self._bytes))] if self._bytes else [],
+            buffer_views=self._views,
+            buffers=[gltf_json.Buffer(byte_length=len(self._bytes))] if self._bytes else [],
             extensions=self.extensions,
-            extensionsUsed=sorted(self._used),
+            extensions_used=sorted(self._used),
             extras=extras,
         )
-        document.set_binary_blob(bytes(self._bytes))
         with whole_file(path) as temporary:
-            temporary.write_bytes(b"".join(document.save_to_bytes()))
+            gltf_json.write_glb(document, self._bytes, temporary)
 
     def _add(self, content: bytes, target: int | None) -> int:
-        import pygltflib as gltf
-
         self._views.append(
-            gltf.BufferView(buffer=0, byteOffset=len(self._bytes), byteLength=len(content), target=target)
+            gltf_json.BufferView(buffer=0, byte_offset=len(self._bytes), byte_length=len(content), target=target)
         )
         self._bytes += content + bytes(-len(content) % 4)  # arrays begin at multiples of their numbers' size
         return len(self._views) - 1
@@ -159,17 +147,15 @@ def _matrix(rotation: list[float]) -> Float64:
     return np.asarray(np.rint(np.eye(3) + w * across + np.cross(axis, across)).T)
 
 
-def _camera(camera: Camera, size: float) -> Any:
-    import pygltflib as gltf
-
+def _camera(camera: Camera, size: float) -> gltf_json.Camera:
     width, height = camera.resolution
     if camera.projection == "orthographic":
         wide, high = camera.extent
-        parallel = gltf.Orthographic(xmag=wide, ymag=high, znear=0.0, zfar=_FAR * size)
-        return gltf.Camera(name="camera", type="orthographic", orthographic=parallel)
+        parallel = gltf_json.Orthographic(xmag=wide, ymag=high, znear=0.0, zfar=_FAR * size)
+        return gltf_json.Camera(name="camera", type="orthographic", orthographic=parallel)
     fov = 90.0 if camera.projection == "panorama" else camera.fov
-    view = gltf.Perspective(yfov=math.radians(fov), aspectRatio=width / height, znear=_NEAR * size)
-    return gltf.Camera(name="camera", type="perspective", perspective=view)
+    view = gltf_json.Perspective(yfov=math.radians(fov), aspect_ratio=width / height, znear=_NEAR * size)
+    return gltf_json.Camera(name="camera", type="perspective", perspective=view)
 
 
 def _camera_matrix(camera: Camera) -> Float64:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from glpath.film.units import conversion
+from glpath.io.export import gltf_json
 from glpath.io.export.geometry import (
     Notes,
     at_opening,
@@ -99,14 +100,13 @@ class _Writer:
             self.file.add_node(shape.name, None if np.array_equal(at, IDENTITY) else at, mesh=number)
 
     def _mesh(self, mesh: Mesh, material: int, name: str) -> int:
-        import pygltflib as gltf
-
         key = (mesh, material)
         if key not in self._meshes:
             if mesh not in self._attributes:
                 self._add_arrays(mesh)
-            attributes = gltf.Attributes(**self._attributes[mesh])
-            primitive = gltf.Primitive(attributes=attributes, indices=self._indices[mesh], material=material)
+            primitive = gltf_json.Primitive(
+                attributes=self._attributes[mesh], indices=self._indices[mesh], material=material
+            )
             self._meshes[key] = self.file.add_mesh(name, [primitive])
         return self._meshes[key]
 

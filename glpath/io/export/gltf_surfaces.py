@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glpath.film.image import encode_srgb
 from glpath.film.units import conversion
+from glpath.io.export import gltf_json
 from glpath.io.export.geometry import Notes, map_downwards
 from glpath.io.export.glb import Glb
 from glpath.io.gltf.material_extensions import LAYERS
@@ -23,8 +24,13 @@ from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, TextureSlot
 from glpath.scene.model import Scene
 
-_WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
-_NEAREST, _LINEAR, _MIPMAPPED = 9728, 9729, 9987
+_WRAPS = {
+    "repeat": gltf_json.REPEAT,
+    "clamp": gltf_json.CLAMP_TO_EDGE,
+    "mirror": gltf_json.MIRRORED_REPEAT,
+}
+_NEAREST = gltf_json.NEAREST, gltf_json.NEAREST
+_SMOOTH = gltf_json.LINEAR, gltf_json.LINEAR_MIPMAP_LINEAR
 # Reflection at normal incidence of the index 1.5, which the colour of KHR_materials_specular multiplies.
 _F0 = 0.04
 #: Irradiance (h, w, 3) in eight bits, linear, by the second texture coordinates, and what 255 is, as of the scene.
@@ -68,12 +74,9 @@ class Surfaces:
             self._names.add(material.name)
         return self._materials[key]
 
-    def _made(self, material: Material, emission: Float64, two_sided: bool) -> Any:
-        import pygltflib as gltf
-
-        made = gltf.Material(name=material.name, doubleSided=two_sided, alphaMode=material.alpha.upper())
-        made.alphaCutoff = material.cutoff if material.alpha == "mask" else None
-        made.extensions = {}
+    def _made(self, material: Material, emission: Float64, two_sided: bool) -> gltf_json.Material:
+        made = gltf_json.Material(name=material.name, double_sided=two_sided, alpha_mode=material.alpha.upper())
+        made.alpha_cutoff = material.cutoff if material.alpha == "mask" else None
         opacity = 1.0 if material.alpha == "opaque" else material.opacity
         if material.unlit:
             self._unlit(made, material, emission, opacity)
@@ -86,35 +89,33 @@ class Surfaces:
             self._layers(made.extensions, material)
             if replace(material, multiple_scattering=True).keeps_energy and not material.multiple_scattering:
                 self._note(material, "light that its microfacets scatter twice is lost here, not where it is read")
-        made.pbrMetallicRoughness = gltf.PbrMetallicRoughness(
-            baseColorFactor=[*np.clip(base, 0.0, 1.0).tolist(), opacity],
-            roughnessFactor=roughness,
-            metallicFactor=metallic,
-            baseColorTexture=self._slot(material.texture, srgb=True, alpha=material.alpha != "opaque"),
-            metallicRoughnessTexture=self._slot(material.surface_texture),
+        made.pbr_metallic_roughness = gltf_json.PbrMetallicRoughness(
+            base_color_factor=[*np.clip(base, 0.0, 1.0).tolist(), opacity],
+            roughness_factor=roughness,
+            metallic_factor=metallic,
+            base_color_texture=self._slot(material.texture, srgb=True, alpha=material.alpha != "opaque"),
+            metallic_roughness_texture=self._slot(material.surface_texture),
         )
-        if material.normal_texture is not None:
-            info = self._slot(material.normal_texture)
-            made.normalTexture = gltf.NormalMaterialTexture(
-                index=info.index, texCoord=info.texCoord, extensions=info.extensions, scale=material.normal_scale
+        info = self._slot(material.normal_texture)
+        if info is not None:
+            made.normal_texture = gltf_json.NormalTextureInfo(
+                index=info.index, tex_coord=info.tex_coord, extensions=info.extensions, scale=material.normal_scale
             )
         self._emission(made, material, emission)
         return made
 
-    def _unlit(self, made: Any, material: Material, emission: Float64, opacity: float) -> None:
-        import pygltflib as gltf
-
+    def _unlit(self, made: gltf_json.Material, material: Material, emission: Float64, opacity: float) -> None:
         if emission.max() > 1:
             self.notes.add("it is unlit, and no brighter than 1", "material", material.name)
         made.extensions[self.file.use("KHR_materials_unlit")] = {}
-        made.pbrMetallicRoughness = gltf.PbrMetallicRoughness(
-            baseColorFactor=[*np.clip(emission, 0.0, 1.0).tolist(), opacity],
-            roughnessFactor=1.0,
-            metallicFactor=0.0,
-            baseColorTexture=self._slot(material.emission_texture or material.texture, srgb=True, alpha=True),
+        made.pbr_metallic_roughness = gltf_json.PbrMetallicRoughness(
+            base_color_factor=[*np.clip(emission, 0.0, 1.0).tolist(), opacity],
+            roughness_factor=1.0,
+            metallic_factor=0.0,
+            base_color_texture=self._slot(material.emission_texture or material.texture, srgb=True, alpha=True),
         )
 
-    def _without_microfacets(self, made: Any, material: Material) -> tuple[Float64, float, float]:
+    def _without_microfacets(self, made: gltf_json.Material, material: Material) -> tuple[Float64, float, float]:
         """Base colour, roughness and metallic; with the extension that says what is reflected beside the base."""
         mirror, highlight = material.mirror, 2.0 * material.specular / (material.exponent + 1.0)
         if np.any(mirror > 0) and not np.any(highlight > 0) and not np.any(material.reflectance > 0):
@@ -182,16 +183,16 @@ class Surfaces:
             if not material.thin:
                 extensions[use("KHR_materials_volume")] = _volume(material)
 
-    def _emission(self, made: Any, material: Material, emission: Float64) -> None:
+    def _emission(self, made: gltf_json.Material, material: Material, emission: Float64) -> None:
         if not np.any(emission > 0):
             return
         slot = material.emission_texture
         if slot is not None:
-            made.emissiveTexture = self._slot(slot, srgb=True)
+            made.emissive_texture = self._slot(slot, srgb=True)
             emission = emission * self._max_emission(slot.texture)
         emission = conversion(self.scene.unit, "photometric") * emission
         strength = max(float(emission.max()), 1.0)
-        made.emissiveFactor = (emission / strength).tolist()
+        made.emissive_factor = (emission / strength).tolist()
         if strength > 1:
             made.extensions[self.file.use("KHR_materials_emissive_strength")] = {"emissiveStrength": strength}
 
@@ -199,28 +200,31 @@ class Surfaces:
         self.notes.add(text, "material", material.name)
 
     def _light_map(self, light: LightMap) -> dict[str, Any]:
-        import pygltflib as gltf
-
         picture, range_ = light
         if id(picture) not in self._light_textures:
-            sampler = gltf.Sampler(
-                magFilter=_LINEAR, minFilter=_LINEAR, wrapS=_WRAPS["clamp"], wrapT=_WRAPS["clamp"]
+            sampler = gltf_json.Sampler(
+                mag_filter=gltf_json.LINEAR,
+                min_filter=gltf_json.LINEAR,
+                wrap_s=gltf_json.CLAMP_TO_EDGE,
+                wrap_t=gltf_json.CLAMP_TO_EDGE,
             )
             self._light_textures[id(picture)] = len(self.file.textures)
             self.file.samplers.append(sampler)
             image = self.file.add_image("light", picture)
-            self.file.textures.append(gltf.Texture(name="light", sampler=len(self.file.samplers) - 1, source=image))
+            self.file.textures.append(
+                gltf_json.Texture(name="light", sampler=len(self.file.samplers) - 1, source=image)
+            )
         return {"index": self._light_textures[id(picture)], "texCoord": 1, "intensity": range_}
 
     # Textures
 
-    def _slot(self, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False) -> Any:
-        import pygltflib as gltf
-
+    def _slot(
+        self, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
+    ) -> gltf_json.TextureInfo | None:
         if slot is None:
             return None
         texture = self.scene.textures[slot.texture]
-        info = gltf.TextureInfo(index=self._texture(slot.texture, srgb, alpha), texCoord=slot.uv_set)
+        info = gltf_json.TextureInfo(index=self._texture(slot.texture, srgb, alpha), tex_coord=slot.uv_set)
         matrix = map_downwards(slot.uv_transform, texture.scale)
         if not np.array_equal(matrix, np.eye(3)):
             transform, exact = _uv_transform(matrix)
@@ -236,28 +240,26 @@ class Surfaces:
         info = self._slot(slot, srgb=srgb, alpha=alpha)
         if info is None:
             return {}
-        made = {"index": info.index, "texCoord": info.texCoord}
+        made = {"index": info.index, "texCoord": info.tex_coord}
         return {name: made | ({"extensions": info.extensions} if info.extensions else {})}
 
     def _texture(self, number: int, srgb: bool, alpha: bool) -> int:
-        import pygltflib as gltf
-
         texture = self.scene.textures[number]
         key = (number, srgb, alpha and texture.image.shape[2] == 4)
         if key not in self._textures:
-            filters = (_NEAREST, _NEAREST) if texture.filter == "nearest" else (_LINEAR, _MIPMAPPED)
-            sampler = gltf.Sampler(
-                magFilter=filters[0],
-                minFilter=filters[1],
-                wrapS=_WRAPS[texture.wrap[0]],
-                wrapT=_WRAPS[texture.wrap[1]],
+            filters = _NEAREST if texture.filter == "nearest" else _SMOOTH
+            sampler = gltf_json.Sampler(
+                mag_filter=filters[0],
+                min_filter=filters[1],
+                wrap_s=_WRAPS[texture.wrap[0]],
+                wrap_t=_WRAPS[texture.wrap[1]],
             )
             if sampler not in self.file.samplers:
                 self.file.samplers.append(sampler)
             self._textures[key] = len(self.file.textures)
             image = self.file.add_image(texture.name, self._image(number, srgb)[..., : 4 if key[2] else 3])
             self.file.textures.append(
-                gltf.Texture(name=texture.name, sampler=self.file.samplers.index(sampler), source=image)
+                gltf_json.Texture(name=texture.name, sampler=self.file.samplers.index(sampler), source=image)
             )
         return self._textures[key]
 

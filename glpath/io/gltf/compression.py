@@ -1,4 +1,4 @@
-"""Compressed buffers, meshes and textures, by libraries of the extra `gltf`: meshopt, DracoPy and opengl_basisu.
+"""Compressed buffers, meshes and textures, by meshopt, DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`).
 
 Where a file holds the same data uncompressed, that is taken, and none of them is needed.
 
@@ -24,7 +24,7 @@ BASISU = "KHR_texture_basisu"
 
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
     """The bytes of a buffer view that is compressed as `table` says."""
-    decoder = _library("meshopt", extension, table.location)
+    decoder = _library("meshopt", "gltf", extension, table.location)
     mode = table.required_choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")})
     filters = {name: name for name in ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")}
     chosen = table.choice("filter", filters, "NONE")
@@ -38,7 +38,7 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
 
 def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
     """Indices (F, 3) of a Draco mesh, and its attributes (V, k) by their unique ids."""
-    library = _library("DracoPy", DRACO, location)
+    library = _library("DracoPy", "gltf", DRACO, location)
     try:
         mesh = library.decode(bytes(data))
         faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
@@ -49,7 +49,7 @@ def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64]
 
 def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
     """(h, w, 3) or (h, w, 4) uint8: the largest level of a KTX 2 texture, row 0 at the top."""
-    library = _library("opengl_basisu", BASISU, location)
+    library = _library("opengl_basisu", "ktx2", BASISU, location)
     try:
         texture = library.open(data)
         pixels = np.array(texture.transcode("rgba8").data, np.uint8)
@@ -71,13 +71,13 @@ def available(module: str) -> bool:
     return True
 
 
-def _library(module: str, extension: str, location: SourceLocation) -> Any:
+def _library(module: str, extra: str, extension: str, location: SourceLocation) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
         raise location.error(
             f"is compressed ({extension}), which needs the package {module}.",
-            'Install it: pip install "glpath[gltf]". Or export the file without compression.',
+            f'Install it: pip install "glpath[{extra}]". Or export the file without compression.',
         ) from error
 
 

@@ -1,8 +1,7 @@
 """The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
 
 The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
-an error names its location. pygltflib takes values of any type, drops what it does
-not know, and opens any URI; it stays with what is written.
+an error names its location.
 
 Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
 """

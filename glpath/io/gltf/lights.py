@@ -16,7 +16,8 @@ from glpath.io.gltf import profiles
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
 from glpath.io.values import LARGEST
-from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.camera import CameraKey
+from glpath.scene.choices import Projection
 from glpath.scene.model import Float64, Light, LightKind
 
 _KINDS: dict[str, LightKind] = {"point": "point", "spot": "spot", "directional": "directional"}

@@ -227,7 +227,7 @@ def test_a_small_file_does_not_unfold_to_gigabytes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("module", ["meshopt", "DracoPy", "opengl_basisu"])
 def test_broken_compressed_data_are_refused(module: str, tmp_path: Path) -> None:
-    pytest.importorskip(module, reason="needs the extra gltf")
+    pytest.importorskip(module, reason="needs the extras gltf and ktx2")
     file = plain()
     if module == "DracoPy":
         extension = {"bufferView": file.view(b"DRACO\2\2\1\1\0\0" + b"\xff" * 40), "attributes": {"POSITION": 0}}

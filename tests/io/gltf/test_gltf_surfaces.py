@@ -419,7 +419,7 @@ def test_ktx2_is_decoded_or_its_library_named(tmp_path: Path) -> None:
     info = {"index": file.add("textures", **extended("KHR_texture_basisu", source=packed))}
     file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info})
     if find_spec("opengl_basisu") is None:
-        with pytest.raises(SceneError, match=r"glpath\[gltf\]"):
+        with pytest.raises(SceneError, match=r"glpath\[ktx2\]"):
             read(file, tmp_path)
         return
     (texture,) = read(file, tmp_path).textures
@@ -427,7 +427,7 @@ def test_ktx2_is_decoded_or_its_library_named(tmp_path: Path) -> None:
 
 
 def test_ktx2_of_another_kind_is_refused_by_its_kind(tmp_path: Path) -> None:
-    pytest.importorskip("opengl_basisu", reason="needs the extra gltf")
+    pytest.importorskip("opengl_basisu", reason="needs the extra ktx2")
     content = bytearray(ktx2_of_solid_blocks(np.full((1, 1, 4), 9, np.uint8)))
     content[12:16] = (23).to_bytes(4, "little")  # VK_FORMAT_R8G8B8_UNORM
     (tmp_path / "a.ktx2").write_bytes(bytes(content))
