@@ -45,7 +45,7 @@ from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
-SCENE_SUFFIXES = (".toml", *MODEL_FORMATS)
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml")
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -54,8 +54,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     Parameters
     ----------
     scene      : one of
-                 the path of a TOML file, or of a model: glTF (.glb, .gltf), OBJ with its MTL, or one of
-                 `glpath.io.meshes.FORMATS`. A path has a folder or such a suffix; `./furnace` is always a file;
+                 the path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), or of a model:
+                 glTF (.glb, .gltf), OBJ with its MTL, or one of `glpath.io.meshes.FORMATS`. A path has a folder
+                 or such a suffix; `./furnace` is always a file;
                  the name of a shipped scene (`shipped_scenes()`);
                  a dictionary of the TOML's form, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F, 4)
                  and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;
@@ -63,8 +64,8 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
     parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
-                 `shutter`, `light_factor`, `unit` and `backs`, or for a TOML file: `time` (`scene_parameters`); as
-                 text (`-D key=value`) or of the parameter's type
+                 `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, or for one of Mitsuba's:
+                 its `<default>`s (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
 
     Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
     instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
@@ -109,6 +110,10 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
         return scene_of_model(_made(read_gltf_as_asked, SourceLocation(text), parameters, path))
     if path.suffix.lower() in MODEL_FORMATS:
         return _without_parameters(scene_of_model(read_model(path, SourceLocation(str(path)))), text, parameters)
+    if path.suffix.lower() == ".xml":
+        from glpath.io.mitsuba import read_mitsuba  # which takes from the exporters, which load scenes
+
+        return read_mitsuba(path, parameters)
     return _made(_read_as_asked, SourceLocation(text), parameters, path)
 
 
@@ -122,9 +127,13 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
-    """Default and description of each parameter of a generated scene, a glTF or a TOML file; empty for others."""
+    """Default and description of each parameter of a generated scene or of a file; empty for others."""
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
+    if name.lower().endswith(".xml"):
+        from glpath.io.mitsuba import mitsuba_parameters
+
+        return {key: (value, "as the file has it") for key, value in mitsuba_parameters(Path(name)).items()}
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)
     is_toml = name in _scene_files() or name.lower().endswith(".toml")

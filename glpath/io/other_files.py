@@ -34,7 +34,6 @@ _KINDS = {
     ".stp": ("a CAD model (STEP)", _MODEL),
     ".mtl": ("materials of an OBJ file", "Give the .obj, which names it."),
     ".rad": ("a scene of Radiance", "Export its surfaces as OBJ (rad2obj), and its lights by hand."),
-    ".xml": ("XML, as scenes of Mitsuba are", "glpath writes it (`glpath export`), but doesn't read it."),
     ".pbrt": ("a scene of pbrt", _MODEL),
 }
 

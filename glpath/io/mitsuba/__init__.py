@@ -1,0 +1,18 @@
+"""Scenes of Mitsuba 3, read from their XML.
+
+    glpath render scene.xml -D spp=16
+
+What is read: diffuse, (rough) conductor, (rough) dielectric, thin dielectric, (rough) plastic, principled,
+twosided, normalmap, mask and blendbsdf; bitmaps and checkerboards; obj, ply, serialized, rectangle, cube, sphere,
+disk and instances; area, point, spot, directional, constant and envmap emitters; perspective, thinlens and
+orthographic sensors; `<default>` with `$name`, `<include>`, `<alias>` and references. All else raises SceneError
+by its name.
+
+Depth, samples per pixel, pixel filter and integrator are not the scene's: `glpath render` has options for them.
+
+Source: https://mitsuba.readthedocs.io, version 3.9.
+"""
+
+from glpath.io.mitsuba.load import mitsuba_parameters, read_mitsuba
+
+__all__ = ["mitsuba_parameters", "read_mitsuba"]

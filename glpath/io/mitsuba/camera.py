@@ -1,0 +1,106 @@
+"""Mitsuba's sensor and film as a camera: y up and +z ahead in its frame, +x to the left of the picture."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from glpath.io.description.camera import MAX_RESOLUTION
+from glpath.io.mitsuba.document import error_of_kind
+from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.transform import mirrors
+from glpath.scene.camera import Camera
+from glpath.scene.source_location import shown
+
+_KINDS = dict.fromkeys(("perspective", "thinlens", "orthographic"))
+_FILMS = dict.fromkeys(("hdrfilm",))
+_AXES = ("x", "y", "diagonal", "smaller", "larger")
+_LENGTH = re.compile(r"\s*([0-9.]+)\s*mm\s*")
+# Of the frames of 35 mm film, 24 x 36, that a focal length is of.
+_DIAGONAL = float(np.hypot(24.0, 36.0))
+_RESOLUTION = (768, 576)
+
+
+def camera_of(plugin: Plugin) -> Camera:
+    """The camera of a sensor. Raises SceneError."""
+    if plugin.kind not in _KINDS:
+        raise error_of_kind(plugin.element, "a sensor", _KINDS)
+    width, height = _film(plugin)
+    world = plugin.transform("to_world")
+    if mirrors(world):
+        raise plugin.where("to_world").error(
+            "mirrors the picture, which a camera here does not.",
+            "Leave out the scale by -1, and mirror the picture when it is done.",
+        )
+    axes = world[:3, :3] / np.linalg.norm(world[:3, :3], axis=0)
+    if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-4):
+        raise plugin.where("to_world").error(
+            "shears the picture.", "Give a lookat, or rotations and a translation."
+        )
+    for name in ("near_clip", "far_clip", "shutter_open", "shutter_close"):
+        plugin.number(name, 0.0, 0.0)  # nothing moves, and nothing is cut off
+    plugin.refuse_unless("principal_point_offset_x", 0.0, "the view is to the middle of the picture")
+    plugin.refuse_unless("principal_point_offset_y", 0.0, "the view is to the middle of the picture")
+    position, forward = world[:3, 3], axes[:, 2]
+    camera = Camera(position, position + forward, axes[:, 1], 40.0, (width, height))
+    if plugin.kind == "orthographic":  # of a picture that is 2 wide before its transform
+        size = float(np.linalg.norm(world[:3, 0]))
+        camera = replace(camera, projection="orthographic", height=2.0 * size * height / width)
+    else:
+        camera = replace(camera, fov=_vertical(plugin, width, height))
+    if plugin.kind == "thinlens":
+        camera = replace(
+            camera,
+            aperture_radius=plugin.number("aperture_radius", 0.0, 0.0),
+            focus_distance=plugin.number("focus_distance", 1.0, 1e-12),
+        )
+    if plugin.nested("sampler"):
+        pass  # how many samples, and which, is asked of `glpath render`
+    plugin.check_all_read()
+    return camera
+
+
+def _film(plugin: Plugin) -> tuple[int, int]:
+    """(width, height). Its filter, file and format of pixels are none of the scene's."""
+    films = plugin.nested("film")
+    if not films:
+        return _RESOLUTION
+    film = films[0]
+    if film.kind not in _FILMS:
+        raise error_of_kind(film.element, "a film", _FILMS)
+    size = film.whole("width", _RESOLUTION[0], 1), film.whole("height", _RESOLUTION[1], 1)
+    for name, pixels in zip(("width", "height"), size, strict=True):
+        if pixels > MAX_RESOLUTION:
+            raise film.where(name).error(f"is {pixels}, but must be at most {MAX_RESOLUTION}.")
+    for name in ("crop_offset_x", "crop_offset_y"):
+        film.refuse_unless(name, 0.0, "the whole picture is rendered")
+    for name, whole in zip(("crop_width", "crop_height"), size, strict=True):
+        film.refuse_unless(name, float(whole), "the whole picture is rendered")
+    film.nested("rfilter")
+    for name in ("file_format", "pixel_format", "component_format"):
+        film.text(name)
+    for name in ("banner", "high_quality_edges", "sample_border", "compensate"):
+        film.flag(name, False)
+    film.number("gamma", 0.0)
+    film.check_all_read()
+    return size
+
+
+def _vertical(plugin: Plugin, width: int, height: int) -> float:
+    """The vertical field of view, degrees."""
+    given = plugin.text("focal_length")
+    axis = plugin.text("fov_axis", "x", _AXES)
+    if given:
+        found = _LENGTH.fullmatch(given)
+        if found is None or not float(found[1]) > 0:
+            raise plugin.where("focal_length").error(f"is {shown(given)}, but must be a length such as 50mm.")
+        tangent, axis = 0.5 * _DIAGONAL / float(found[1]), "diagonal"
+    elif "fov" in plugin:
+        tangent = float(np.tan(np.radians(plugin.number("fov", 40.0, 1e-3, 179.99)) / 2))
+    else:
+        tangent, axis = 0.5 * _DIAGONAL / 50.0, "diagonal"
+    sides = {"x": width, "y": height, "diagonal": float(np.hypot(width, height))}
+    sides |= {"smaller": min(width, height), "larger": max(width, height)}
+    return float(np.degrees(2 * np.arctan(tangent * height / sides[axis])))

@@ -1,0 +1,233 @@
+"""Mitsuba's XML as a tree of elements, each with its line [expat]; parameters, includes and references resolved.
+
+Files with a document type are refused, so that entities cannot grow without end.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from glpath.errors import SceneError
+from glpath.io.values import nearby_files
+from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.files import read_bytes
+
+_DEEPEST = 15  # includes in each other, as in Mitsuba
+_NESTED = 100  # elements in each other
+_DOLLAR = re.compile(r"\$(\w+)")
+_CAMEL = re.compile(r"([a-z0-9])([A-Z])")
+# Names of Mitsuba 0.x that are no camel case of today's.
+_RENAMED = {"lookAt": "lookat"}
+
+
+@dataclass(eq=False)
+class Element:
+    """An element: its tag, attributes, children, and the folder of its file, where relative paths start."""
+
+    tag: str
+    attributes: dict[str, str]
+    location: SourceLocation
+    folder: Path
+    children: list[Element] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return self.attributes.get("name", "")
+
+    def attribute(self, name: str) -> str:
+        """The value of an attribute that must be there. Raises SceneError."""
+        if name not in self.attributes:
+            found = ", ".join(self.attributes) or "none"
+            raise self.location.error(f"lacks the attribute `{name}`. It has: {found}.")
+        return self.attributes[name]
+
+
+@dataclass
+class Document:
+    """A scene file with all that it includes.
+
+    root       : the element <scene>
+    identified : elements by their id
+    defaults   : `<default>`s, in order, as text
+    """
+
+    root: Element
+    identified: dict[str, Element]
+    defaults: dict[str, str]
+
+    def resolved(self, element: Element) -> Element:
+        """The element that a `<ref>` is to; itself of any other. Raises SceneError."""
+        if element.tag != "ref":
+            return element
+        wanted = element.attribute("id")
+        found = self.identified.get(wanted)
+        if found is None:
+            near = difflib.get_close_matches(wanted, self.identified, 1)
+            listed = ", ".join(list(self.identified)[:8]) or "no element"
+            raise element.location.error(
+                f"refers to {shown(wanted)}, but the file has the ids {listed}.",
+                f"Did you mean {shown(near[0])}?" if near else "Give the element that is meant this id.",
+            )
+        return found
+
+
+def read_document(path: Path, parameters: Mapping[str, object]) -> Document:
+    """The document of a file. Raises SceneError, also for parameters that the file does not have.
+
+    parameters : stand for the values of its `<default>`s
+    """
+    reader = _Reader({name: str(value) for name, value in parameters.items()})
+    root = reader.read(path, SourceLocation(str(path)), 0)
+    if root.tag != "scene":
+        raise root.location.error(
+            "is the root, but a scene's is <scene>.", "Other XML of Mitsuba is included: <include filename=...>."
+        )
+    for name in parameters:
+        if name not in reader.defaults:
+            allowed = ", ".join(f"{key}={value}" for key, value in reader.defaults.items()) or "none"
+            near = difflib.get_close_matches(name, reader.defaults, 1)
+            raise SourceLocation(str(path)).error(
+                f"has no parameter `{name}`. Allowed: {allowed}.",
+                f"Did you mean `{near[0]}`?" if near else 'A parameter is a <default name="..." value="..."/>.',
+            )
+    return Document(root, reader.identified, reader.defaults)
+
+
+class _Reader:
+    def __init__(self, given: Mapping[str, str]) -> None:
+        self._given = given
+        self._values = dict(given)
+        self.defaults: dict[str, str] = {}
+        self.identified: dict[str, Element] = {}
+        self._aliases: list[Element] = []
+
+    def read(self, path: Path, location: SourceLocation, depth: int) -> Element:
+        """The root element of a file; `location` is where it is named."""
+        if depth > _DEEPEST:
+            raise location.error(f"includes files in each other, more than {_DEEPEST} deep.", "Is it a circle?")
+        if not os.path.isfile(path):
+            raise location.error(
+                f"names {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
+                nearby_files("Files", path, (".xml",)),
+            )
+        try:
+            content = read_bytes(path)
+        except OSError as error:
+            raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions.") from error
+        root = _parsed(content, path, lambda element: self._substituted(element))
+        _check_old_names(root)
+        self._included(root, depth)
+        return root
+
+    def _substituted(self, element: Element) -> None:
+        """Put values for `$name`; a `<default>` gives one to those that follow."""
+        for key, text in element.attributes.items():
+            if "$" in text:
+                element.attributes[key] = _DOLLAR.sub(lambda found: self._value(found[1], element), text)
+        if element.tag == "default":
+            name, value = element.attribute("name"), element.attribute("value")
+            self.defaults.setdefault(name, value)
+            self._values.setdefault(name, value)
+        name = element.attributes.get("id", "")
+        if element.tag not in ("ref", "alias", "default") and name:
+            if name in self.identified:
+                before = self.identified[name].location.path.partition(",")[0]
+                raise element.location.error(
+                    f"has the id {shown(name)}, which the element of {before} has.", "Give each its own."
+                )
+            self.identified[name] = element
+
+    def _value(self, name: str, element: Element) -> str:
+        # As Mitsuba has it: the longest name that is known, so that `$widthpx` may be `$width` and px.
+        for end in range(len(name), 0, -1):
+            if name[:end] in self._values:
+                return self._values[name[:end]] + name[end:]
+        raise element.location.error(
+            f"names the parameter `${name}`, which has no value.",
+            f'Give it one: -D {name}=..., or <default name="{name}" value="..."/> before it.',
+        )
+
+    def _included(self, parent: Element, depth: int) -> None:
+        """Put the content of files for each `<include>`."""
+        children = []
+        for child in parent.children:
+            if child.tag == "include":
+                path = child.folder / child.attribute("filename")
+                root = self.read(path, child.location, depth + 1)
+                children += root.children if root.tag == "scene" else [root]
+            elif child.tag == "alias":
+                known = child.attribute("id")
+                if known not in self.identified:
+                    raise child.location.error(f"is of {shown(known)}, an id that no element before it has.")
+                self.identified[child.attribute("as")] = self.identified[known]
+            elif child.tag != "default":
+                self._included(child, depth)
+                children.append(child)
+        parent.children = children
+
+
+def _parsed(content: bytes, path: Path, started: Any) -> Element:
+    """The root of a file's elements. started: called with each as it begins, with its attributes."""
+    parser = expat.ParserCreate()
+    stack: list[Element] = []
+    roots: list[Element] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        kind = f' type="{attributes["type"]}"' if "type" in attributes else ""
+        kind += f' name="{attributes["name"]}"' if "name" in attributes else ""
+        location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}, <{tag}{kind}>")
+        if len(stack) > _NESTED:
+            raise location.error(f"is in more than {_NESTED} elements; a scene needs ten.")
+        element = Element(_RENAMED.get(tag, tag), dict(attributes), location, path.parent)
+        started(element)
+        (stack[-1].children if stack else roots).append(element)
+        stack.append(element)
+
+    def doctype(*_: object) -> None:
+        location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
+        raise location.error("has a document type, which scenes of Mitsuba do not have.", "Remove <!DOCTYPE ...>.")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: stack.pop()
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        location = SourceLocation(str(path), f"line {error.lineno}, column {error.offset + 1}")
+        raise location.error(f"is not XML: {expat.errors.messages[error.code]}.") from error
+    return roots[0]
+
+
+def _check_old_names(root: Element) -> None:
+    """Scenes of Mitsuba 0.x have names in camel case: toWorld is to_world today, intIOR int_ior."""
+    version = root.attributes.get("version", "3.0.0")
+    if not version.partition(".")[0].isdigit():
+        raise root.location.error(f"has the version {shown(version)}.", 'For example version="3.0.0".')
+    if int(version.partition(".")[0]) >= 2:
+        return
+    for element in _walk(root):
+        if element.tag not in ("default", "include", "alias", "ref") and element.name:
+            element.attributes["name"] = _CAMEL.sub(r"\1_\2", element.name).lower()
+
+
+def _walk(element: Element) -> Iterator[Element]:
+    yield element
+    for child in element.children:
+        yield from _walk(child)
+
+
+def error_of_kind(element: Element, what: str, allowed: Mapping[str, object], remedy: str = "") -> SceneError:
+    """The error for a plugin of a type that is not read."""
+    kind = element.attributes.get("type", "")
+    near = difflib.get_close_matches(kind, allowed, 1)
+    return element.location.error(
+        f"is {what} of the type {shown(kind)}, which is not read. Allowed: {', '.join(sorted(allowed))}.",
+        remedy or (f"Did you mean {shown(near[0])}?" if near else "Use one of them instead."),
+    )

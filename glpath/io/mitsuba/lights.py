@@ -1,0 +1,123 @@
+"""Mitsuba's emitters that no shape has: points, spots, parallel light, and what shines from all around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import read_image
+from glpath.io.description import MAX_ENVIRONMENT_PIXELS
+from glpath.io.lights import MAPS
+from glpath.io.mitsuba.document import error_of_kind
+from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.scene_pictures import stored_picture
+from glpath.io.transform import mirrors
+from glpath.io.values import unit
+from glpath.scene.geometry import Float64
+from glpath.scene.model import Environment, Light, Sky
+
+_KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap"))
+# How much of the cone's angle full light may be short of its end before it is noted.
+_SHARP = 0.999
+# Rows of a map from which half a row is not seen.
+_SMALL = 1100
+
+
+@dataclass
+class Emitters:
+    """The lights of a scene, and its sky.
+
+    notes : what of them is not as in Mitsuba, as sentences without a full stop
+    """
+
+    lights: list[Light] = field(default_factory=list)
+    sky: Sky | Environment | None = None
+    notes: dict[str, None] = field(default_factory=dict)
+
+    def add(self, plugin: Plugin) -> None:
+        """Take in an emitter of the scene. Raises SceneError."""
+        if plugin.kind not in _KINDS:
+            remedy = "An area light stands in its shape." if plugin.kind == "area" else ""
+            raise error_of_kind(plugin.element, "a light", _KINDS, remedy)
+        if "sampling_weight" in plugin:
+            plugin.number("sampling_weight", 1.0)
+        name = plugin.id or f"{plugin.kind}-{len(self.lights)}"
+        match plugin.kind:
+            case "point":
+                self.lights.append(Light(name, "point", _intensity(plugin), position=_position(plugin)))
+            case "spot":
+                self.lights.append(self._spot(plugin, name))
+            case "directional":
+                direction = plugin.transform("to_world")[:3, 2]
+                if "direction" in plugin:
+                    direction = plugin.vector("direction")
+                direction = unit(direction, plugin.where("direction"), '<vector name="direction" z="-1"/>')
+                irradiance = plugin.colour("irradiance", 1.0, light=True)
+                self.lights.append(Light(name, "directional", irradiance, direction=direction))
+            case _:
+                if self.sky is not None:
+                    raise plugin.location.error(
+                        "shines from all around, as another emitter does.", "Leave one out."
+                    )
+                self.sky = _constant(plugin) if plugin.kind == "constant" else _environment(plugin)
+        plugin.check_all_read()
+
+    def _spot(self, plugin: Plugin, name: str) -> Light:
+        end = plugin.number("cutoff_angle", 20.0, 1e-3, 180.0)
+        full = plugin.number("beam_width", 0.75 * end, 0.0, end)
+        if plugin.texture("texture") is not None:
+            raise plugin.location.error("has a picture in its light, which is not read.", "Leave the texture out.")
+        if full < _SHARP * end:
+            self.notes["between its two cones a spot fades smoothly, not with the angle"] = None
+        world = plugin.transform("to_world")
+        axis = world[:3, 2] / np.linalg.norm(world[:3, 2])
+        return Light(name, "spot", _intensity(plugin), position=world[:3, 3], direction=axis, cone=(full, end))
+
+
+def _intensity(plugin: Plugin) -> Float64:
+    return plugin.colour("intensity", 1.0, light=True)
+
+
+def _position(plugin: Plugin) -> Float64:
+    if "position" in plugin:
+        return plugin.vector("position")
+    return plugin.transform("to_world")[:3, 3]
+
+
+def _constant(plugin: Plugin) -> Sky:
+    radiance = plugin.colour("radiance", 1.0, light=True)
+    return Sky(radiance, radiance)
+
+
+def _environment(plugin: Plugin) -> Environment:
+    """An environment map. Mitsuba's frame has y up and the middle of the picture towards +z."""
+    where = plugin.where("filename")
+    path = plugin.element.folder / plugin.text("filename")
+    scale, world = plugin.number("scale", 1.0, 0.0), plugin.transform("to_world")
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_image)
+    image = _in_middles(np.maximum(stored[..., :3], 0.0).astype(np.float32))
+    if mirrors(world):
+        image = image[:, ::-1]
+    up, middle = (world[:3, axis] / np.linalg.norm(world[:3, axis]) for axis in (1, 2))
+    front, left, _ = Environment(image[:1, :1], up).frame
+    return Environment(image, up, float(np.degrees(np.arctan2(middle @ left, middle @ front))), scale)
+
+
+def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The rows of a map at the middles of equal steps of the angle from up.
+
+    Mitsuba takes its first row as straight up and its last as straight down. A map of `glpath export` has rows
+    between that are the means of their neighbours, so that it is read as it was. Small maps get twice the rows; of
+    large ones each row is half a step off at the most, and is left.
+    """
+    height = image.shape[0]
+    if height < 2 or height >= _SMALL:
+        return image
+    if height % 2 and np.allclose(image[2:-1:2], 0.5 * (image[1:-2:2] + image[3::2]), rtol=1e-3, atol=1e-6):
+        return image[1::2]
+    at = (np.arange(2 * height) + 0.5) / (2 * height) * (height - 1)
+    above = np.minimum(at.astype(np.intp), height - 2)
+    below_share = (at - above)[:, None, None].astype(np.float32)
+    return np.asarray(image[above] * (1 - below_share) + image[above + 1] * below_share)

@@ -1,0 +1,74 @@
+"""The scene of a file of Mitsuba's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from glpath.errors import warn
+from glpath.io.completed import NO_CAMERA, completed
+from glpath.io.mitsuba.camera import camera_of
+from glpath.io.mitsuba.document import read_document
+from glpath.io.mitsuba.lights import Emitters
+from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.mitsuba.shapes import Reader
+from glpath.io.mitsuba.surfaces import Surfaces
+from glpath.io.mitsuba.textures import Textures
+from glpath.scene.check import check_camera
+from glpath.scene.model import Scene, Shapes
+from glpath.scene.source_location import SourceLocation
+
+# Definitions, read where something refers to them; and how to render, which is asked of `glpath render`.
+_ASIDE = ("bsdf", "texture", "medium", "integrator", "film", "sampler", "rfilter")
+
+
+def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> Scene:
+    """The scene of an XML file of Mitsuba's; see `glpath.io.mitsuba`.
+
+    parameters : stand for the values of the file's `<default>`s
+
+    Raises SceneError, with the line, for what is not read. Warns of what is not as in Mitsuba, and of what stands
+    in for a camera or light that the file does not have.
+    """
+    document = read_document(path, parameters or {})
+    location = SourceLocation(str(path))
+    textures = Textures()
+    surfaces = Surfaces(textures)
+    reader, emitters, camera = Reader(surfaces, textures), Emitters(), None
+    for child in document.root.children:
+        element = document.resolved(child)
+        if element.tag == "shape":
+            reader.add(Plugin(element, document))
+        elif element.tag == "emitter":
+            emitters.add(Plugin(element, document))
+        elif element.tag == "sensor" and camera is None:
+            camera = camera_of(Plugin(element, document))
+        elif element.tag == "sensor":
+            emitters.notes["of several sensors the first is taken"] = None
+        elif element.tag not in _ASIDE:
+            allowed = ", ".join(("shape", "emitter", "sensor", *_ASIDE))
+            raise element.location.error(f"is an element of a scene that is not read. Allowed: {allowed}.")
+    reader.finish()
+    if not reader.shapes:
+        raise location.error("has no shapes, so there is nothing to see.", 'Add a <shape type="sphere"/>.')
+    for note in (*surfaces.notes, *emitters.notes):
+        warn(f"{path}: {note}.")
+    scene = Scene(
+        name=path.stem,
+        camera=NO_CAMERA if camera is None else camera,
+        shapes=Shapes(reader.shapes),
+        materials=tuple(surfaces.materials),
+        source=str(path),
+        textures=tuple(textures.textures),
+        lights=tuple(emitters.lights),
+        sky=emitters.sky,
+    )
+    if camera is not None:
+        check_camera(scene.camera, location)
+    return replace(completed(scene, has_camera=camera is not None), source=str(path))
+
+
+def mitsuba_parameters(path: Path) -> dict[str, str]:
+    """The names and values of a file's `<default>`s. Raises SceneError."""
+    return read_document(path, {}).defaults

@@ -1,0 +1,306 @@
+"""A plugin's parameters, with types and locations: what is asked for is read, what is left over is refused."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pyrr import matrix44
+
+from glpath.io.mitsuba.document import Document, Element
+from glpath.io.values import LARGEST
+from glpath.scene.geometry import Float64
+from glpath.scene.source_location import SourceLocation, shown
+
+#: Tags of elements that are plugins.
+PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
+#: Linear Rec. 709 of light that is alike at all wavelengths, which a light's `<spectrum>` of one number is.
+EQUAL_ENERGY = np.array([1.204795, 0.948289, 0.908916])
+_PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform")
+
+
+class Plugin:
+    """One plugin. Its parameters are asked for by name; `check_all_read` refuses the others."""
+
+    def __init__(self, element: Element, document: Document) -> None:
+        self.element, self.document = element, document
+        self.kind = element.attribute("type")
+        self.location: SourceLocation = element.location
+        self._properties: dict[str, Element] = {}
+        self._nested: list[tuple[str, Element]] = []
+        self._asked: dict[str, None] = {}
+        for child in element.children:
+            if child.tag == "ref" or child.tag in PLUGINS:
+                self._nested.append((child.name, document.resolved(child)))
+            elif child.tag in _PROPERTIES:
+                name = child.attribute("name")
+                if name in self._properties:
+                    raise child.location.error(f"gives `{name}` a second time.", "Remove one of them.")
+                self._properties[name] = child
+            else:
+                raise child.location.error(
+                    f"is an element that is not read. Allowed: {', '.join((*_PROPERTIES, *PLUGINS, 'ref'))}."
+                )
+
+    @property
+    def id(self) -> str:
+        return self.element.attributes.get("id", "")
+
+    def __contains__(self, name: str) -> bool:
+        self._asked[name] = None
+        return name in self._properties or any(each == name for each, _ in self._nested)
+
+    def nested(self, tag: str, name: str = "") -> list[Plugin]:
+        """The plugins of a tag in it, in order; with a name, those alone that have it."""
+        found = [each for each in self._nested if each[1].tag == tag and (not name or each[0] == name)]
+        self._nested = [each for each in self._nested if each not in found]
+        return [Plugin(element, self.document) for _, element in found]
+
+    def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
+        """A number from `low` to `high`. Raises SceneError."""
+        child = self._take(name, ("float", "integer"))
+        if child is None:
+            return default
+        (value,) = _numbers(child, "value", (1,))
+        return _checked(value, child, low, high)
+
+    def whole(self, name: str, default: int, low: int = 0) -> int:
+        value = self.number(name, default, low)
+        if value != int(value):
+            raise self._properties[name].location.error(f"is {value:g}, but must be a whole number.")
+        return int(value)
+
+    def flag(self, name: str, default: bool) -> bool:
+        child = self._take(name, ("boolean",))
+        if child is None:
+            return default
+        value = child.attribute("value").lower()
+        if value not in ("true", "false"):
+            raise child.location.error(f"is {shown(value)}, but must be true or false.")
+        return value == "true"
+
+    def text(self, name: str, default: str = "", allowed: Sequence[str] = ()) -> str:
+        child = self._take(name, ("string",))
+        if child is None:
+            return default
+        value = child.attribute("value")
+        if allowed and value not in allowed:
+            raise child.location.error(f"is {shown(value)}, but must be one of: {', '.join(allowed)}.")
+        return value
+
+    def where(self, name: str) -> SourceLocation:
+        """The location of a parameter, or of the plugin."""
+        return self._properties[name].location if name in self._properties else self.location
+
+    def kind_of(self, name: str) -> str:
+        """The tag of a property; empty where it is not given."""
+        self._asked[name] = None
+        return self._properties[name].tag if name in self._properties else ""
+
+    def colour(self, name: str, default: float, *, light: bool = False) -> Float64:
+        """(3,) linear Rec. 709, 0 or more. light: of a light, not of a reflectance."""
+        child = self._take(name, ("rgb", "spectrum", "float"))
+        if child is None:
+            return np.full(3, default)
+        if child.tag == "spectrum" and ("filename" in child.attributes or ":" in child.attributes.get("value", "")):
+            raise child.location.error(
+                "is a spectrum by wavelengths, but colours here are linear Rec. 709.",
+                f'Write <rgb name="{name}" value="r, g, b"/>.',
+            )
+        if child.attributes.get("value", "").lstrip().startswith("#"):
+            raise child.location.error("is of hexadecimal digits, but must be one or three numbers.")
+        values = _numbers(child, "value", (1, 3) if child.tag == "rgb" else (1,))
+        for value in values:
+            _checked(value, child, 0.0, LARGEST)
+        colour = np.array(np.broadcast_to(values, 3), np.float64)
+        return colour * EQUAL_ENERGY if light and child.tag == "spectrum" else colour
+
+    def share(self, name: str, default: float) -> Float64:
+        """A colour of which no channel is above 1. Raises SceneError."""
+        colour = self.colour(name, default)
+        if np.any(colour > 1):
+            raise self.where(name).error(
+                f"is {shown(colour)}, but must be between 0 and 1.", "A surface reflects at most what it receives."
+            )
+        return colour
+
+    def texture(self, name: str) -> Plugin | None:
+        """The texture that a parameter is; None where it is not one."""
+        self._asked[name] = None
+        found = self.nested("texture", name)
+        return found[0] if found else None
+
+    def vector(self, name: str, default: Sequence[float] | None = None) -> Float64:
+        """(3,) of a point or a vector; one that must be there without a default."""
+        child = self._take(name, ("point", "vector"))
+        if child is None:
+            if default is None:
+                raise self.location.error(f"lacks the parameter `{name}`, which must be there.")
+            return np.array(default, np.float64)
+        return _vector(child, 0.0)
+
+    def transform(self, name: str) -> Float64:
+        """(4, 4) for column vectors: all steps, the first one applied first. Raises SceneError."""
+        child = self._take(name, ("transform",))
+        matrix = np.eye(4)
+        for step in child.children if child is not None else ():
+            matrix = _step(step) @ matrix
+        if not np.all(np.abs(matrix) <= LARGEST):
+            raise self.where(name).error(f"reaches beyond {LARGEST:g} scene units.")
+        stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+        if not stretch[2] > 1e-9 * stretch[0]:
+            raise self.where(name).error("is singular: it flattens what it moves.", "Give no factor of zero.")
+        return matrix
+
+    def refuse_unless(self, name: str, value: float, why: str) -> None:
+        """Raise SceneError where a number is given that is not `value`, the only one that is read."""
+        if self.texture(name) is not None:
+            raise self.location.error(f"has a texture for `{name}`, which is not read: {why}.", "Leave it out.")
+        found = self.colour(name, value) if self.kind_of(name) in ("rgb", "spectrum") else self.number(name, value)
+        if np.any(np.asarray(found) != value):
+            raise self.where(name).error(
+                f"is {shown(found)}, but only {value:g} is read: {why}.", "Leave it out, or take another plugin."
+            )
+
+    def check_all_read(self) -> None:
+        """Raise SceneError for a parameter or plugin in it that nobody asked for."""
+        allowed = ", ".join(self._asked) or "none"
+        for name, child in self._properties.items():
+            if name not in self._asked:
+                near = difflib.get_close_matches(name, self._asked, 1)
+                raise child.location.error(
+                    f"is a parameter that is not read of {shown(self.kind)}. Allowed: {allowed}.",
+                    f"Did you mean `{near[0]}`?" if near else "Remove it where it does not change the picture.",
+                )
+        for name, element in self._nested:
+            given = f" for `{name}`" if name else ""
+            raise element.location.error(
+                f"stands{given} in {shown(self.kind)}, which does not take it. Allowed: {allowed}."
+            )
+
+    def _take(self, name: str, tags: Sequence[str]) -> Element | None:
+        self._asked[name] = None
+        for each, element in self._nested:
+            if each == name:
+                raise element.location.error(
+                    f"is {_an(element.tag)} for `{name}`, but it must be: {' or '.join(tags)}."
+                )
+        child = self._properties.get(name)
+        if child is not None and child.tag not in tags:
+            raise child.location.error(f"is {_an(child.tag)}, but must be: {' or '.join(tags)}.")
+        return child
+
+
+def _an(tag: str) -> str:
+    return f"an <{tag}>" if tag[0] in "aeio" else f"a <{tag}>"
+
+
+def _numbers(element: Element, attribute: str, counts: Sequence[int]) -> list[float]:
+    """Numbers of an attribute, apart by commas or spaces. Raises SceneError."""
+    text = element.attribute(attribute)
+    try:
+        values = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise element.location.error(
+            f"has {attribute}={shown(text)}, but must have {' or '.join(map(str, counts))} number(s)."
+        ) from error
+    if len(values) not in counts:
+        raise element.location.error(
+            f"has {len(values)} numbers, but must have {' or '.join(map(str, counts))}: {shown(text)}."
+        )
+    for value in values:
+        _checked(value, element, -LARGEST, LARGEST)
+    return values
+
+
+def _checked(value: float, element: Element, low: float, high: float) -> float:
+    if not low <= value <= high:
+        below = f" and {high:g}" if high < LARGEST else ""
+        raise element.location.error(
+            f"is {value:g}, but must be {f'between {low:g}{below}' if below else f'at least {low:g}'}."
+        )
+    return value
+
+
+def _vector(element: Element, default: float) -> Float64:
+    """(3,) of value="x, y, z", or of x, y and z."""
+    if "value" in element.attributes:
+        return np.array(np.broadcast_to(_numbers(element, "value", (1, 3)), 3), np.float64)
+    return np.array(
+        [_numbers(element, axis, (1,))[0] if axis in element.attributes else default for axis in "xyz"], np.float64
+    )
+
+
+def _step(step: Element) -> Float64:
+    """(4, 4) of one step of a transform."""
+    made = _STEPS.get(step.tag)
+    if made is None:
+        raise step.location.error(f"is no step of a transform. Allowed: {', '.join(_STEPS)}.")
+    return np.asarray(made(step))
+
+
+def _translate(step: Element) -> Float64:
+    matrix = np.eye(4)
+    matrix[:3, 3] = _vector(step, 0.0)
+    return matrix
+
+
+def _scale(step: Element) -> Float64:
+    return np.diag([*_vector(step, 1.0), 1.0])
+
+
+def _rotate(step: Element) -> Float64:
+    axis = _vector(step, 0.0)
+    if not np.linalg.norm(axis) > 0:
+        raise step.location.error("has an axis of length zero.", 'For example <rotate y="1" angle="30"/>.')
+    (angle,) = _numbers(step, "angle", (1,))
+    # pyrr multiplies row vectors from the left.
+    return np.asarray(matrix44.create_from_axis_rotation(axis, np.radians(angle)), np.float64).T
+
+
+def _matrix(step: Element) -> Float64:
+    values = np.array(_numbers(step, "value", (9, 16)))
+    matrix = np.eye(4)
+    size = int(len(values) ** 0.5)
+    matrix[:size, :size] = values.reshape(size, size)
+    if not np.allclose(matrix[3], [0, 0, 0, 1]):
+        raise step.location.error(
+            f"ends in the row {shown(matrix[3])}, but must end in [0, 0, 0, 1].",
+            "Its rows are for column vectors: the translation is the last column.",
+        )
+    return matrix
+
+
+def _look_at(step: Element) -> Float64:
+    origin, target = (np.array(_numbers(step, key, (3,))) for key in ("origin", "target"))
+    forward = target - origin
+    if not np.linalg.norm(forward) > 0:
+        raise step.location.error("has the same origin and target.", "Move one of them.")
+    forward /= np.linalg.norm(forward)
+    given = "up" in step.attributes
+    up = np.array(_numbers(step, "up", (3,))) if given else np.eye(3)[np.argmin(np.abs(forward))]
+    left = np.cross(up, forward)
+    if not np.linalg.norm(left) > 1e-9 * np.linalg.norm(up):
+        raise step.location.error("looks along its `up`.", "Give another up.")
+    left /= np.linalg.norm(left)
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)
+    return matrix
+
+
+_STEPS = {
+    "translate": _translate,
+    "scale": _scale,
+    "rotate": _rotate,
+    "matrix": _matrix,
+    "lookat": _look_at,
+}
+
+
+def of_kind(plugin: Plugin, kinds: Mapping[str, object], what: str) -> None:
+    """Raise SceneError for a plugin of a type that is none of `kinds`."""
+    from glpath.io.mitsuba.document import error_of_kind
+
+    if plugin.kind not in kinds:
+        raise error_of_kind(plugin.element, what, kinds)

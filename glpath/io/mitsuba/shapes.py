@@ -1,0 +1,202 @@
+"""Mitsuba's shapes: where they stand, what they are of, and the light that they send."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from glpath.io.mitsuba import meshes
+from glpath.io.mitsuba.document import error_of_kind
+from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.mitsuba.surfaces import Surfaces
+from glpath.io.mitsuba.textures import Look, Textures
+from glpath.io.transform import mirrors
+from glpath.io.values import LARGEST
+from glpath.scene.geometry import Float64, Mesh, Shape, placed
+from glpath.scene.tessellate import with_area
+from glpath.scene.triangulate import turned
+
+_FILES = {"obj": ".obj", "ply": ".ply", "serialized": ".serialized"}
+_MADE: dict[str, Callable[[], Mesh]] = {
+    "rectangle": meshes.rectangle,
+    "cube": meshes.cube,
+    "disk": meshes.disk,
+}
+_KINDS = dict.fromkeys((*_FILES, *_MADE, "sphere", "instance", "shapegroup"))
+# A mirroring transform turns the normals of these, as those of instances, with them; of others only the corners.
+_OF_NORMALS = ("rectangle", "disk")
+
+
+@dataclass
+class _Part:
+    """What a shape is of, before it stands anywhere."""
+
+    geometry: Mesh | Literal["sphere"]
+    world_from_object: Float64
+    material: int
+    emission: Float64
+
+
+@dataclass
+class Reader:
+    """The shapes of a scene."""
+
+    surfaces: Surfaces
+    textures: Textures
+    shapes: list[Shape] = field(default_factory=list)
+    _meshes: dict[tuple[object, ...], Mesh] = field(default_factory=dict)
+    _groups: dict[int, list[tuple[str, _Part]]] = field(default_factory=dict)
+    _instances: dict[tuple[int, int, bool], list[Float64]] = field(default_factory=dict)
+    _names: set[str] = field(default_factory=set)
+
+    def add(self, plugin: Plugin) -> None:
+        """Take in a shape of the scene. Raises SceneError."""
+        if plugin.kind not in _KINDS:
+            raise error_of_kind(plugin.element, "a shape", _KINDS, _remedy(plugin.kind))
+        if plugin.kind == "shapegroup":
+            self._group(plugin)
+        elif plugin.kind == "instance":
+            self._instance(plugin)
+        else:
+            name = self._name(plugin)
+            self._put(name, self._part(plugin, name), plugin)
+
+    def finish(self) -> None:
+        """Add the instances, each mesh with all of its maps."""
+        for (group, number, mirrored), own_maps in self._instances.items():
+            name, part = self._groups[group][number]
+            geometry = part.geometry
+            if isinstance(geometry, Mesh) and mirrored:
+                geometry = geometry.turned()
+            maps = np.stack([_composed(m, part.world_from_object) for m in own_maps])
+            if geometry == "sphere":
+                maps = np.stack([turned(m) if mirrored else m for m in maps])
+            self.shapes.append(Shape(name, geometry, part.material, maps))
+
+    def _put(self, name: str, part: _Part, plugin: Plugin) -> None:
+        geometry, matrix = part.geometry, part.world_from_object
+        if isinstance(geometry, Mesh):
+            extent = np.abs(placed(geometry.vertices, matrix))
+            if not np.all(extent <= LARGEST):
+                raise plugin.location.error(f"reaches beyond {LARGEST:g} scene units.", "Check its transform.")
+            geometry = with_area(geometry, matrix, name, plugin.location)
+        self.shapes.append(Shape(name, geometry, part.material, matrix[None], part.emission))
+
+    def _part(self, plugin: Plugin, name: str) -> _Part:
+        surface = next(iter(plugin.nested("bsdf")), None)
+        emission, look = self._light(plugin)
+        interior = next(iter(plugin.nested("medium", "interior")), None)
+        coloured = self.surfaces.coloured(surface)
+        material = self.surfaces.number(surface, interior, look, name)
+        matrix = plugin.transform("to_world")
+        flips = plugin.flag("flip_normals", False)
+        geometry: Mesh | Literal["sphere"]
+        if plugin.kind == "sphere":
+            centre, radius = plugin.vector("center", (0, 0, 0)), plugin.number("radius", 1.0, 1e-15)
+            local = np.eye(4)
+            local[:3, :3], local[:3, 3] = radius * np.eye(3), centre
+            matrix = matrix @ local
+            sphere_map = turned(matrix[:3]) if mirrors(matrix) != flips else matrix[:3]
+            geometry, world = "sphere", np.asarray(sphere_map)
+        else:
+            turns = flips != (plugin.kind in _OF_NORMALS and mirrors(matrix))
+            geometry, world = self._mesh(plugin, coloured, turns), matrix[:3]
+        plugin.check_all_read()
+        return _Part(geometry, world, material, emission)
+
+    def _mesh(self, plugin: Plugin, coloured: bool, turns: bool) -> Mesh:
+        """A mesh, the same one for shapes of one file."""
+        if plugin.kind in _FILES:
+            path: Path = plugin.element.folder / plugin.text("filename")
+            options = ("face_normals", "flip_tex_coords")
+            given = tuple(plugin.flag(name, name != "face_normals") if name in plugin else None for name in options)
+            key: tuple[object, ...] = (
+                path,
+                given,
+                plugin.whole("shape_index", 0) if plugin.kind == "serialized" else 0,
+                coloured,
+            )
+            if key not in self._meshes:
+                made = meshes.read_file(plugin, _FILES[plugin.kind], coloured=coloured)
+                self._meshes[key] = made.without_faces(np.zeros(len(made.faces), np.bool_))
+        else:
+            if coloured:
+                raise plugin.location.error("has no colours of vertices, but its surface asks for vertex_color.")
+            key = (plugin.kind,)
+            self._meshes.setdefault(key, _MADE[plugin.kind]())
+        if not turns:
+            return self._meshes[key]
+        if (*key, "turned") not in self._meshes:
+            self._meshes[*key, "turned"] = self._meshes[key].turned()
+        return self._meshes[*key, "turned"]
+
+    def _light(self, plugin: Plugin) -> tuple[Float64, Look | None]:
+        """The radiance of a shape, and the picture that it is multiplied by."""
+        emitters = plugin.nested("emitter")
+        if not emitters:
+            return np.zeros(3), None
+        emitter = emitters[0]
+        if emitter.kind != "area" or len(emitters) > 1:
+            raise error_of_kind(emitter.element, "light of a shape", {"area": None})
+        texture = emitter.texture("radiance")
+        radiance = emitter.colour("radiance", 1.0, light=True) if texture is None else np.ones(3)
+        if "sampling_weight" in emitter:
+            emitter.number("sampling_weight", 1.0)
+        emitter.check_all_read()
+        return radiance, None if texture is None else self.textures.look(texture)
+
+    def _group(self, plugin: Plugin) -> None:
+        key = id(plugin.element)
+        if key in self._groups:
+            return
+        parts = []
+        for child in plugin.nested("shape"):
+            if child.kind not in _KINDS or child.kind in ("instance", "shapegroup"):
+                allowed = {kind: None for kind in _KINDS if kind not in ("instance", "shapegroup")}
+                raise error_of_kind(child.element, "a shape of a group", allowed)
+            name = self._name(child, plugin.id)
+            part = self._part(child, name)
+            if part.emission.any():
+                raise child.location.error("shines, but shapes of a group cannot.", "Take it out of the group.")
+            parts.append((name, part))
+        plugin.check_all_read()
+        self._groups[key] = parts
+
+    def _instance(self, plugin: Plugin) -> None:
+        groups = plugin.nested("shape")
+        if len(groups) != 1 or groups[0].kind != "shapegroup":
+            raise plugin.location.error(
+                "must name one shapegroup.", '<ref id="..."/> of a <shape type="shapegroup">.'
+            )
+        self._group(groups[0])
+        key, world = id(groups[0].element), plugin.transform("to_world")
+        plugin.check_all_read()
+        for number in range(len(self._groups[key])):
+            self._instances.setdefault((key, number, mirrors(world)), []).append(world)
+
+    def _name(self, plugin: Plugin, group: str = "") -> str:
+        path = ""
+        if plugin.kind in _FILES:
+            path = Path(plugin.text("filename")).stem
+        wanted = plugin.id or group or path or plugin.kind
+        name, number = wanted, 1
+        while name in self._names:
+            number += 1
+            name = f"{wanted}-{number}"
+        self._names.add(name)
+        return name
+
+
+def _composed(after: Float64, world_from_object: Float64) -> Float64:
+    """(3, 4): one map after the other."""
+    return np.asarray((after @ np.vstack([world_from_object, [0.0, 0.0, 0.0, 1.0]]))[:3])
+
+
+def _remedy(kind: str) -> str:
+    if kind in ("cylinder", "bsplinecurve", "linearcurve", "sdfgrid", "heightfield", "hair"):
+        return "Make triangles of it, as PLY."
+    return ""

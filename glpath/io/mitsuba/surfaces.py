@@ -1,0 +1,450 @@
+"""Mitsuba's surfaces as materials.
+
+Fresnel:  metals and dielectrics have Schlick's formula here, from the exact reflectance at normal incidence.
+Plastic:  a dielectric over a diffuse base, of the same albedo. Where Mitsuba's base falls off by what either
+          direction loses, ours does by the one of the eye.
+Sides:    black from behind, as Mitsuba has them, unless "twosided".
+Rough:    GGX of the same alpha; Beckmann's is noted. Light that microfacets scatter twice is lost, as there.
+Poor at:  what has no counterpart, which is refused by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from glpath.io.mitsuba.document import error_of_kind
+from glpath.io.mitsuba.optical_constants import INDICES, METALS
+from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.mitsuba.textures import Look, Textures, baked
+from glpath.scene.geometry import Float64
+from glpath.scene.material import SMOOTH, Material
+from glpath.scene.source_location import shown
+
+#: Fields of a `Material`.
+Fields = dict[str, Any]
+_ROUGH = {"multiple_scattering": False}
+_ONE = 1.0 - 1e-9
+# Of Mitsuba 3.9's rough plastic: its diffuse albedo over that of its plastic, seen at a cosine of 0.7, index 1.49.
+_ALPHAS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
+_KEPT = {
+    "ggx": (0.976, 0.954, 0.903, 0.783, 0.675, 0.587, 0.517, 0.409, 0.297),
+    "beckmann": (0.977, 0.975, 0.965, 0.924, 0.863, 0.792, 0.723, 0.613, 0.499),
+}
+
+
+@dataclass
+class Surfaces:
+    """The materials that shapes use.
+
+    notes : what of them is not as in Mitsuba, as sentences without a full stop
+    """
+
+    textures: Textures
+    materials: list[Material] = field(default_factory=list)
+    notes: dict[str, None] = field(default_factory=dict)
+    _known: dict[tuple[object, ...], int] = field(default_factory=dict)
+    _made: dict[int, Fields] = field(default_factory=dict)
+    _names: set[str] = field(default_factory=set)
+
+    def number(self, plugin: Plugin | None, interior: Plugin | None, emission: Look | None, name: str) -> int:
+        """The index of a shape's material.
+
+        plugin   : its surface; None is Mitsuba's default, diffuse grey of one side
+        interior : the medium in it
+        emission : the picture of its light
+        name     : of the shape, for a material without an id
+        """
+        key = (plugin and id(plugin.element), interior and id(interior.element), emission and id(emission))
+        if key not in self._known:
+            fields = dict(self._fields(plugin)) if plugin is not None else _diffuse(np.full(3, 0.5))
+            if interior is not None:
+                fields["attenuation"] = self._attenuation(interior, fields)
+            if emission is not None:
+                fields["emission_texture"] = self.textures.slot(emission)
+            for aside in ("vertex_colours", "reflects_alike"):
+                fields.pop(aside, None)
+            self.materials.append(Material(self._name((plugin and plugin.id) or name), **fields))
+            self._known[key] = len(self.materials) - 1
+        return self._known[key]
+
+    def coloured(self, plugin: Plugin | None) -> bool:
+        """Whether a surface has the colours of its shape's vertices."""
+        return plugin is not None and bool(self._fields(plugin).get("vertex_colours"))
+
+    def _name(self, wanted: str) -> str:
+        name, number = wanted, 1
+        while name in self._names:
+            number += 1
+            name = f"{wanted}-{number}"
+        self._names.add(name)
+        return name
+
+    def _fields(self, plugin: Plugin) -> Fields:
+        key = id(plugin.element)
+        if key not in self._made:
+            make = _KINDS.get(plugin.kind)
+            if make is None:
+                raise error_of_kind(plugin.element, "a surface", _KINDS)
+            self._made[key] = make(self, plugin)
+            plugin.check_all_read()
+        return self._made[key]
+
+    # --- colours and numbers, or textures ---
+
+    def _base(self, plugin: Plugin, name: str, default: float) -> Fields:
+        """The reflectance of the base, with its texture, or the colours of vertices."""
+        texture = plugin.texture(name)
+        if texture is None:
+            return {"reflectance": plugin.share(name, default)}
+        if texture.kind == "mesh_attribute":
+            of = texture.text("name")
+            if of != "vertex_color":
+                raise texture.where("name").error(f"is {shown(of)}, but must be vertex_color.")
+            scale = texture.number("scale", 1.0, 0.0, 1.0)
+            texture.check_all_read()
+            return {"reflectance": np.full(3, scale), "vertex_colours": True}
+        look = self.textures.look(texture)
+        if look.image.dtype != np.uint8 and look.image.max(initial=0) > 1:
+            raise texture.location.error(
+                f"has colours up to {float(look.image.max()):.3g}, but a surface reflects at most 1.",
+                "Scale them to 1.",
+            )
+        return {"reflectance": np.ones(3), "texture": self.textures.slot(look), "look": look}
+
+    def _scalar(self, plugin: Plugin, name: str, default: float) -> float | Look:
+        texture = plugin.texture(name)
+        return plugin.number(name, default, 0.0, 1.0) if texture is None else self.textures.look(texture)
+
+    def _rough(self, plugin: Plugin, default: float) -> Fields:
+        """Roughness by GGX's alpha, whose root it is, with anisotropy or a texture."""
+        if plugin.text("distribution", "beckmann", ("beckmann", "ggx")) == "beckmann":
+            self.notes["Beckmann's microfacets are GGX's of the same alpha, which have longer tails"] = None
+        if "sample_visible" in plugin:
+            plugin.flag("sample_visible", True)
+        alpha = self._scalar(plugin, "alpha", default)
+        if isinstance(alpha, Look):
+            return self._surface_texture(baked(alpha, np.sqrt), None)
+        u, v = (plugin.number(key, alpha, 0.0, 1.0) for key in ("alpha_u", "alpha_v"))
+        along, across = max(u, v), min(u, v)
+        if along - across < 1e-6:
+            return {"roughness": float(np.sqrt(u)), **_ROUGH}
+        return {**_stretched(along, across), "anisotropy_angle": 0.0 if u > v else 90.0, **_ROUGH}
+
+    def _surface_texture(self, rough: float | Look, metal: float | Look | None) -> Fields:
+        """Roughness and metal as one texture, as glTF has them: green and blue."""
+        looks = [each for each in (rough, metal) if isinstance(each, Look)]
+        first = looks[0]
+        image = np.ones((*first.image.shape[:2], 3), np.float32)
+        fields: Fields = {"roughness": 1.0, **_ROUGH}
+        for channel, name, value in ((1, "roughness", rough), (2, "metallic", metal)):
+            if isinstance(value, Look):
+                image[..., channel] = value.grey
+                fields[name] = 1.0
+            elif value is not None:
+                fields[name] = value
+        return fields | {"surface_texture": self.textures.slot(first.with_image(first.name, image))}
+
+    def _ratio(self, plugin: Plugin, inside: str) -> float:
+        """The index inside over that outside. Raises SceneError where it is below one."""
+        indices = []
+        for name, default in (("int_ior", inside), ("ext_ior", "air")):
+            if plugin.kind_of(name) == "string":
+                medium = plugin.text(name)
+                if medium not in INDICES:
+                    raise plugin.where(name).error(
+                        f"is {shown(medium)}, which is not known. Allowed: {', '.join(INDICES)}.", "Or a number."
+                    )
+                indices.append(INDICES[medium])
+            else:
+                indices.append(plugin.number(name, INDICES[default], 1e-3, 10.0))
+        if indices[0] < indices[1]:
+            raise plugin.where("int_ior").error(
+                f"is {indices[0]:g}, below that outside, {indices[1]:g}: here the inside of a shape is the denser.",
+                "Exchange int_ior and ext_ior, and turn the shape: flip_normals.",
+            )
+        return indices[0] / indices[1]
+
+    # --- surfaces ---
+
+    def _diffuse(self, plugin: Plugin) -> Fields:
+        return {**_diffuse(np.zeros(3)), **_without_look(self._base(plugin, "reflectance", 0.5))}
+
+    def _two_sided(self, plugin: Plugin) -> Fields:
+        inner = self._one_inside(plugin)
+        fields = self._fields(inner)
+        if fields.get("transmission", 0.0) > 0:
+            raise inner.location.error(
+                'lets light through, but stands in "twosided", which is of opaque surfaces.', "Take it out of it."
+            )
+        return {**fields, "two_sided": True}
+
+    def _conductor(self, plugin: Plugin) -> Fields:
+        rough = self._rough(plugin, 0.1) if plugin.kind == "roughconductor" else {"roughness": 0.0}
+        metal = plugin.text("material", "none")
+        texture = plugin.texture("specular_reflectance")
+        alike = metal == "none" and "eta" not in plugin and "k" not in plugin  # at all angles
+        if metal == "none" and not alike:
+            reflected = _of_metal(plugin.colour("eta", 0.0), plugin.colour("k", 1.0))
+        elif alike:
+            if texture is None and plugin.kind == "conductor":  # a mirror at any angle
+                return {**_diffuse(np.zeros(3)), "mirror": plugin.share("specular_reflectance", 1.0)}
+            reflected = np.ones(3)
+        elif metal in METALS:
+            reflected = np.array(METALS[metal])
+        else:
+            raise plugin.where("material").error(
+                f"is {shown(metal)}, which is not known. Allowed: {', '.join(METALS)}, none.", "Or give eta and k."
+            )
+        fields: Fields = {"two_sided": False, "metallic": 1.0, **rough}
+        if texture is None:
+            colour = reflected * plugin.share("specular_reflectance", 1.0)
+            if alike and "anisotropy" not in rough:
+                fields["reflects_alike"] = colour
+            return {**fields, "reflectance": colour}
+        return {**fields, "reflectance": reflected, "texture": self.textures.slot(self.textures.look(texture))}
+
+    def _plastic(self, plugin: Plugin) -> Fields:
+        fields: Fields = {"roughness": 0.0, **_ROUGH}
+        kept = 1.0
+        if plugin.kind == "roughplastic":
+            kept = self._kept_under(plugin)
+            fields = self._rough(plugin, 0.1)
+        ratio = self._ratio(plugin, "polypropylene")
+        reflected = plugin.share("specular_reflectance", 1.0)
+        weight = float(reflected.max())
+        fields |= {"two_sided": False, "ior": ratio, "specular_weight": weight}
+        fields["specular_colour"] = reflected / weight if weight > 0 else np.ones(3)
+        base = self._base(plugin, "diffuse_reflectance", 0.5)
+        inside = _diffuse_fresnel(ratio)
+
+        def scattered(colour: Float64) -> Float64:
+            return np.asarray(kept * colour * (1.0 - inside) / (1.0 - colour * inside))
+
+        if not plugin.flag("nonlinear", False):
+            base["reflectance"] = kept * base["reflectance"]
+        elif "look" in base:
+            base["texture"] = self.textures.slot(baked(base["look"], scattered))
+        else:
+            base["reflectance"] = scattered(base["reflectance"])
+        return {**fields, **_without_look(base)}
+
+    def _kept_under(self, plugin: Plugin) -> float:
+        """The share of a rough plastic's diffuse light that Mitsuba keeps: its microfacets lose some."""
+        if plugin.texture("alpha") is not None:
+            raise plugin.location.error(
+                "has a texture for `alpha`, which is not read of a rough plastic.", "A number."
+            )
+        distribution = plugin.text("distribution", "beckmann", tuple(_KEPT))
+        return float(np.interp(plugin.number("alpha", 0.1, 0.0, 1.0), _ALPHAS, _KEPT[distribution]))
+
+    def _dielectric(self, plugin: Plugin) -> Fields:
+        rough: Fields = {"roughness": 0.0}
+        if plugin.kind == "roughdielectric":
+            rough = self._rough(plugin, 0.1)
+            if rough["roughness"] ** 2 < SMOOTH:
+                rough = {"roughness": 0.0}
+        plugin.refuse_unless("specular_reflectance", 1.0, "glass reflects all that it does not let through")
+        base = _without_look(self._base(plugin, "specular_transmittance", 1.0))
+        ratio = self._ratio(plugin, "bk7")
+        fields = {"two_sided": False, "transmission": 1.0, "thin": False, "ior": ratio, **rough, **base}
+        if plugin.kind == "thindielectric":
+            # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all; ours F once.
+            once = ((ratio - 1.0) / (ratio + 1.0)) ** 2
+            root = np.sqrt(2.0 * once / (1.0 + once))
+            fields |= {"thin": True, "two_sided": True, "ior": float((1.0 + root) / (1.0 - root))}
+        return fields
+
+    def _principled(self, plugin: Plugin) -> Fields:
+        for name in ("spec_tint", "sheen", "sheen_tint", "flatness"):
+            plugin.refuse_unless(name, 0.0, "glpath's material has no such lobe")
+        fields: Fields = {"two_sided": False, **_ROUGH, **_without_look(self._base(plugin, "base_color", 0.5))}
+        rough, metal = self._scalar(plugin, "roughness", 0.5), self._scalar(plugin, "metallic", 0.0)
+        if isinstance(rough, Look) or isinstance(metal, Look):
+            if isinstance(rough, Look) and isinstance(metal, Look) and not rough.looked_up_as(metal):
+                raise plugin.location.error(
+                    "has textures of other sizes or maps for `roughness` and `metallic`.",
+                    "Make both pictures as large, with one to_uv.",
+                )
+            fields |= self._surface_texture(rough, metal)
+        else:
+            fields |= {"roughness": rough, "metallic": metal}
+        anisotropic = plugin.number("anisotropic", 0.0, 0.0, 1.0)
+        if anisotropic > 0:
+            aspect, alpha = np.sqrt(1.0 - 0.9 * anisotropic), fields["roughness"] ** 2
+            fields |= _stretched(max(SMOOTH, alpha / aspect), max(SMOOTH, alpha * aspect))
+        if "eta" in plugin:
+            fields["ior"] = plugin.number("eta", 1.5, 1.0, 10.0)
+        else:
+            specular = plugin.number("specular", 0.5, 0.0, 1.0)
+            root = np.sqrt(0.08 * specular)
+            fields["ior"] = float((1.0 + root) / (1.0 - root))
+            if specular == 0:
+                fields["specular_weight"] = 0.0
+        through = plugin.number("spec_trans", 0.0, 0.0, 1.0)
+        if through > 0:
+            fields |= {"transmission": through, "thin": False}
+        coat, gloss = plugin.number("clearcoat", 0.0, 0.0, 1.0), plugin.number("clearcoat_gloss", 0.0, 0.0, 1.0)
+        if coat > 0:
+            self.notes["the clearcoat of a principled surface is another lobe, of the same strength"] = None
+            fields["clearcoat"] = 0.25 * coat
+            fields["clearcoat_roughness"] = float(np.sqrt(0.1 - 0.099 * gloss))
+        return fields
+
+    def _normal_map(self, plugin: Plugin) -> Fields:
+        texture = plugin.texture("normalmap")
+        if texture is None:
+            raise plugin.location.error("lacks the texture `normalmap`, which must be there.")
+        look = self.textures.look(texture)
+        if look.srgb:
+            raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
+        return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
+
+    def _mask(self, plugin: Plugin) -> Fields:
+        texture = plugin.texture("opacity")
+        opacity = plugin.number("opacity", 0.5, 0.0, 1.0) if texture is None else 1.0
+        inner = self._one_inside(plugin)
+        fields = {**self._fields(inner), "alpha": "blend", "opacity": opacity}
+        if texture is None:
+            return fields
+        look = self.textures.look(texture)
+        alpha = look.grey[..., None].astype(np.float32)
+        white = np.ones((*alpha.shape[:2], 3), np.float32)
+        slot = fields.get("texture")
+        if slot is not None:
+            under = self.textures.textures[slot.texture]
+            same = under.image.shape[:2] == alpha.shape[:2] and np.array_equal(slot.uv_transform, look.matrix)
+            if not same or (under.filter, under.wrap[0]) != (look.filter, look.wrap):
+                raise texture.location.error(
+                    "is of another size or map than the texture of the surface that it masks.",
+                    "Make both pictures as large, with one to_uv and one wrap_mode.",
+                )
+            white = under.linear()[..., :3]
+        image = np.concatenate([white, alpha], axis=2)
+        return {**fields, "texture": self.textures.slot(look.with_image(look.name, image))}
+
+    def _blend(self, plugin: Plugin) -> Fields:
+        """A diffuse surface with a mirror, or an opaque one with glass: what one material is here."""
+        weight = self._scalar(plugin, "weight", 0.5)
+        parts = plugin.nested("bsdf")
+        if len(parts) != 2:
+            raise plugin.location.error(f"has {len(parts)} surfaces in it, but must have two.")
+        first, second = (self._fields(part) for part in parts)
+        if second.get("transmission") == 1.0 and not first.get("transmission") and _same_base(first, second):
+            glass = {key: second[key] for key in ("ior", "thin")}
+            fields = {**first, **glass, "roughness": first.get("roughness") or 0.0}
+            if isinstance(weight, Look):
+                return {**fields, "transmission": 1.0, "transmission_texture": self.textures.slot(weight)}
+            return {**fields, "transmission": weight}
+        plain = [_without_microfacets(each) for each in (first, second)]
+        if not isinstance(weight, Look) and all(plain) and _addable(*plain):
+            one, other = plain
+            made: Fields = {**one, **other, "two_sided": bool(one["two_sided"] or other["two_sided"])}
+            for key in ("reflectance", "mirror", "specular"):
+                parts_of = ((1.0 - weight) * one.get(key, np.zeros(3)), weight * other.get(key, np.zeros(3)))
+                made[key] = parts_of[0] + parts_of[1]
+            return made
+        raise plugin.location.error(
+            f"blends {shown(parts[0].kind)} with {shown(parts[1].kind)}, which is no one material here.",
+            "Allowed: diffuse surfaces and mirrors; an opaque surface, then glass of the same colour.",
+        )
+
+    def _one_inside(self, plugin: Plugin) -> Plugin:
+        parts = plugin.nested("bsdf")
+        if len(parts) != 1:
+            raise plugin.location.error(
+                f"has {len(parts)} surfaces in it, but must have one.",
+                "Of two sides that differ, make two shapes." if len(parts) == 2 else "",
+            )
+        return parts[0]
+
+    def _attenuation(self, medium: Plugin, fields: Fields) -> Float64:
+        """(3,) per scene unit, of a homogeneous medium that only absorbs. Raises SceneError."""
+        if medium.kind != "homogeneous" or not fields.get("transmission") or fields.get("thin"):
+            raise medium.location.error(
+                f"is a medium of the type {shown(medium.kind)}, but only an absorbing one inside glass is read.",
+                'Allowed: "homogeneous" with an albedo of 0, in a shape whose surface is a dielectric.',
+            )
+        medium.refuse_unless("albedo", 0.0, "light is not scattered in a medium here")
+        sigma = medium.colour("sigma_t", 1.0) * medium.number("scale", 1.0, 0.0)
+        medium.check_all_read()
+        return sigma
+
+
+def _diffuse(reflectance: Float64) -> Fields:
+    return {"reflectance": reflectance, "two_sided": False, "roughness": None}
+
+
+def _without_microfacets(fields: Fields) -> Fields:
+    """Fields of a diffuse surface, a mirror or both; empty for any other surface.
+
+    Microfacets that reflect alike at all angles become Phong's highlight, as `glpath export` makes those of it.
+    """
+    if fields.get("roughness") is None and not fields.get("transmission"):
+        return fields
+    colour = fields.get("reflects_alike")
+    if colour is None:
+        return {}
+    alpha = max(fields["roughness"] ** 2, SMOOTH)
+    exponent = max(2.0 / alpha**2 - 2.0, 1e-3)
+    return {**_diffuse(np.zeros(3)), "specular": 0.5 * (exponent + 1.0) * colour, "exponent": exponent}
+
+
+def _addable(one: Fields, other: Fields) -> bool:
+    """Whether the diffuse bases of both are one: without textures, or one of them is black."""
+    textured = [bool(each.get("texture") or each.get("vertex_colours")) for each in (one, other)]
+    black = [not each["reflectance"].any() for each in (one, other)]
+    has_exponent = "exponent" in one and "exponent" in other
+    return not has_exponent and (not any(textured) or any(black))
+
+
+def _without_look(fields: Fields) -> Fields:
+    return {key: value for key, value in fields.items() if key != "look"}
+
+
+def _same_base(first: Fields, second: Fields) -> bool:
+    return np.array_equal(first["reflectance"], second["reflectance"]) and first.get("texture") is second.get(
+        "texture"
+    )
+
+
+def _stretched(along: float, across: float) -> Fields:
+    """The roughness and anisotropy whose alphas these are, along the tangent and across."""
+    anisotropy = float(np.sqrt(max(along - across, 0.0) / (1.0 - across))) if across < _ONE else 0.0
+    return {"roughness": float(np.sqrt(across)), "anisotropy": anisotropy}
+
+
+def _of_metal(n: Float64, k: Float64) -> Float64:
+    """The reflectance of a metal at normal incidence, by its index and its absorption."""
+    return np.asarray(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2))
+
+
+def _diffuse_fresnel(ratio: float) -> float:
+    """What of diffuse light from within a dielectric is reflected back at its surface."""
+    cosine = (np.arange(4096) + 0.5) / 4096
+    sine2 = ratio**2 * (1.0 - cosine**2)
+    outside = np.sqrt(np.maximum(1.0 - sine2, 0.0))
+    across = (ratio * cosine - outside) / (ratio * cosine + outside)
+    along = (cosine - ratio * outside) / (cosine + ratio * outside)
+    reflected = np.where(sine2 >= 1.0, 1.0, 0.5 * (across**2 + along**2))
+    return float(np.mean(2.0 * cosine * reflected))
+
+
+_KINDS: dict[str, Callable[[Surfaces, Plugin], Fields]] = {
+    "diffuse": Surfaces._diffuse,
+    "twosided": Surfaces._two_sided,
+    "conductor": Surfaces._conductor,
+    "roughconductor": Surfaces._conductor,
+    "plastic": Surfaces._plastic,
+    "roughplastic": Surfaces._plastic,
+    "dielectric": Surfaces._dielectric,
+    "thindielectric": Surfaces._dielectric,
+    "roughdielectric": Surfaces._dielectric,
+    "principled": Surfaces._principled,
+    "normalmap": Surfaces._normal_map,
+    "mask": Surfaces._mask,
+    "blendbsdf": Surfaces._blend,
+}

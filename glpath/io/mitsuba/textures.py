@@ -1,0 +1,152 @@
+"""Mitsuba's textures as those of a scene: bitmaps and checkerboards, each once.
+
+Mitsuba's v runs downwards: the first row of a picture is at v = 0, where it is here at v = 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import luminance, read_eight_bits, read_image
+from glpath.io.description import MAX_TEXTURE_PIXELS
+from glpath.io.export.geometry import map_downwards
+from glpath.io.mitsuba.plugin import Plugin, of_kind
+from glpath.io.scene_pictures import stored_picture
+from glpath.scene.geometry import Float64
+from glpath.scene.material import Texture, TextureSlot, Wrap
+
+_KINDS = ("bitmap", "checkerboard")
+FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A picture, and where it is looked up.
+
+    image  : (h, w, 3) uint8 or float32, as of `Texture`
+    matrix : (2, 3), as of `TextureSlot`
+    """
+
+    name: str
+    image: NDArray[np.uint8] | NDArray[np.float32]
+    srgb: bool
+    filter: Literal["linear", "nearest"] = "linear"
+    wrap: Wrap = "repeat"
+    matrix: Float64 = field(default_factory=lambda: np.eye(2, 3))
+
+    @property
+    def linear(self) -> NDArray[np.float32]:
+        """(h, w, 3)."""
+        return Texture(self.name, self.image, srgb=self.srgb).linear()[..., :3]
+
+    @property
+    def grey(self) -> Float64:
+        """(h, w)."""
+        return np.asarray(luminance(self.linear.astype(np.float64)))
+
+    def looked_up_as(self, other: Look) -> bool:
+        """Whether both may be channels of one picture."""
+        return (
+            self.image.shape[:2] == other.image.shape[:2]
+            and (self.filter, self.wrap) == (other.filter, other.wrap)
+            and np.array_equal(self.matrix, other.matrix)
+        )
+
+    def with_image(self, name: str, image: NDArray[np.uint8] | NDArray[np.float32], *, srgb: bool = False) -> Look:
+        """Another picture, looked up as this one."""
+        return Look(name, image, srgb, self.filter, self.wrap, self.matrix)
+
+
+class Textures:
+    """The textures of a scene, as they are used."""
+
+    def __init__(self) -> None:
+        self.textures: list[Texture] = []
+        self._looks: dict[int, Look] = {}
+        self._slots: dict[int, TextureSlot] = {}
+        self._bitmaps: dict[tuple[object, ...], Look] = {}
+        self._files: dict[tuple[Path, bool], NDArray[np.uint8] | NDArray[np.float32]] = {}
+
+    def look(self, plugin: Plugin) -> Look:
+        """The picture of a texture's plugin, read once. Raises SceneError."""
+        key = id(plugin.element)
+        if key not in self._looks:
+            of_kind(plugin, dict.fromkeys(_KINDS), "a texture")
+            made = self._bitmap(plugin) if plugin.kind == "bitmap" else _checkerboard(plugin)
+            plugin.check_all_read()
+            self._looks[key] = made
+        return self._looks[key]
+
+    def slot(self, look: Look) -> TextureSlot:
+        """Where a picture is used."""
+        if id(look) not in self._slots:
+            self._looks[id(look)] = look  # so that its identity stays its own
+            wrap = (look.wrap, look.wrap)
+            self.textures.append(Texture(look.name, look.image, filter=look.filter, srgb=look.srgb, wrap=wrap))
+            self._slots[id(look)] = TextureSlot(len(self.textures) - 1, 0, look.matrix)
+        return self._slots[id(look)]
+
+    def _bitmap(self, plugin: Plugin) -> Look:
+        name = plugin.text("filename")
+        if not name:
+            raise plugin.location.error("lacks the parameter `filename`, which must be there.")
+        raw = plugin.flag("raw", False)
+        filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
+        wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
+        path = plugin.element.folder / name
+        where = plugin.where("filename")
+        key = (path, raw)
+        if key not in self._files:
+            self._files[key] = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, where, _stored)
+        image = self._files[key]
+        if raw and image.dtype != np.uint8 and path.suffix.lower() not in (".exr", ".hdr"):
+            raise where.error(
+                f"names {path}, which has 16 bits a channel, for what is no colour.",
+                "Convert it to 8 bits, or EXR.",
+            )
+        matrix = _to_uv(plugin)
+        same = (*key, filter_type, wrap, matrix.tobytes())
+        if same not in self._bitmaps:
+            self._bitmaps[same] = Look(
+                plugin.id or path.stem,
+                image,
+                srgb=image.dtype == np.uint8 and not raw,
+                filter="nearest" if filter_type == "nearest" else "linear",
+                wrap=cast(Wrap, wrap),
+                matrix=matrix,
+            )
+        return self._bitmaps[same]
+
+
+def _stored(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
+    eight_bits = read_eight_bits(path)
+    if eight_bits is not None:
+        return np.ascontiguousarray(eight_bits[..., :3])
+    return np.ascontiguousarray(np.maximum(read_image(path)[..., :3], 0.0), np.float32)
+
+
+def _checkerboard(plugin: Plugin) -> Look:
+    first, second = plugin.colour("color0", 0.4), plugin.colour("color1", 0.2)
+    image = np.array([[first, second], [second, first]], np.float32)
+    return Look(plugin.id or "checkerboard", image, False, "nearest", "repeat", _to_uv(plugin))
+
+
+def _to_uv(plugin: Plugin) -> Float64:
+    """(2, 3): the map of our coordinates, v upwards, that is Mitsuba's `to_uv` of v downwards."""
+    given = plugin.transform("to_uv")
+    scale = np.diag([plugin.number("uscale", 1.0), plugin.number("vscale", 1.0), 1.0])
+    scale[:2, 2] = plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)
+    matrix = np.eye(3)
+    matrix[:2, :2], matrix[:2, 2] = given[:2, :2], given[:2, 3]
+    return map_downwards((scale @ matrix)[:2], (1.0, 1.0))[:2]
+
+
+def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
+    """A picture whose linear colours are changed."""
+    return look.with_image(look.name, change(look.linear.astype(np.float64)).astype(np.float32))

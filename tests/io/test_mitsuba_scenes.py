@@ -1,0 +1,615 @@
+"""Scenes of Mitsuba's XML: what is read of them, what Mitsuba makes of the same file, and what is refused."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.errors import SceneError, SceneWarning
+from glpath.film.image import encode_png, write_exr
+from glpath.io.export.mitsuba_xml import ply
+from glpath.io.library import scene_parameters
+from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
+from glpath.scene.tessellate import box_mesh, unit_sphere
+from tests.io.test_export import everything, quietly
+from tests.support.command_line import run
+
+FLOOR = """
+<shape type="rectangle" id="floor">
+  <transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>
+  <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.6 0.5 0.4"/></bsdf></bsdf>
+</shape>"""
+LAMP = """
+<shape type="rectangle" id="lamp">
+  <transform name="to_world"><rotate x="1" angle="90"/><translate x="0.5" y="3" z="1"/></transform>
+  <emitter type="area"><rgb name="radiance" value="9 8 7"/></emitter>
+</shape>"""
+CAMERA = """
+<sensor type="perspective">
+  <float name="fov" value="35"/>
+  <transform name="to_world"><lookat origin="0, 1.5, 6" target="0, 0.8, 0" up="0, 1, 0"/></transform>
+  <film type="hdrfilm">
+    <integer name="width" value="32"/><integer name="height" value="24"/><rfilter type="box"/>
+  </film>
+  <sampler type="independent"><integer name="sample_count" value="64"/></sampler>
+</sensor>"""
+
+
+def ball(surface: str, shape: str = "sphere") -> str:
+    return f"""
+<shape type="{shape}" id="ball">
+  <transform name="to_world"><rotate y="1" angle="30"/><translate y="1"/></transform>
+  {surface}
+</shape>"""
+
+
+def file(tmp_path: Path, *parts: str, version: str = "3.0.0", name: str = "a.xml") -> Path:
+    path = tmp_path / name
+    path.write_text(f'<scene version="{version}">{"".join(parts)}</scene>', "utf-8")
+    return path
+
+
+def room(tmp_path: Path, *parts: str) -> Path:
+    return file(tmp_path, '<integrator type="path"/>', CAMERA, FLOOR, LAMP, *parts)
+
+
+def read(path: Path, parameters: Any = None) -> tuple[Scene, list[str]]:
+    """The scene, and the warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        scene = glpath.load_scene(path, parameters)
+    return scene, [str(each.message) for each in caught]
+
+
+def surface(tmp_path: Path, text: str, *parts: str) -> Material:
+    scene, _ = read(room(tmp_path, ball(text), *parts))
+    (shape,) = (each for each in scene.shapes if each.name == "ball")
+    return scene.materials[shape.material]
+
+
+def shape_named(scene: Scene, name: str) -> Shape:
+    (shape,) = (each for each in scene.shapes if each.name == name)
+    return shape
+
+
+# What is written is read back
+
+
+def test_an_exported_box_is_the_same_film(tmp_path: Path) -> None:
+    scene = glpath.load_scene("cornell-box-36").with_camera(resolution=(24, 24))
+    assert quietly(scene, tmp_path / "box.xml") == []
+    back, told = read(tmp_path / "box.xml")
+    assert told == []
+    first, second = (glpath.render(each, spp=4, max_depth=4, integrator="path").mean for each in (scene, back))
+    assert first.mean() > 0
+    np.testing.assert_allclose(second, first, rtol=1e-4, atol=1e-6)
+
+
+def test_an_exported_scene_of_everything_has_its_materials_again(tmp_path: Path) -> None:
+    scene = everything()
+    quietly(scene, tmp_path / "a.xml")
+    back, _ = read(tmp_path / "a.xml")
+    found = {material.name: material for material in back.materials}
+    expected = {material.name: material for material in scene.materials}
+    for name, keys in {
+        "phong": ("reflectance", "specular", "exponent", "roughness"),
+        "one-sided": ("reflectance", "two_sided"),
+        "mirror": ("reflectance", "mirror", "roughness"),
+        "half-mirror": ("reflectance", "mirror", "roughness"),
+        "gold": ("reflectance", "metallic", "roughness"),
+        "brushed": ("reflectance", "metallic", "roughness"),
+        "pane": ("reflectance", "transmission", "thin", "ior", "two_sided"),
+        "glass": ("reflectance", "transmission", "thin", "ior", "attenuation", "roughness"),
+    }.items():
+        for key in keys:
+            wanted, got = getattr(expected[name], key), getattr(found[name], key)
+            if wanted is None:
+                assert got is None
+            else:
+                np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-5, err_msg=f"{name}: {key}")
+    assert found["brushed"].anisotropy == pytest.approx(expected["brushed"].anisotropy, rel=1e-3)
+    assert found["brushed"].normal_texture is not None
+    assert found["textured"].texture is not None
+    assert {light.kind for light in back.lights} == {light.kind for light in scene.lights}
+
+
+def test_an_exported_environment_is_the_same_light(tmp_path: Path) -> None:
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 1, 4], "target": [0, 0, 0]},
+            "shapes": [{"type": "sphere", "radius": 1}],
+            "sky": {"zenith": 1},
+        }
+    )
+    image = np.random.default_rng(0).uniform(0, 2, (4, 8, 3)).astype(np.float32)
+    sky = Environment(image, np.array([0.2, 1.0, 0.1]), 30.0, 0.5)
+    quietly(replace(scene, sky=sky), tmp_path / "a.xml")
+    back, _ = read(tmp_path / "a.xml")
+    directions = np.random.default_rng(1).normal(size=(200, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert isinstance(back.sky, Environment)
+    np.testing.assert_allclose(back.sky.radiance(directions), sky.radiance(directions), rtol=1e-4, atol=1e-4)
+
+
+# What stands in a file
+
+
+def test_parameters_includes_aliases_and_references(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    file(
+        tmp_path / "parts",
+        '<bsdf type="diffuse" id="red"><rgb name="reflectance" value="$r, 0.1, 0.1"/></bsdf>',
+        name="materials.xml",
+    )
+    path = file(
+        tmp_path,
+        '<default name="r" value="0.7"/><default name="width" value="40"/>',
+        '<include filename="parts/materials.xml"/><alias id="red" as="crimson"/>',
+        CAMERA.replace('"32"', '"$width"'),
+        LAMP,
+        ball('<ref id="crimson"/>'),
+        ball('<ref id="later"/>').replace('"ball"', '"other"'),
+        '<bsdf type="diffuse" id="later"><float name="reflectance" value="0.25"/></bsdf>',
+    )
+    scene, _ = read(path)
+    assert scene.camera.resolution == (40, 24)
+    by_name = {material.name: material.reflectance.tolist() for material in scene.materials}
+    assert by_name["red"] == [0.7, 0.1, 0.1]
+    assert by_name["later"] == [0.25] * 3
+    assert scene_parameters(str(path)) == {
+        "r": ("0.7", "as the file has it"),
+        "width": ("40", "as the file has it"),
+    }
+    other, _ = read(path, {"width": 8})
+    assert other.camera.resolution == (8, 24)
+    with pytest.raises(SceneError, match=r"has no parameter `widht`. Allowed: r=0.7, width=40"):
+        read(path, {"widht": "8"})
+
+
+def test_names_of_old_versions_are_todays(tmp_path: Path) -> None:
+    text = CAMERA.replace("to_world", "toWorld").replace("lookat", "lookAt")
+    glass = '<bsdf type="dielectric"><float name="intIOR" value="1.4"/><float name="extIOR" value="1"/></bsdf>'
+    scene, _ = read(
+        file(
+            tmp_path,
+            text,
+            LAMP.replace("to_world", "toWorld"),
+            ball(glass).replace("to_w", "toW").replace("toWorld", "toWorld"),
+            version="0.6.0",
+        )
+    )
+    assert scene.materials[shape_named(scene, "ball").material].ior == pytest.approx(1.4)
+    np.testing.assert_allclose(scene.camera.position, [0, 1.5, 6])
+
+
+def test_steps_of_a_transform_are_applied_in_order(tmp_path: Path) -> None:
+    steps = '<translate x="1"/><rotate z="1" angle="90"/><scale x="2" y="3" z="1"/>'
+    steps += '<matrix value="1 0 0 0 0 1 0 0 0 0 1 5 0 0 0 1"/>'
+    scene, _ = read(
+        file(
+            tmp_path,
+            CAMERA,
+            LAMP,
+            f'<shape type="cube" id="it"><transform name="to_world">{steps}</transform></shape>',
+        )
+    )
+    shape = shape_named(scene, "it")
+    matrix = shape.world_from_object[0]
+    # The origin goes to x = 1, is turned to y = 1, stretched to y = 3 and lifted to z = 5.
+    np.testing.assert_allclose(matrix[:, 3], [0, 3, 5], atol=1e-12)
+    np.testing.assert_allclose(matrix[:, :3] @ [1, 0, 0], [0, 3, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("axis", "width", "height", "expected"),
+    [
+        ("x", 64, 32, 2 * np.degrees(np.arctan(0.5 * np.tan(np.radians(30))))),
+        ("y", 64, 32, 60.0),
+        ("larger", 32, 64, 60.0),
+        ("smaller", 64, 32, 60.0),
+        ("diagonal", 64, 48, 2 * np.degrees(np.arctan(0.6 * np.tan(np.radians(30))))),
+    ],
+)
+def test_the_field_of_view_is_of_an_axis(
+    axis: str, width: int, height: int, expected: float, tmp_path: Path
+) -> None:
+    text = CAMERA.replace('value="35"/>', f'value="60"/><string name="fov_axis" value="{axis}"/>')
+    text = text.replace('"32"', f'"{width}"').replace('"24"', f'"{height}"')
+    scene, _ = read(file(tmp_path, text, LAMP, ball("")))
+    assert scene.camera.fov == pytest.approx(expected)
+
+
+def test_surfaces(tmp_path: Path) -> None:
+    plain = surface(tmp_path, "")
+    assert (plain.reflectance.tolist(), plain.two_sided, plain.roughness) == ([0.5] * 3, False, None)
+    gold = surface(tmp_path, '<bsdf type="conductor"><string name="material" value="Au"/></bsdf>')
+    assert (gold.metallic, gold.roughness) == (1.0, 0.0)
+    np.testing.assert_allclose(gold.reflectance, [0.967, 0.802, 0.324], atol=1e-3)
+    measured = surface(
+        tmp_path,
+        '<bsdf type="roughconductor"><rgb name="eta" value="0.143 0.375 1.442"/>'
+        '<rgb name="k" value="3.983 2.386 1.603"/>'
+        '<float name="alpha" value="0.09"/><string name="distribution" value="ggx"/></bsdf>',
+    )
+    np.testing.assert_allclose(measured.reflectance, gold.reflectance, atol=1e-3)
+    assert (measured.roughness, measured.multiple_scattering) == (pytest.approx(0.3), False)
+    stretched = surface(
+        tmp_path,
+        '<bsdf type="roughconductor"><float name="alpha_u" value="0.05"/>'
+        '<float name="alpha_v" value="0.3"/></bsdf>',
+    )
+    across = stretched.roughness**2
+    along = across + (1 - across) * stretched.anisotropy**2
+    assert (across, along, stretched.anisotropy_angle) == (pytest.approx(0.05), pytest.approx(0.3), 90.0)
+    water = surface(tmp_path, '<bsdf type="dielectric"><string name="int_ior" value="water"/></bsdf>')
+    assert (water.transmission, water.thin, water.ior) == (1.0, False, pytest.approx(1.333 / 1.000277))
+    pane = surface(
+        tmp_path,
+        '<bsdf type="thindielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>',
+    )
+    once = 0.04
+    assert pane.dielectric[0][0] == pytest.approx(2 * once / (1 + once))
+    assert pane.thin
+    plastic = surface(tmp_path, '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1 0.2 0.9"/></bsdf>')
+    assert (plastic.reflectance.tolist(), plastic.roughness) == ([0.1, 0.2, 0.9], 0.0)
+    assert plastic.ior == pytest.approx(1.49 / 1.000277)
+    principled = surface(
+        tmp_path,
+        '<bsdf type="principled"><rgb name="base_color" value="1 0.5 0.1"/><float name="metallic" value="0.3"/>'
+        '<float name="roughness" value="0.4"/><float name="spec_trans" value="0.25"/></bsdf>',
+    )
+    assert (principled.metallic, principled.roughness, principled.transmission) == (0.3, 0.4, 0.25)
+    assert principled.ior == pytest.approx(1.5)
+
+
+def test_nonlinear_plastic_is_darker_by_what_is_absorbed_between_bounces(tmp_path: Path) -> None:
+    made = surface(
+        tmp_path,
+        '<bsdf type="plastic"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/>'
+        '<float name="diffuse_reflectance" value="0.5"/><boolean name="nonlinear" value="true"/></bsdf>',
+    )
+    inside = 0.5963  # Walter et al. 2007: the diffuse Fresnel reflectance within glass of 1.5
+    assert made.reflectance[0] == pytest.approx(0.5 * (1 - inside) / (1 - 0.5 * inside), rel=1e-3)
+
+
+def test_textures(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    (tmp_path / "a.png").write_bytes(encode_png(rng.integers(0, 256, (4, 8, 3), np.uint8)))
+    made, _ = read(
+        room(
+            tmp_path,
+            ball(
+                '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+                '<string name="filename" value="a.png"/>'
+                '<string name="filter_type" value="nearest"/><string name="wrap_mode" value="clamp"/>'
+                '<transform name="to_uv"><scale x="2" y="3"/></transform></texture></bsdf>',
+                "rectangle",
+            ),
+        )
+    )
+    (texture,) = made.textures
+    assert (texture.image.shape, texture.srgb, texture.filter, texture.wrap) == (
+        (4, 8, 3),
+        True,
+        "nearest",
+        ("clamp", "clamp"),
+    )
+    slot = made.materials[shape_named(made, "ball").material].texture
+    # Mitsuba's v is downwards: its v of 3 (1 - v) is ours, 1 - 3 (1 - v).
+    np.testing.assert_allclose(slot.uv_transform, [[2, 0, 0], [0, 3, -2]])
+    made, _ = read(
+        room(
+            tmp_path,
+            ball(
+                '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">'
+                '<rgb name="color0" value="0.9 0 0"/>'
+                '<rgb name="color1" value="0 0 0.9"/></texture></bsdf>',
+                "rectangle",
+            ),
+        )
+    )
+    (texture,) = made.textures
+    np.testing.assert_allclose(texture.image[0, 0], [0.9, 0, 0])
+    np.testing.assert_allclose(texture.image[1, 0], [0, 0, 0.9])
+
+
+def test_shapes(tmp_path: Path) -> None:
+    mesh = Mesh(box_mesh((0, 0, 0), (1, 1, 1)).vertices, box_mesh((0, 0, 0), (1, 1, 1)).faces)
+    (tmp_path / "box.ply").write_bytes(ply(mesh))
+    (tmp_path / "box.obj").write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in mesh.vertices)
+        + "".join(f"f {a} {b} {c}\n" for a, b, c in mesh.faces + 1)
+    )
+    stream = struct.pack("<I", 0x1000) + b"box\0" + struct.pack("<QQ", len(mesh.vertices), len(mesh.faces))
+    stream += mesh.vertices.astype("<f4").tobytes() + mesh.faces.astype("<u4").tobytes()
+    packed = struct.pack("<HH", 0x041C, 4) + zlib.compress(stream)
+    (tmp_path / "box.serialized").write_bytes(packed + struct.pack("<QI", 0, 1))
+
+    def of_file(kind: str) -> str:
+        return f'<shape type="{kind}" id="{kind}"><string name="filename" value="box.{kind}"/></shape>'
+
+    scene, _ = read(
+        file(
+            tmp_path,
+            CAMERA,
+            LAMP,
+            *(of_file(kind) for kind in ("ply", "obj", "serialized")),
+            *(f'<shape type="{kind}" id="{kind}"/>' for kind in ("rectangle", "cube", "disk")),
+            '<shape type="sphere" id="sphere"><point name="center" x="1" y="2" z="3"/>'
+            '<float name="radius" value="2"/></shape>',
+            '<shape type="cube" id="inside"><boolean name="flip_normals" value="true"/></shape>',
+            '<shape type="shapegroup" id="group"><shape type="cube"/></shape>',
+            *(
+                f'<shape type="instance"><ref id="group"/>'
+                f'<transform name="to_world"><translate x="{x}"/></transform></shape>'
+                for x in (5, 9)
+            ),
+        )
+    )
+
+    def volume(name: str) -> float:
+        shape = shape_named(scene, name)
+        corners = scene.triangles[scene.shapes.ranges[scene.shapes.index(shape)]]
+        return float(np.linalg.det(corners).sum() / 6)
+
+    for kind in ("ply", "obj", "serialized"):
+        assert volume(kind) == pytest.approx(1.0)
+        assert shape_named(scene, kind).geometry.normals is not None  # made, as Mitsuba makes them
+    assert volume("cube") == pytest.approx(8.0)
+    assert volume("inside") == pytest.approx(-8.0)
+    areas = {
+        name: scene.areas[scene.shapes.ranges[scene.shapes.index(shape_named(scene, name))]].sum()
+        for name in ("rectangle", "disk")
+    }
+    assert areas == {"rectangle": pytest.approx(4.0), "disk": pytest.approx(np.pi)}
+    np.testing.assert_allclose(scene.spheres[0], [[2, 0, 0, 1], [0, 2, 0, 2], [0, 0, 2, 3]])
+    np.testing.assert_allclose(shape_named(scene, "group").world_from_object[:, 0, 3], [5, 9])
+
+
+def test_emitters(tmp_path: Path) -> None:
+    scene, told = read(
+        file(
+            tmp_path,
+            CAMERA,
+            FLOOR,
+            '<emitter type="point"><point name="position" value="1 2 3"/>'
+            '<rgb name="intensity" value="4"/></emitter>',
+            '<emitter type="spot"><transform name="to_world">'
+            '<lookat origin="0 3 0" target="0 0 0" up="1 0 0"/></transform>'
+            '<spectrum name="intensity" value="2"/><float name="cutoff_angle" value="30"/></emitter>',
+            '<emitter type="directional"><vector name="direction" x="0" y="-2" z="0"/></emitter>',
+            '<emitter type="constant"><rgb name="radiance" value="0.1 0.2 0.3"/></emitter>',
+        )
+    )
+    point, spot, sun = scene.lights
+    assert (point.kind, point.position.tolist(), point.intensity.tolist()) == ("point", [1, 2, 3], [4, 4, 4])
+    np.testing.assert_allclose(spot.direction, [0, -1, 0], atol=1e-12)
+    assert spot.cone == (22.5, 30.0)
+    np.testing.assert_allclose(spot.intensity, [2.41, 1.897, 1.818], atol=1e-3)  # as Mitsuba has a spectrum of 2
+    assert any("a spot fades smoothly" in text for text in told)
+    assert (sun.kind, sun.direction.tolist()) == ("directional", [0, -1, 0])
+    assert isinstance(scene.sky, Sky)
+    assert scene.sky.zenith.tolist() == [0.1, 0.2, 0.3]
+
+
+def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
+    mesh = unit_sphere(1)
+    colours = np.random.default_rng(0).uniform(0, 1, (len(mesh.vertices), 4))
+    (tmp_path / "a.ply").write_bytes(ply(replace(mesh, colours=colours)))
+    scene, _ = read(
+        room(
+            tmp_path,
+            '<shape type="ply" id="it"><string name="filename" value="a.ply"/><bsdf type="diffuse">'
+            '<texture type="mesh_attribute" name="reflectance"><string name="name" value="vertex_color"/></texture>'
+            "</bsdf></shape>",
+        )
+    )
+    np.testing.assert_allclose(shape_named(scene, "it").geometry.colours[:, :3], colours[:, :3], rtol=1e-6)
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            ball('<bsdf type="hair"/>'),
+            r'line \d+, <bsdf type="hair"> is a surface of the type "hair", which is not read. Allowed: ',
+        ),
+        (ball('<bsdf type="diffusse"/>'), r'Did you mean "diffuse"'),
+        (
+            ball('<bsdf type="diffuse"><float name="reflectanse" value="1"/></bsdf>'),
+            r"is a parameter that is not read of \"diffuse\". Allowed: reflectance.\n.*Did you mean `reflectance`",
+        ),
+        (ball('<bsdf type="diffuse"><float name="reflectance" value="2"/></bsdf>'), "must be between 0 and 1"),
+        (ball('<bsdf type="diffuse"><float name="reflectance" value="two"/></bsdf>'), 'has value="two"'),
+        (
+            ball('<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.1, 700:0.2"/></bsdf>'),
+            "is a spectrum by wavelengths",
+        ),
+        (
+            ball('<bsdf type="diffuse"><boolean name="reflectance" value="true"/></bsdf>'),
+            "is a <boolean>, but must be: rgb or spectrum or float",
+        ),
+        (
+            ball('<bsdf type="dielectric"><string name="int_ior" value="mud"/></bsdf>'),
+            'is "mud", which is not known. Allowed: vacuum',
+        ),
+        (
+            ball(
+                '<bsdf type="dielectric"><float name="int_ior" value="1"/>'
+                '<float name="ext_ior" value="1.5"/></bsdf>'
+            ),
+            "flip_normals",
+        ),
+        (ball('<bsdf type="conductor"><string name="material" value="Xx"/></bsdf>'), "Or give eta and k"),
+        (
+            ball('<bsdf type="principled"><float name="sheen" value="1"/></bsdf>'),
+            "only 0 is read: glpath's material has no such lobe",
+        ),
+        (ball('<bsdf type="twosided"><bsdf type="dielectric"/></bsdf>'), "Take it out of it"),
+        (
+            ball('<bsdf type="twosided"><bsdf type="diffuse"/><bsdf type="diffuse"/></bsdf>'),
+            "Of two sides that differ, make two shapes",
+        ),
+        (ball('<bsdf type="bumpmap"/>'), "bumpmap"),
+        (
+            ball('<bsdf type="blendbsdf"><bsdf type="plastic"/><bsdf type="diffuse"/></bsdf>'),
+            "which is no one material here",
+        ),
+        (ball('<ref id="nothing"/>'), 'refers to "nothing", but the file has the ids'),
+        (
+            ball('<medium type="heterogeneous" name="interior"/><bsdf type="dielectric"/>'),
+            "only an absorbing one inside glass",
+        ),
+        (
+            ball('<emitter type="area"><blackbody name="radiance" temperature="3000"/></emitter>'),
+            "<blackbody .*is an element that is not read",
+        ),
+        (ball("", "cylinder"), "Make triangles of it, as PLY"),
+        (
+            '<shape type="ply"><string name="filename" value="no.ply"/></shape>',
+            "names the mesh file .*no.ply, which does not exist",
+        ),
+        ('<shape type="obj"/>', "lacks the parameter `filename`"),
+        ('<shape type="cube"><transform name="to_world"><scale x="0"/></transform></shape>', "flattens"),
+        (
+            '<shape type="cube"><transform name="to_world"><turn x="0"/></transform></shape>',
+            "is no step of a transform. Allowed: translate, ",
+        ),
+        ('<emitter type="sunsky"/>', "Allowed: constant, directional, envmap, point, spot"),
+        ('<emitter type="envmap"><string name="filename" value="no.exr"/></emitter>', "names the picture .*no.exr"),
+        ('<emitter type="constant"/><emitter type="constant"/>', "as another emitter does"),
+        ("<phase/>", "is an element of a scene that is not read"),
+        ('<bsdf type="diffuse" id="floor"/>', 'has the id "floor", which the element of line'),
+        ('<include filename="other.xml"/>', "other.xml, which does not exist"),
+        ('<shape type="$kind"/>', r"names the parameter `\$kind`, which has no value"),
+        ("<shape>", "is not XML: mismatched tag"),
+    ],
+)
+def test_what_is_not_read_is_refused_by_its_place(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=f"(?s){message}") as caught:
+        read(room(tmp_path, text))
+    assert "a.xml: line " in str(caught.value)
+
+
+def test_a_file_with_a_document_type_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text('<!DOCTYPE lolz [<!ENTITY lol "lol">]><scene version="3.0.0">&lol;</scene>')
+    with pytest.raises(SceneError, match="has a document type"):
+        read(tmp_path / "a.xml")
+
+
+def test_includes_in_a_circle_end(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="Is it a circle"):
+        read(file(tmp_path, '<include filename="a.xml"/>'))
+
+
+def test_a_mirrored_camera_is_refused(tmp_path: Path) -> None:
+    text = CAMERA.replace("<lookat", '<scale x="-1"/><lookat')
+    with pytest.raises(SceneError, match="mirrors the picture"):
+        read(file(tmp_path, text, LAMP, FLOOR))
+
+
+def test_the_command_takes_a_file_of_mitsuba_with_its_parameters(tmp_path: Path) -> None:
+    path = file(tmp_path, '<default name="width" value="20"/>', CAMERA.replace('"32"', '"$width"'), LAMP, FLOOR)
+    done = run("info", path, "-D", "width=12")
+    assert done.exit_code == 0, done.output
+    assert "12 x 24" in done.output
+
+
+# Mitsuba itself
+
+
+def beside(path: Path, spp: int) -> tuple[Any, Any]:
+    """Pictures of a file, by glpath and by Mitsuba, (h, w, 3)."""
+    pytest.importorskip("mitsuba", reason="needs the reference extra")
+    from benchmarks.peers.mitsuba import load_mitsuba
+
+    mi = load_mitsuba("scalar_rgb")
+    theirs = np.array(mi.render(mi.load_file(str(path)), spp=spp, seed=1))[..., :3]
+    scene, _ = read(path)
+    return glpath.render(scene, spp=2 * spp, integrator="path", max_depth=16).mean, theirs
+
+
+def test_a_file_is_as_bright_as_mitsuba_makes_it(tmp_path: Path) -> None:
+    gold = '<bsdf type="conductor"><string name="material" value="Au"/></bsdf>'
+    ours, theirs = beside(
+        room(tmp_path, ball(gold), '<emitter type="constant"><rgb name="radiance" value="0.3"/></emitter>'), 64
+    )
+    np.testing.assert_allclose(ours.mean(axis=(0, 1)), theirs.mean(axis=(0, 1)), rtol=0.03)
+
+
+IMAGE = '<texture type="bitmap" name="{}"><string name="filename" value="a.png"/></texture>'
+WITNESSES = {
+    "twosided": '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf>',
+    "mirror": '<bsdf type="conductor"><string name="material" value="none"/>'
+    '<float name="specular_reflectance" value="0.8"/></bsdf>',
+    "copper": '<bsdf type="roughconductor"><string name="material" value="Cu"/>'
+    '<string name="distribution" value="ggx"/><float name="alpha" value="0.2"/></bsdf>',
+    "beckmann": '<bsdf type="roughconductor"><string name="material" value="Ag"/></bsdf>',
+    "brushed": '<bsdf type="roughconductor"><string name="distribution" value="ggx"/>'
+    '<float name="alpha_u" value="0.05"/><float name="alpha_v" value="0.4"/></bsdf>',
+    "glass": '<bsdf type="dielectric"/>',
+    "frosted": '<bsdf type="roughdielectric"><string name="distribution" value="ggx"/>'
+    '<float name="alpha" value="0.1"/></bsdf>',
+    "pane": '<bsdf type="thindielectric"/>',
+    "plastic": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1 0.3 0.8"/></bsdf>',
+    "nonlinear": '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1 0.3 0.8"/>'
+    '<boolean name="nonlinear" value="true"/></bsdf>',
+    "roughplastic": '<bsdf type="roughplastic"><string name="distribution" value="ggx"/>'
+    '<float name="alpha" value="0.2"/></bsdf>',
+    "principled": '<bsdf type="principled"><rgb name="base_color" value="0.8 0.3 0.1"/>'
+    '<float name="metallic" value="1"/></bsdf>',
+    "textured": f'<bsdf type="diffuse">{IMAGE.format("reflectance")}</bsdf>',
+    "checkers": '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">'
+    '<transform name="to_uv"><scale x="4" y="2"/></transform></texture></bsdf>',
+    "veil": '<bsdf type="mask"><float name="opacity" value="0.6"/>'
+    '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>',
+}
+#: How far pictures of 8 x 6 blocks may be from Mitsuba's, of the median block; what has no equal has more.
+OFF = {"beckmann": 0.05, "principled": 0.03, "plastic": 0.04, "nonlinear": 0.03, "roughplastic": 0.04}
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("shape", ["sphere", "cube"])
+@pytest.mark.parametrize("name", WITNESSES)
+def test_a_surface_looks_as_mitsuba_has_it(name: str, shape: str, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(encode_png(np.random.default_rng(0).integers(0, 256, (4, 8, 3), np.uint8)))
+    sky = '<emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>'
+    ours, theirs = beside(room(tmp_path, ball(WITNESSES[name], shape), sky), 256)
+    a, b = (image.reshape(6, 4, 8, 4, 3).mean(axis=(1, 3)) for image in (ours, theirs))
+    assert np.median(np.abs(a - b) / (b + 1e-2)) < OFF.get(name, 0.02)
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=OFF.get(name, 0.02))
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(
+    "light",
+    [
+        '<emitter type="point"><point name="position" value="1 4 3"/><rgb name="intensity" value="9"/></emitter>',
+        '<emitter type="spot"><transform name="to_world">'
+        '<lookat origin="1 4 3" target="0 0 0" up="1 0 0"/></transform>'
+        '<spectrum name="intensity" value="9"/><float name="beam_width" value="19.99"/></emitter>',
+        '<emitter type="directional"><vector name="direction" x="-1" y="-2" z="-0.5"/></emitter>',
+        '<emitter type="envmap"><string name="filename" value="sky.exr"/><float name="scale" value="0.7"/>'
+        '<transform name="to_world"><rotate y="1" angle="50"/><rotate x="1" angle="20"/></transform></emitter>',
+    ],
+    ids=["point", "spot", "directional", "envmap"],
+)  # fmt: skip
+def test_a_light_shines_as_mitsuba_has_it(light: str, tmp_path: Path) -> None:
+    image = np.random.default_rng(0).uniform(0, 1, (16, 32, 3)) ** 4
+    write_exr(tmp_path / "sky.exr", image.astype(np.float32))
+    path = file(tmp_path, '<integrator type="path"/>', CAMERA, FLOOR, light, ball(WITNESSES["twosided"]))
+    ours, theirs = beside(path, 256)
+    a, b = (image.reshape(6, 4, 8, 4, 3).mean(axis=(1, 3)) for image in (ours, theirs))
+    assert np.median(np.abs(a - b) / (b + 1e-2)) < 0.03
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.02)
