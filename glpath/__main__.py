@@ -1,6 +1,19 @@
-"""`python -m glpath` is `glpath`."""
+"""The entry point of the `glpath` script and of `python -m glpath`."""
 
-from glpath.cli.main import run
+import os
+import sys
+
+
+def main() -> None:
+    """Run the command. An interrupt while its modules load ends it without a traceback, as one later does."""
+    try:
+        from glpath.cli.main import run
+    except KeyboardInterrupt:
+        sys.stderr.write("Interrupted.\n")
+        sys.stderr.flush()
+        os._exit(130)
+    run()
+
 
 if __name__ == "__main__":
-    run()
+    main()
