@@ -42,6 +42,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "a path set of 100,000 triangles with textures and smooth normals, beside the same plain",
         ("--rounds", "--scale"),
     ),
+    "materials": (
+        "a room with textures, glass and metal: time to an error, beside Mitsuba 3 with its own materials",
+        ("--seeds", "--scale"),
+    ),
     "defaults": (
         "pictures without options: seconds of the whole process and the error, beside Cycles with its own",
         ("--rounds", "--scale"),
@@ -98,7 +102,9 @@ def bench(
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(metavar="N", help="path-buffer, gather, denoise: independent renders to take errors over; 3."),
+        typer.Option(
+            metavar="N", help="path-buffer, gather, denoise, materials: independent renders to take errors over; 3."
+        ),
     ] = None,
     reference: Annotated[
         Path | None,
@@ -118,8 +124,8 @@ def bench(
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, defaults, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: below 1, "
-            "less work; 1.",
+            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: "
+            "below 1, less work; 1.",
         ),
     ] = None,
     output: Annotated[
@@ -188,6 +194,10 @@ def _measure(
         from benchmarks.benches.denoise import bench_denoise
 
         return bench_denoise(seeds, reference, scene, progress)
+    if name == "materials":
+        from benchmarks.benches.materials import bench_materials
+
+        return bench_materials(seeds, scale, progress)
     if name == "defaults":
         from benchmarks.benches.defaults import bench_defaults
 

@@ -67,6 +67,7 @@ def test_list_names_every_bench() -> None:
         "gather",
         "denoise",
         "textures",
+        "materials",
         "defaults",
         "t-buffer",
         "shaft",
@@ -111,10 +112,13 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
     [
         (
             [],
-            "no name; allowed are path-buffer, gather, denoise, textures, defaults, t-buffer, shaft, "
+            "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
             "shaft-options, viewfactors, measure, lightmap, jobs, start-up",
         ),
-        (["z-buffer"], "'z-buffer'; allowed are path-buffer, gather, denoise, textures, defaults, t-buffer, shaft"),
+        (
+            ["z-buffer"],
+            "'z-buffer'; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft",
+        ),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),
         (["path-buffer", "--scale", "0.5"], "--scale does not apply to bench path-buffer"),
