@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench NAME`, and figure, khronos, look and scene.
+"""`python -m benchmarks bench NAME`, and figure, gallery, khronos, look and scene.
 
 `make bench` and `make figure` call it. Errors, warnings and exit codes are those of the `glpath` command.
 """
@@ -34,6 +34,7 @@ app = program(
             GROUP,
             "Show models without an option, beside a viewer of the web.",
         ),
+        "gallery": Part("benchmarks.gallery_command", GROUP, "Render the pictures of the documentation's gallery."),
     },
 )
 
