@@ -69,6 +69,12 @@ def test_a_notebook_imports_what_is_public(notebook: Path) -> None:
 
 
 @named
+def test_a_notebook_begins_with_what_one_learns_and_its_time(notebook: Path) -> None:
+    text = "".join(cells(notebook, "markdown")[0]["source"])
+    assert re.search(r"\*\*You learn\*\* .*\*\*Time\*\*: .* to read", text, re.DOTALL)
+
+
+@named
 def test_a_notebook_keeps_its_pictures_and_nothing_of_the_machine(notebook: Path) -> None:
     book = json.loads(notebook.read_text("utf-8"))
     assert set(book["metadata"]) == {"kernelspec", "language_info"}, "widget states stay out"
