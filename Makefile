@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 BIN    := .venv/bin
 STAMPS := .venv/.glpath
 
-.PHONY: help render test coverage lint evidence bench figure docs wheel clean
+.PHONY: help render test coverage lint evidence bench figure docs gallery wheel clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -32,8 +32,11 @@ render: $(STAMPS) ## set up, then render the Cornell box to out: raw by the path
 	@echo "And as \`glpath render\` does it without options: the engine that is clean soonest, denoised."
 	$(BIN)/glpath render cornell-box -o out/cornell-box-default.png
 
-test: lint ## set up, check the style and the types, run the test suite and the notebooks
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --nbmake --nbmake-timeout=240 tests notebooks
+test: lint ## set up, check style and types, run the tests and the notebooks, whose results the site shows
+	@rm -rf out/executing && mkdir -p out && cp -r notebooks out/executing
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --nbmake --overwrite --nbmake-timeout=240 \
+		tests out/executing
+	@rm -rf out/notebooks && mv out/executing out/notebooks
 
 coverage: $(STAMPS)-test ## run the test suite and print which branches of the package it takes; kernels count as not run
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "not evidence" --cov=glpath --cov-branch \
@@ -57,8 +60,11 @@ bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
 figure: $(STAMPS)-test ## make a figure of the papers again into out/figures: FIGURE=path-buffer-7, SCALE below 1 is quicker
 	$(BIN)/python -m benchmarks figure $(FIGURE) --scale $(SCALE)
 
-docs: $(STAMPS)-test ## build the API reference from the docstrings into out/docs
+docs: $(STAMPS)-test ## build the site into out/docs, with the results of the notebooks that make test has stored
 	$(BIN)/python .ci/docs.py out/docs
+
+gallery: $(STAMPS)-test ## render the pictures of the site's gallery again, and time each
+	$(BIN)/python -m benchmarks gallery
 
 wheel: ## build the wheel into dist; needs Python alone, none of the set-up
 	sh .ci/setup --wheel dist

@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench NAME`, `... figure NAME`, `... scene NAME`; `make bench` and `make figure` call it.
+"""`python -m benchmarks bench NAME`, `figure NAME`, `scene NAME`, `gallery`, which targets of `make` call.
 
 Errors, warnings and exit codes are those of the `glpath` command.
 """
@@ -26,6 +26,7 @@ app = program(
             GROUP,
             "Make a model that ships, `scenes/NAME.glb`, or the room of another fineness.",
         ),
+        "gallery": Part("benchmarks.gallery_command", GROUP, "Render the pictures of the documentation's gallery."),
     },
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import math
 import platform
@@ -47,6 +48,7 @@ class Report:
                False in any case where there are faults
     rows     : one object per line of the table or point of the plot
     faults   : what says that the programs did not do the same work, so that their times compare nothing
+    date     : of the measurement, YYYY-MM-DD
     """
 
     name: str
@@ -58,6 +60,7 @@ class Report:
     versions: dict[str, str]
     notes: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    date: str = field(default_factory=lambda: datetime.date.today().isoformat())
 
     def __post_init__(self) -> None:
         if self.faults:

@@ -20,6 +20,7 @@ from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
+    from glpath.cli.records import EndRecord, RenderStats
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.film.metadata import FilmMetadata
@@ -245,7 +246,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
         yield f"wrote {path}{shown}"
 
 
-def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> dict[str, Any]:
+def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndRecord:
     """The last object of `--progress json`."""
     m = film.metadata
     return {
@@ -279,7 +280,7 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
     """
     m = film.metadata
     statistics = dict(m.statistics)
-    found: dict[str, Any] = {
+    found: RenderStats = {
         "scene": m.scene,
         "scene_hash": m.scene_hash,
         "integrator": m.integrator,

@@ -47,7 +47,7 @@ def path_engine(
     """
     assert (radiosity is not None) == settings.needs_solution, "a solution that the engine does not use, or none"
     if settings.by_path_buffer:
-        _check_shared(scene.scene)
+        check_shared(scene.scene)
         if isinstance(sensor, PointSensor) and scene.stream is not None:
             raise SceneError(
                 f"{scene.scene.source or scene.scene.name}: has a stream, on whose triangles no point is found.",
@@ -58,7 +58,7 @@ def path_engine(
     return engine(gl, scene, settings, window, sensor=sensor, timings=timings, **given)
 
 
-def _check_shared(scene: Scene) -> None:
+def check_shared(scene: Scene) -> None:
     """Raise SceneError for materials that shared directions miss nearly always."""
     of_kinds: dict[str, list[str]] = {}
     for material in (scene.materials[i] for i in sorted({shape.material for shape in scene.shapes})):

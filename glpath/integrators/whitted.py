@@ -230,7 +230,7 @@ class WhittedTracer(Engine):
         self.shadow_buffer: PointShadowBuffer | None = shadow_buffer
         lights = objects.positional_lights
         if settings.shadows != "rays" and lights:
-            _check_shadows(objects.scene)
+            check_shadows(objects.scene)
             resolution = settings.shadow_resolution
             if self.shadow_buffer is not None:
                 pass
@@ -292,7 +292,7 @@ def _no_tests() -> dict[str, int]:
     return {"primary": 0, "shadow_buffer": 0, "shadow": 0, "secondary": 0}
 
 
-def _check_shadows(scene: Scene) -> None:
+def check_shadows(scene: Scene) -> None:
     """Raise SceneError for what shadow-buffers cannot hold."""
     blended = sorted({m.name for m in (scene.materials[s.material] for s in scene.shapes) if m.alpha == "blend"})
     if blended:

@@ -13,7 +13,7 @@ _MODEL = "Export the scene as glTF (.glb) from the program that wrote it."
 _PICTURE = 'It may light a scene as its environment map: [sky] with file = "{0}".'
 
 #: By suffix: what it is, and what to do with it.
-_KINDS = {
+KINDS = {
     ".ldt": (
         "a lamp's profile (EULUMDAT)",
         "Convert it to IES LM-63 type C, which a light takes as its `profile`.",
@@ -47,8 +47,8 @@ def refuse_other_file(path: Path) -> None:
     location = SourceLocation(str(path))
     if suffix in ies.SUFFIXES:
         raise _of_profile(path, location)
-    if suffix in _KINDS:
-        what, remedy = _KINDS[suffix]
+    if suffix in KINDS:
+        what, remedy = KINDS[suffix]
         raise location.error(f"is {what}, not a scene.", remedy.format(path.name))
 
 

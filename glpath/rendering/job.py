@@ -209,7 +209,7 @@ class RenderJob:
     def from_json(cls, text: str, location: str = "job") -> RenderJob:
         """The job that `to_json` wrote; `location` is how errors name it. Raises UsageError."""
         try:
-            data: _JobFile = decode_json(text, _JobFile)
+            data: JobFile = decode_json(text, JobFile)
         except (msgspec.DecodeError, RecursionError) as error:
             raise UsageError(f"{location}: is not a render job: {error}.", "RenderJob.save writes one.") from error
         if data.format != _FORMAT or data.version != _VERSION:
@@ -251,7 +251,9 @@ class RenderJob:
         return cls.from_json(text, str(path))
 
 
-class _CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
+class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
+    """A camera as the sensor of a job file; lengths in scene units, angles in degrees, times in seconds."""
+
     position: tuple[float, float, float]
     target: tuple[float, float, float]
     up: tuple[float, float, float]
@@ -265,7 +267,9 @@ class _CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
     motion: tuple[SensorKey, ...] = ()
 
 
-class _PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
+class PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
+    """Points as the sensor of a job file: how many, and the SHA-256 of the table that `run` is handed."""
+
     resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     count: Annotated[int, Meta(ge=1)]
@@ -276,14 +280,14 @@ class _PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
     independent: bool = False
 
 
-class _JobFile(msgspec.Struct, forbid_unknown_fields=True):
+class JobFile(msgspec.Struct, forbid_unknown_fields=True):
     """A job as JSON has it; the integrator's fields are its own business."""
 
     format: str
     version: int
     scene: SceneSource
     integrator: dict[str, Any]
-    sensor: _CameraFile | _PointsFile
+    sensor: CameraFile | PointsFile
     window: Window
     path_sets: tuple[int, int]
 
@@ -348,9 +352,9 @@ def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
         settings.check_points()
 
 
-def _sensor_of(data: _CameraFile | _PointsFile, location: str) -> Sensor:
+def _sensor_of(data: CameraFile | PointsFile, location: str) -> Sensor:
     given = msgspec.structs.asdict(data)
-    if isinstance(data, _PointsFile):
+    if isinstance(data, PointsFile):
         return PointSensor(**given)
     sensor = CameraSensor(**given)
     check_camera(sensor.camera, location)

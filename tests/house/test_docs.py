@@ -1,28 +1,26 @@
-"""Docstrings: their examples run, and they become readable pages."""
+"""Docstrings, whose examples run, and the site, which builds without a warning."""
 
 from __future__ import annotations
 
 import doctest
 import importlib
-import importlib.util
-import inspect
+import os
 import pkgutil
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
 from pathlib import Path
-from types import ModuleType
+from urllib.parse import unquote
 
 import pytest
 
 import glpath
+from benchmarks.gallery_command import IMAGES, MAX_BYTES, PICTURES, Picture, made
+from glpath_docs import gallery
+from glpath_docs.links import for_site
+from glpath_docs.site import with_list, without_empty_globs
 from tests.support.repository import ROOT
-
-
-def _docs() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs", ROOT / ".ci" / "docs.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def _with_examples() -> list[str]:
@@ -41,30 +39,113 @@ def test_examples_of_docstrings_run(name: str, tmp_path: Path, monkeypatch: pyte
     assert result.failed == 0
 
 
-def test_every_parameter_of_render_is_a_line_of_its_own() -> None:
-    page = _docs().markdown(inspect.getdoc(glpath.render))
-    for name in ("scene", "spp", "shadow_test", "shadow_filter", "secondary", "count_tests", "progress"):
-        assert f"\n- **{name}**: " in page
-    assert "shadow_filter :" not in page
+# ---- links -------------------------------------------------------------------------------------------------------
 
 
-def test_columns_become_lists_and_the_rest_stays() -> None:
-    docstring = (
-        "What it is: prose.\n\nParameters\n----------\nspp    : samples, and\n         more of them\n"
-        "first, second : of two\n\nCost: little,\n      as a rule\n\nExample\n-------\n>>> 1 + 1\n2\n\nEnd."
+@pytest.mark.parametrize(
+    ("link", "shown"),
+    [
+        ("[a](../../notebooks/01_first_picture.ipynb)", "[a](../tutorials/01_first_picture.ipynb)"),
+        ("[a](../../CHANGELOG.md#unreleased)", "[a](../changelog.md#unreleased)"),
+        ("[a](../../README.md)", "[a](../index.md)"),
+        ("[a](../reference/glossary.md#x)", "[a](../reference/glossary.md#x)"),
+        ("![a](../images/room.png)", "![a](../images/room.png)"),
+        ("[the shader](../../shaders/bsdf/bsdf.glsl)", "the shader (`shaders/bsdf/bsdf.glsl`)"),
+        ("[`notebooks/`](../../notebooks)", "`notebooks/`"),
+        ("[a](https://example.org/a) and [b](#here)", "[a](https://example.org/a) and [b](#here)"),
+        ("```sh\n[a](../../README.md)\n```", "```sh\n[a](../../README.md)\n```"),
+    ],
+)
+def test_links_of_the_repository_become_links_of_the_site(link: str, shown: str) -> None:
+    assert for_site(link, "docs/howto/files.md", "howto/files.md") == shown
+
+
+def test_the_first_page_of_a_folder_lists_its_pages_in_the_order_of_its_links() -> None:
+    text = "# Guides\n\n[b](b.md), [a](a.md), [b](b.md), [other](../other.md)\n"
+    assert with_list(text).endswith("```{toctree}\n:hidden:\n\nb\na\n```\n")
+    assert with_list(text + "```{toctree}\n```\n") == text + "```{toctree}\n```\n"
+
+
+def test_lists_of_empty_folders_are_left_out() -> None:
+    text = "```{toctree}\n:glob:\n\nhowto/*\nfull/*\n```\n"
+    assert without_empty_globs(text, ["index.md", "full/a.md"]) == "```{toctree}\n:glob:\n\nfull/*\n```\n"
+
+
+# ---- the site ----------------------------------------------------------------------------------------------------
+
+
+def test_the_site_builds_without_a_warning_and_no_link_is_dead(tmp_path: Path) -> None:
+    """In a process of its own, as Sphinx sets much for good. A warning is an error."""
+    code = (
+        "import sys; from pathlib import Path; from glpath_docs.site import build\n"
+        "sys.exit(build(*map(Path, sys.argv[1:])))"
     )
-    assert _docs().markdown(docstring) == (
-        "What it is: prose.\n\n###### Parameters\n\n- **spp**: samples, and more of them\n"
-        "- **first, second**: of two\n\n**Cost**: little, as a rule\n\n###### Example\n\n"
-        "```python\n>>> 1 + 1\n2\n```\n\nEnd."
+    folders = [tmp_path / "html", tmp_path / "work", ROOT / "out" / "notebooks"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, folders)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "docs" / "_ext")])},
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert dead_links(folders[0]) == []
 
 
-def test_all_that_is_public_is_documented() -> None:
-    """Each name of `glpath` has a docstring, and its module a page."""
-    pages = _docs().documented()
-    for name in glpath.__all__:
-        value = getattr(glpath, name)
-        if name != "__version__":
-            assert value.__doc__, name
-            assert value.__module__ in pages, name
+class _Links(HTMLParser):
+    """Targets and anchors of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.targets: set[str] = set()
+        self.anchors: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if value and name in ("href", "src"):
+                self.targets.add(value)
+            elif value and name == "id":
+                self.anchors.add(value)
+
+
+def dead_links(folder: Path) -> list[str]:
+    """Links within a site, and to what it does not have itself, that lead nowhere; none may load from elsewhere."""
+    pages = {path: _Links() for path in folder.rglob("*.html")}
+    for path, found in pages.items():
+        found.feed(path.read_text("utf-8"))
+    dead = []
+    for path, found in pages.items():
+        for target in found.targets:
+            file, _, anchor = unquote(target).partition("#")
+            if re.match(r"[a-z]+:", file):
+                continue
+            there = (path.parent / file.partition("?")[0]).resolve() if file else path
+            known = pages.get(there)
+            if not there.exists() or (anchor and known is not None and anchor not in known.anchors):
+                dead.append(f"{path.relative_to(folder)}: {target}")
+    return dead
+
+
+def test_a_dead_link_is_found(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text('<a id="x" href="b.html#y"><img src="c.png"><a href="#z"><a href="b.html">')
+    (tmp_path / "b.html").write_text('<a href="a.html#x"><a href="https://example.org">')
+    assert sorted(dead_links(tmp_path)) == ["a.html: #z", "a.html: b.html#y", "a.html: c.png"]
+
+
+# ---- the gallery -------------------------------------------------------------------------------------------------
+
+
+def test_the_gallery_is_small_and_made_by_its_commands() -> None:
+    files = sorted((ROOT / IMAGES).iterdir())
+    assert [file.stem for file in files] == sorted(picture.name for picture in PICTURES)
+    assert sum(file.stat().st_size for file in files) < MAX_BYTES
+    assert gallery.pages()["gallery.md"].count("```sh\nglpath ") == len(PICTURES)
+
+
+def test_a_picture_of_the_gallery_is_made_as_its_command_says(tmp_path: Path) -> None:
+    picture = Picture("a", "A", "A box", "glpath render cornell-box-36 --resolution 16x16 --spp 4 -o a.png")
+    row = made(picture, tmp_path / "images")
+    assert (row["command"], row["width"], row["height"]) == (picture.command, 16, 16)
+    assert row["processor_s"] > 0
+    assert row["wall_s"] > 0
+    assert (tmp_path / "images" / "a.webp").stat().st_size > 0

@@ -1,0 +1,111 @@
+"""Environment variables that glpath reads or sets."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from glpath.gl.devices import BACKENDS
+from glpath.gl.llvmpipe import TEXELS
+from glpath_docs.markdown import code, table
+
+#: By name: the values, and what it does. A test holds it to what the code reads.
+GLPATH = {
+    "GLPATH_BACKEND": (", ".join(map(code, BACKENDS)), "how OpenGL is opened, where `--backend` does not say it"),
+    "GLPATH_DEVICE": ("a number", "a device of `glpath devices`, where `--device` does not say it"),
+    "GLPATH_TEXELS": (
+        ", ".join(map(code, TEXELS)),
+        "how shaders read textures: as graphics cards or as llvmpipe do best",
+    ),
+}
+OTHERS = {
+    "LP_NUM_THREADS": (
+        "a number",
+        "threads of llvmpipe; `--threads` sets it. glpath makes 1 to 0, which is one thread as well",
+    ),
+    "OIDN_NUM_THREADS": ("a number", "threads of the denoiser; `--threads` sets it"),
+    "CI": ("anything but `0`, `false`, `no`", "image tests fail for a missing baseline, and write none"),
+    "PYTHONPATH": ("folders", "passed on to the processes that try each device"),
+    "LIBGL_DRIVERS_PATH": ("folders", "where `glpath doctor` looks for Mesa's drivers first"),
+    "MESA_SHADER_CACHE_DISABLE": (
+        "`1`, `true` or `yes`",
+        "`glpath doctor` reports that shaders are compiled in each process",
+    ),
+    "MESA_SHADER_CACHE_DIR": ("a folder", "where Mesa keeps compiled shaders; `glpath doctor` checks it"),
+    "XDG_CACHE_HOME": ("a folder", "where Mesa keeps them without the variable before"),
+    "HOME": ("a folder", "where Mesa keeps them without either, in `.cache`"),
+}
+#: Of what glpath is built on: read by others, of use to who runs glpath.
+OF_LIBRARIES = {
+    "NUMBA_CACHE_DIR": (
+        "a folder",
+        "where compiled kernels are kept, where the package's folder cannot be written",
+    ),
+    "NUMBA_DISABLE_JIT": ("`1`", "kernels run as Python, for a debugger"),
+    "GALLIUM_OVERRIDE_CPU_CAPS": ("`nosse` ...", "which of the CPU's instructions llvmpipe uses"),
+}
+
+
+def pages() -> dict[str, str]:
+    """The page of variables, by path."""
+    rows = [
+        (code(name), values, meaning)
+        for each in (GLPATH, OTHERS, OF_LIBRARIES)
+        for name, (values, meaning) in each.items()
+    ]
+    text = [
+        "# Environment variables\n",
+        "An option of the command line wins over a variable.\n",
+        table(("variable", "values", "what it does"), rows),
+    ]
+    return {"reference/environment.md": "\n".join(text)}
+
+
+def read_by(source: str, file: str = "code") -> Iterator[str]:
+    """Names of variables that Python code looks up in `os.environ`, or sets there.
+
+    Raises ValueError for one whose name the code computes.
+    """
+    tree = ast.parse(source)
+    loops = {
+        target.target.id: [str(each.value) for each in target.iter.elts if isinstance(each, ast.Constant)]
+        for target in ast.walk(tree)
+        if isinstance(target, ast.comprehension | ast.For)
+        and isinstance(target.target, ast.Name)
+        and isinstance(target.iter, ast.Tuple | ast.List)
+    }
+    for node in ast.walk(tree):
+        key = _key(node)
+        if key is None:
+            continue
+        if isinstance(key, ast.Constant) and isinstance(key.value, str):
+            yield key.value
+        elif isinstance(key, ast.Name) and loops.get(key.id):
+            yield from loops[key.id]
+        else:
+            raise ValueError(f"{file}:{node.lineno}: looks up {ast.unparse(key)}, whose name is not in sight")  # type: ignore[attr-defined]
+
+
+def _key(node: ast.AST) -> ast.expr | None:
+    """What a node asks of the environment."""
+    if isinstance(node, ast.Subscript) and _is_environment(node.value):
+        return node.slice
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.args:
+        of_environment = _is_environment(node.func.value) and node.func.attr in ("get", "pop", "setdefault")
+        if of_environment or ast.unparse(node.func) == "os.getenv":
+            return node.args[0]
+    return None
+
+
+def _is_environment(node: ast.expr) -> bool:
+    return ast.unparse(node) in ("os.environ", "environ")
+
+
+def of_package(folder: Path) -> dict[str, list[str]]:
+    """By name: the files of a package that look a variable up."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(folder.rglob("*.py")):
+        for name in read_by(path.read_text("utf-8"), str(path)):
+            found.setdefault(name, []).append(path.relative_to(folder).as_posix())
+    return found

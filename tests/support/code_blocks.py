@@ -1,0 +1,133 @@
+"""The blocks of code of the README and of the pages of docs/, what they need, and which of them no test can run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import trimesh
+
+import glpath
+from tests.support.repository import ROOT
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+_FENCE = re.compile(r"^```(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
+
+#: Languages that say nothing to a program.
+PROSE = ("", "text")
+
+#: Blocks that a test of their own runs, by their language and a phrase in them: the test's file.
+ELSEWHERE = {
+    ("js", "light.channel = 1"): "tests/bake/test_lightmap_seen.py",
+    ("js", "new BABYLON.Texture"): "tests/bake/test_lightmap_seen.py",
+    ("python", "render_regression("): "tests/pytest_plugin/test_pytest_suite.py",
+    ("ini", "[pytest]"): "tests/pytest_plugin/test_pytest_suite.py",
+}
+
+#: Blocks that no test runs, by their language and a phrase in them: why.
+NOT_RUN = {
+    ("dockerfile", "FROM debian"): "needs Docker and a network",
+    ("yaml", "kind: Job"): "needs Kubernetes",
+    ("sh", "#SBATCH"): "needs Slurm",
+    ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
+}
+
+#: Lines of the shell that no test runs, by a pattern: why.
+LINES_NOT_RUN = {
+    r"\b(apt-get|pip) install\b": "changes the machine",
+    r"^make\b": "sets a checkout up",
+    r"^python -m benchmarks\b": "tests of benchmarks run it",
+    r"\bdocker\b": "needs Docker",
+    r"^srun\b|^sbatch\b": "needs Slurm",
+    r"--cluster (?!local)": "needs a cluster",
+    r"(^|\s)/data/": "a folder of a cluster",
+    r"^pytest\b": "tests of the README run it",
+    r"--install-completion": "changes the shell's own files",
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of code.
+
+    page : its file
+    line : of its first line
+    kind : its language
+    """
+
+    page: Path
+    line: int
+    kind: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    def listed(self, entries: dict[tuple[str, str], str]) -> str | None:
+        """What a list says of it."""
+        found = (said for (kind, phrase), said in entries.items() if kind == self.kind and phrase in self.text)
+        return next(found, None)
+
+    @property
+    def runs(self) -> bool:
+        """Whether the test of blocks runs it."""
+        return self.listed(ELSEWHERE) is None and self.listed(NOT_RUN) is None
+
+    def commands(self) -> Iterator[str]:
+        """Lines of a shell block that are run, without their comments."""
+        for line in re.sub(r"\\\n", " ", self.text).splitlines():
+            command = re.sub(r"(^|\s)#.*", "", line).strip()
+            if command and not any(re.search(pattern, command) for pattern in LINES_NOT_RUN):
+                yield command
+
+
+def blocks_of(page: Path) -> list[Block]:
+    """The blocks of a page, directives of MyST left out."""
+    text = page.read_text("utf-8")
+    return [
+        Block(page, text.count("\n", 0, found.start()) + 2, found["kind"], found["text"])
+        for found in _FENCE.finditer(text)
+        if not text[found.start() + 3 :].startswith("{")
+    ]
+
+
+# ---- the files that pages name -----------------------------------------------------------------------------------
+
+#: Candela by angle from straight down, LM-63.
+LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
+
+#: 16 x 8 pixels of radiance 1, RGBE.
+WHITE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + bytes([128, 128, 128, 129]) * 128
+
+
+def write_models(folder: Path) -> None:
+    """Models, a lamp's profile and an environment map by the names that the pages give them."""
+    box = trimesh.creation.box([6, 3, 4])
+    for name in ("room.obj", "hall.stl", "street.stl"):
+        box.export(folder / name)
+    walls = ["o wall-{}\nf {} {} {}".format(i, *(face + 1)) for i, face in enumerate(box.faces)]
+    corners = ["v {} {} {}".format(*vertex) for vertex in box.vertices]
+    (folder / "zone.obj").write_text("\n".join([*corners, *walls]) + "\n")
+    (folder / "lamp.ies").write_text(LAMP)
+    (folder / "studio.hdr").write_bytes(WHITE)
+    seat = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "Seat"}
+    scene = {
+        "camera": {"position": [0, 2, 5], "target": [0, 1, 0]},
+        "materials": {"Seat": {"reflectance": 0.5}},
+        "shapes": [seat],
+        "lights": [{"type": "point", "position": [0, 3, 2], "intensity": 10}],
+    }
+    for name in ("model.glb", "chair.glb", "parlour.glb"):
+        glpath.export(scene, folder / name)
+
+
+def write_films(folder: Path) -> None:
+    """Films and pictures by the names that the pages give them."""
+    for number, name in enumerate(("new", "old", "shard-0", "shard-256")):
+        film = glpath.render("cornell-box-36", spp=8, first_path_set=8 * number, resolution=(32, 32), max_depth=2)
+        film.save(folder / f"{name}.npz")
+        if number < 2:
+            film.save(folder / f"{'ab'[number]}.exr")

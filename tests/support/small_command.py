@@ -1,0 +1,47 @@
+"""`python -m tests.support.small_command ARGUMENTS`: the `glpath` command, but with little to compute.
+
+Pages show commands for real pictures; a test runs each with a few pixels and samples.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from glpath.cli.main import run
+
+#: By command: options with a value that are left out, and what is added.
+SMALLER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "render": (
+        ("--resolution", "--spp", "--noise", "--clean", "--time-limit", "--crop"),
+        ("--resolution", "24x16"),
+    ),
+    "lightmap": (("--size", "--spp", "--noise", "--clean"), ("--size", "64", "--spp", "2")),
+    "measure": (("--spp", "--noise"), ("--spp", "4")),
+    "probes": (("--spp", "--noise", "--grid"), ("--spp", "2", "--grid", "2x2x2")),
+    "radiosity": (("--patches", "--particles"), ("--patches", "100")),
+}
+
+
+def smaller(arguments: Sequence[str]) -> list[str]:
+    """The arguments with less to compute."""
+    command = arguments[0] if arguments else ""
+    if command not in SMALLER or "--job" in arguments or any(each.startswith("--help") for each in arguments):
+        return list(arguments)
+    left_out, added = SMALLER[command]
+    kept, rest = [], iter(arguments)
+    for each in rest:
+        if each in left_out:
+            next(rest)
+        elif each.startswith("level="):  # of a generated scene
+            kept.append("level=4")
+        else:
+            kept.append(each)
+    if command == "render" and "--sample-range" not in kept:
+        added = (*added, "--spp", "16")  # the fewest that a picture may be denoised from
+    return [*kept, *added]
+
+
+if __name__ == "__main__":
+    sys.argv[1:] = smaller(sys.argv[1:])
+    run()
