@@ -58,6 +58,12 @@ def test_a_notebook_imports_what_is_public(notebook: Path) -> None:
 
 
 @named
+def test_a_notebook_begins_with_what_one_learns_and_its_time(notebook: Path) -> None:
+    text = "".join(cells(notebook, "markdown")[0]["source"])
+    assert re.search(r"\*\*You learn\*\* .*\*\*Time\*\*: .* to read", text, re.DOTALL)
+
+
+@named
 def test_a_notebook_has_what_was_typed_alone(notebook: Path) -> None:
     """Outputs are of a run and a machine; `python .ci/notebooks.py` takes them out."""
     book = json.loads(notebook.read_text("utf-8"))
