@@ -61,12 +61,12 @@ def write_page(models: Sequence[Path], output: Path, side: int, say: Say) -> Pat
     ours = []
     for path in models:
         ours.append(_rendered(path, side))
+        (output / f"{path.name}.glpath.png").write_bytes(ours[-1].png)
         say(f"{path.name}: {ours[-1].seconds:.1f} s")
     with tempfile.TemporaryDirectory() as folder:
         theirs = shown_by_model_viewer([_as_gltf(path, Path(folder)) for path in models], side)
     rows = []
     for path, mine, other in zip(models, ours, theirs, strict=True):
-        (output / f"{path.name}.glpath.png").write_bytes(mine.png)
         (output / f"{path.name}.viewer.png").write_bytes(other.png)
         rows.append(_row(path.name, mine, other))
     _sheet([(mine.png, other.png) for mine, other in zip(ours, theirs, strict=True)]).save(

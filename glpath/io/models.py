@@ -36,7 +36,10 @@ def read_gltf_as_asked(
     path: Path,
     *,
     camera: Annotated[
-        int | str, Meta(description="name or number, from 0, of one of the file's cameras, or first")
+        int | str,
+        Meta(
+            description="name or number, from 0, of one of the file's cameras, or first, or none to see all of it"
+        ),
     ] = "first",
     time: Annotated[
         Annotated[float, Meta(ge=0)] | Literal["rest"],
@@ -69,14 +72,14 @@ def read_gltf_as_asked(
     ] = "absent",
 ) -> Model:
     """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
-    wanted: int | str | None = None if camera == "first" else camera
+    wanted: int | str | None = None if camera in ("first", "none") else camera
     if isinstance(wanted, str) and wanted.isdecimal():
         wanted = int(wanted)
     if animation != "first" and time == "rest":
         time = 0.0
     if shutter and time == "rest":
         raise UsageError(f"shutter is {shutter:g}, but the model is at rest.", "Say when it opens: -D time=0.")
-    return read_gltf(
+    model = read_gltf(
         path,
         time=None if time == "rest" else time,
         shutter=shutter,
@@ -87,6 +90,7 @@ def read_gltf_as_asked(
         unit=unit,
         backs=backs,
     )
+    return replace(model, camera=None) if camera == "none" else model
 
 
 def read_model(path: Path, location: SourceLocation, time: float | None = None, shutter: float = 0.0) -> Model:

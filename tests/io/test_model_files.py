@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import warnings
 from dataclasses import fields
@@ -102,6 +103,21 @@ def test_a_model_is_seen_from_the_front_what_is_flat_from_above_what_is_deep_fro
     assert views((0, 2, 3)) == pytest.approx((75, 18))
     turned, _ = views((1, 2, 2.5))
     assert 20 < turned < 75
+
+
+def test_a_camera_of_the_file_may_be_left_out(tmp_path: Path) -> None:
+    path = gltf(tmp_path / "box.gltf")
+    written = json.loads(path.read_text())
+    written["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1.0}}]
+    written["nodes"].append({"camera": 0, "translation": [0, 0, 99]})
+    for each in written.get("scenes", []):
+        each["nodes"].append(len(written["nodes"]) - 1)
+    path.write_text(json.dumps(written))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        own, framed = load_scene(path), load_scene(path, {"camera": "none"})
+    assert own.camera.position.tolist() == [0, 0, 99]
+    assert framed.camera.position[2] < 9
 
 
 def test_the_top_and_a_side_of_a_box_are_seen() -> None:
