@@ -1,4 +1,7 @@
-"""`glpath devices` and `glpath doctor`: what renders here, and what is missing where nothing does."""
+"""`glpath devices` and `glpath doctor`: what renders here, and what is missing where nothing does.
+
+Both start where moderngl or EGL is absent, since that is what they are asked about.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,16 @@ from rich.table import Table
 
 from glpath.cli.help import command_help
 from glpath.errors import ContextError, ShaderError
-from glpath.gl.context import open_context
-from glpath.gl.devices import EGL_LIBRARY, GL_LIBRARIES, DeviceProbe, library_loads, list_devices
+from glpath.gl.devices import (
+    EGL_LIBRARY,
+    GL_LIBRARIES,
+    REQUIRED_VERSION,
+    DeviceProbe,
+    library_loads,
+    list_devices,
+)
 from glpath.gl.fences import asks_for_one_thread
-from glpath.gl.limits import device_limits
-from glpath.gl.opening import REQUIRED_VERSION
 from glpath.gl.osmesa import load_osmesa
-from glpath.gl.program import shader_folder
 from glpath.system.machine import core_count
 from glpath.system.terminal import clean_console, say, say_json
 
@@ -142,6 +148,7 @@ def examine() -> list[Finding]:
         probes, wrong = [], str(error)
     renders = any(p.auto for p in probes)
     checks: list[Callable[[], Iterator[Finding]]] = [
+        _system,
         _python,
         _packages,
         _shaders,
@@ -156,13 +163,28 @@ def examine() -> list[Finding]:
     return [finding for check in checks for finding in check()]
 
 
+def _system() -> Iterator[Finding]:
+    system: str = sys.platform
+    if system != "linux":
+        text = f"{system}: glpath renders by EGL or OSMesa on Linux, and was not tried here"
+        remedy = "view factors, radiosity, diff, info, validate and the pytest plugin need no OpenGL"
+        yield Finding("system", "note", text, remedy)
+
+
 def _python() -> Iterator[Finding]:
     version = ".".join(map(str, sys.version_info[:3]))
     good = sys.version_info >= (3, 11)
     yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
 
 
-_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)\s*(?:>=\s*(?P<minimum>[\d.]+))?")
+# Of a line of the metadata: `numba<0.69,>=0.61`, `filelock>=3.12; sys_platform != "linux"`.
+_NAME, _MINIMUM, _LIMIT = (re.compile(text) for text in (r"[\w.-]+", r">=\s*([\d.]+)", r"<\s*([\d.]+)"))
+_OTHER_SYSTEM = re.compile(r"""sys_platform\s*(==|!=)\s*["'](\w+)["']""")
+
+
+def _is_of_another_system(requirement: str) -> bool:
+    marker = _OTHER_SYSTEM.search(requirement)
+    return marker is not None and (marker[1] == "==") != (marker[2] == sys.platform)
 
 
 def _packages() -> Iterator[Finding]:
@@ -174,21 +196,24 @@ def _packages() -> Iterator[Finding]:
         return
     found, lacking, installed = [], [], []
     for requirement in required:
-        if "extra ==" in requirement:
+        if "extra ==" in requirement or _is_of_another_system(requirement):
             continue
-        parts = _REQUIREMENT.match(requirement)
-        assert parts is not None, f"a requirement without a name: {requirement}"
-        name, minimum = parts["name"], parts["minimum"] or "0"
+        named = _NAME.match(requirement)
+        assert named is not None, f"a requirement without a name: {requirement}"
+        name, wanted = named[0], requirement.partition(";")[0].strip()
+        minimum, limit = (bound[1] if bound else "" for bound in (_MINIMUM.search(wanted), _LIMIT.search(wanted)))
         try:
             version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            lacking.append((f"{name} is not installed", parts[0]))
+            lacking.append((f"{name} is not installed", wanted))
             continue
-        if _release(version) < _release(minimum):
-            lacking.append((f"{name} {version} (needed: {minimum})", parts[0]))
+        if _release(version) < _release(minimum or "0"):
+            lacking.append((f"{name} {version} (needed: {minimum})", wanted))
+        elif limit and _release(version) >= _release(limit):
+            lacking.append((f"{name} {version} (needed: below {limit})", wanted))
         else:
             installed.append(name)
-        found.append(f"{name} {version} (>= {minimum})")
+        found.append(f"{name} {version} (>= {minimum or 0})")
     lacking += [(text, name) for name, text in _not_importable(installed).items()]
     if lacking:
         remedy = "pip install " + " ".join(f'"{what}"' for _, what in lacking)
@@ -230,6 +255,10 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 def _shaders() -> Iterator[Finding]:
+    try:
+        from glpath.gl.program import shader_folder
+    except ImportError:  # of which the packages tell
+        return
     try:
         yield Finding("shaders", "ok", str(shader_folder()))
     except ShaderError as error:
@@ -278,7 +307,8 @@ def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
             status = "note" if taken else "missing"
             yield Finding(name, status, p.error)
     if not taken:
-        remedy = "apt-get install libegl1 libgl1-mesa-dri"
+        packages = "apt-get install libegl1 libgl1-mesa-dri"
+        remedy = packages if sys.platform == "linux" else "Linux, or a container of it"
         chosen = [f"{k}={os.environ[k]}" for k in ("GLPATH_BACKEND", "GLPATH_DEVICE") if os.environ.get(k)]
         if chosen:
             remedy = "unset GLPATH_BACKEND GLPATH_DEVICE, or " + remedy
@@ -286,6 +316,9 @@ def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
 
 
 def _limits() -> Iterator[Finding]:
+    from glpath.gl.context import open_context
+    from glpath.gl.limits import device_limits
+
     # Only after a probe has shown that the device does not kill its process.
     try:
         limits = device_limits(open_context())

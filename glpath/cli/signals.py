@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
 
+from glpath.system.signals import OF_SCHEDULERS
+
 T = TypeVar("T")
 
 #: Exit code of what Ctrl-C has ended.
@@ -61,7 +63,7 @@ def signals_wait_for_results() -> Iterator[None]:
         yield
         return
     # A shell starts background jobs with SIGINT ignored, and so it stays.
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1)}
+    before = {number: signal.getsignal(number) for number in OF_SCHEDULERS}
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
         before[signal.SIGINT] = on_interrupt
     for number in before:
@@ -97,7 +99,7 @@ def arrived() -> bool:
 
 def by_scheduler() -> bool:
     """Whether the first signal was one of those by which schedulers take a machine away, not Ctrl-C."""
-    return _current.first in (signal.SIGTERM, signal.SIGUSR1)
+    return _current.first in OF_SCHEDULERS
 
 
 def resume_later() -> None:

@@ -13,11 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import ImageError
 from glpath.film.batches import BATCHES, BLOCK, counts_of, disjoint
 from glpath.film.cryptomatte import ShapeCounts
 from glpath.film.metadata import FilmMetadata, metadata_of
 from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
+
+#: Of the file; another one is refused by name. A film without a number is of format 1.
+FORMAT = 1
 
 
 class FilmParts(NamedTuple):
@@ -49,6 +53,7 @@ def write_parts(path: Path, film: FilmParts) -> None:
             "batch_counts": film.batch_counts,
             "ranges": np.array(film.ranges, np.int64).reshape(-1, 2),
             "block": np.int64(BLOCK),
+            "film_format": np.int64(FORMAT),
             "metadata": np.array(json.dumps(asdict(film.metadata))),
             **{_aov_key(name): sums for name, sums in film.aov_sums.items()},
         }
@@ -60,6 +65,12 @@ def write_parts(path: Path, film: FilmParts) -> None:
 def read_parts(path: str | Path) -> FilmParts:
     """Read a film. Raises ImageError, also for one whose parts contradict each other."""
     with open_npz(path, "a film", "A film is what -o NAME.npz writes.") as stored:
+        found = int(stored.read("film_format", "iu", ())) if "film_format" in stored else 1
+        if found != FORMAT:
+            raise ImageError(
+                f"{path}: is a film of format {found}; this version of glpath reads format {FORMAT}.",
+                "Read it with the glpath that wrote it, or render it anew.",
+            )
         metadata = metadata_of(str(stored.read("metadata", "U", ())))
         counts = stored.read("batch_counts", "iu", (None,))
         block = int(stored.read("block", "iu", ()))

@@ -318,7 +318,8 @@ def _forget_after_fork() -> None:
         _context.gl.gc_mode = None
 
 
-os.register_at_fork(after_in_child=_forget_after_fork)
+if hasattr(os, "register_at_fork"):  # Windows does not fork
+    os.register_at_fork(after_in_child=_forget_after_fork)
 
 
 def _refuse_another(info: DeviceInfo, backend: str, device: int | None) -> None:

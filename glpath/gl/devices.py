@@ -21,6 +21,8 @@ from glpath.errors import ContextError
 from glpath.gl.osmesa import load_osmesa
 
 BACKENDS = ("auto", "egl", "osmesa")
+#: Of OpenGL.
+REQUIRED_VERSION = 430
 
 # Sonames, as the names without a number belong to development packages. libegl1 alone brings no libGL.so.1, and
 # needs none: the functions can be had from libEGL itself.

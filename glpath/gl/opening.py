@@ -16,13 +16,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import moderngl
-from glcontext import egl
 
 from glpath.errors import ContextError
 from glpath.gl.devices import (
     EGL_LIBRARY,
     GL_LIBRARIES,
     INSTALL,
+    REQUIRED_VERSION,
     Candidate,
     DeviceInfo,
     egl_candidates,
@@ -33,8 +33,6 @@ from glpath.gl.devices import (
 from glpath.gl.fences import asks_for_one_thread
 from glpath.gl.memory import NamingContext
 from glpath.gl.osmesa import OSMesaLoader
-
-REQUIRED_VERSION = 430
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "lavapipe")
 
@@ -229,6 +227,8 @@ class _EGLLoader:
 
 def _egl_context(index: int, name: str) -> Any:
     """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
+    from glcontext import egl  # of Linux alone
+
     gl_library = next(name for name in GL_LIBRARIES if library_loads(name) or name == EGL_LIBRARY)
     settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
     try:

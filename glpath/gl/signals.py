@@ -13,8 +13,7 @@ from collections.abc import Callable
 from types import CodeType, FrameType
 from typing import Any
 
-#: Signals by which people and schedulers end a program that may want to save something first.
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
+from glpath.system.signals import ENDING
 
 
 class SignalsWait:

@@ -17,12 +17,14 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import os
-import resource
 import subprocess
 import sys
 import time
 
 from glpath.system.heartbeat import heartbeat
+from glpath.system.machine import posix_module
+
+_resource = posix_module("resource")
 
 # Between two bytes through the pipe.
 _INTERVAL = 0.5
@@ -32,8 +34,9 @@ import os, select, signal, sys, time
 watched, limit, message = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
 tick = min(1.0, limit / 4)
 silent = 0.0
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
-    signal.signal(number, signal.SIG_IGN)
+for name in ("SIGINT", "SIGTERM", "SIGUSR1"):
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
 while silent < limit:
     if select.select([0], [], [], tick)[0]:
         if not os.read(0, 4096):
@@ -85,14 +88,15 @@ class Watchdog:
         # Standard error may be no file.
         with contextlib.suppress(ValueError, OSError, AttributeError):
             faulthandler.enable()
-            self._core_limit = resource.getrlimit(resource.RLIMIT_CORE)
-            resource.setrlimit(resource.RLIMIT_CORE, (0, self._core_limit[1]))
+            if _resource is not None:
+                self._core_limit = _resource.getrlimit(_resource.RLIMIT_CORE)
+                _resource.setrlimit(_resource.RLIMIT_CORE, (0, self._core_limit[1]))
 
     def __exit__(self, *exception: object) -> None:
         heartbeat.listener = None
         if self._core_limit is not None:
             faulthandler.disable()
-            resource.setrlimit(resource.RLIMIT_CORE, self._core_limit)
+            _resource.setrlimit(_resource.RLIMIT_CORE, self._core_limit)
         if self._process is not None:
             assert self._process.stdin is not None, "a pipe was asked for"
             self._process.stdin.close()

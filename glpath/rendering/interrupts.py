@@ -11,7 +11,7 @@ from types import FrameType
 
 from glpath.errors import kept_in
 from glpath.film.film import Film
-from glpath.gl.signals import ENDING
+from glpath.system.signals import ENDING
 
 # Seconds that an unfinished path set has to end after SIGTERM or SIGUSR1. Who sends them ends the process for good
 # soon: containers after ten seconds, Slurm after thirty.

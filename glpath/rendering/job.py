@@ -215,7 +215,8 @@ class RenderJob:
         if data.format != _FORMAT or data.version != _VERSION:
             raise UsageError(
                 f"{location}: {data.format} of version {data.version}; this version of glpath reads {_FORMAT} of "
-                f"version {_VERSION}."
+                f"version {_VERSION}.",
+                "Write it anew: RenderJob.save.",
             )
         given = dict(data.integrator)
         try:

@@ -58,6 +58,11 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
 
 
+# Where the system has it: Windows opens text otherwise, and neither forks nor has pipes by name.
+_READ = os.O_RDONLY
+for _name in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"):
+    _READ |= getattr(os, _name, 0)
+
 # How long somebody may take to begin to write into a pipe that is read.
 _PIPE_S = 10.0
 
@@ -71,7 +76,7 @@ def check_file(path: str | Path) -> None:
 def open_file(path: str | Path) -> BinaryIO:
     """A file, opened to be read. Raises OSError, also for a pipe or a device, which would block or never end."""
     # Without waiting: who opens a pipe is halted until somebody writes.
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    descriptor = os.open(path, _READ)
     try:
         mode = os.fstat(descriptor).st_mode
         if (kind := _unreadable_kind(mode)) or stat.S_ISFIFO(mode):
@@ -84,7 +89,7 @@ def open_file(path: str | Path) -> BinaryIO:
 
 def read_bytes(path: str | Path) -> bytes:
     """All of a file, or of a pipe into which somebody writes, as bash has one for <(...). Raises OSError."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    descriptor = os.open(path, _READ)
     with os.fdopen(descriptor, "rb") as file:
         mode = os.fstat(descriptor).st_mode
         if kind := _unreadable_kind(mode):
@@ -94,7 +99,8 @@ def read_bytes(path: str | Path) -> bytes:
             waiting.register(descriptor, select.POLLIN)
             if not waiting.poll(1e3 * _PIPE_S):
                 raise _refused(path, f"a pipe into which nothing was written for {_PIPE_S:g} s")
-        os.set_blocking(descriptor, True)
+        if hasattr(os, "set_blocking"):
+            os.set_blocking(descriptor, True)
         return file.read()
 
 
@@ -126,7 +132,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield temporary
-        with temporary.open("rb") as written:
+        with temporary.open("r+b") as written:  # Windows writes nothing to a disk by a file that is read
             os.fsync(written.fileno())
         os.replace(temporary, target)
         _sync_folder(target.parent)
@@ -137,7 +143,9 @@ def _beside(path: str | Path) -> Iterator[Path]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name is on the disk, too; not all file systems have such a call."""
+    """The new name is on the disk, too; not all systems have such a call."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
     with suppress(PermissionError):  # a folder that may be written but not read
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:

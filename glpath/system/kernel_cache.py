@@ -13,7 +13,6 @@ leaves to luck is done here:
 
 from __future__ import annotations
 
-import fcntl
 import functools
 import hashlib
 import logging
@@ -27,11 +26,13 @@ from typing import Any
 
 import numba
 
+from glpath.system.machine import posix_module
 from glpath.system.private_interfaces import numba_internals
 
 log = logging.getLogger("glpath")
 
 NUMBA = numba_internals()
+_fcntl = posix_module("fcntl")
 
 #: Seconds to wait for a process that compiles the same kernel; longer, and it hangs or was stopped.
 _PATIENCE = 60.0
@@ -179,13 +180,15 @@ def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
 
 def _locked(path: Path) -> int | None:
     """A lock on a file: None while another process has it, 0 where there are no locks."""
+    if _fcntl is None:
+        return 0
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
     except OSError:
         return 0
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _fcntl.flock(handle, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(handle), os.stat(path)):  # else its last owner has just removed it
             return handle
     except BlockingIOError:

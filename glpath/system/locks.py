@@ -11,13 +11,15 @@ Network file systems: on NFS (4, or 3 with its lock daemon) it holds between mac
 locks end with its lease, 90 s as a rule. Where a mount has `nolock` or `local_lock`, and on Lustre with
 `localflock`, it holds within each machine. Without any locks it has no effect, as the log says.
 
+Linux alone has locks of parts of a file that belong to the open file. Elsewhere filelock locks the whole file, so
+that processes with other parts meet, too, and the error names no holder.
+
 Poor at: a lock file that is removed while it is held, by hand or with its folder: the next process makes another.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import logging
 import os
@@ -29,8 +31,12 @@ from typing import Any, Self
 
 from glpath.errors import GlpathError, ImageError
 from glpath.system.files import reason_of
+from glpath.system.machine import posix_module
 
 log = logging.getLogger("glpath")
+
+_fcntl = posix_module("fcntl")
+_LOCKS_PARTS = hasattr(_fcntl, "F_OFD_SETLK")
 
 # What is locked lies beyond the text of any lock file, as some network file systems forbid to read locked bytes.
 _BASE = 1 << 40
@@ -58,11 +64,15 @@ class Lock:
         self._range = (first, stop)
         self._depth = 0
         self._descriptor: int | None = None
+        self._whole: Any = None
 
     def __enter__(self) -> Lock:
         if self._depth == 0:
             try:
-                self._acquire()
+                if _LOCKS_PARTS:
+                    self._acquire()
+                else:
+                    self._acquire_whole()
             except OSError as error:
                 raise ImageError(
                     f"{self._path}: its lock {self._file} cannot be made: {reason_of(error)}.",
@@ -79,6 +89,26 @@ class Lock:
                 self._leave(descriptor)
             finally:
                 os.close(descriptor)
+        elif self._depth == 0 and self._whole is not None:
+            whole, self._whole = self._whole, None
+            whole.release()
+
+    def _acquire_whole(self) -> None:
+        try:
+            import filelock
+        except ImportError:
+            log.warning("%s: no locks without filelock: take care that one process writes it", self._path)
+            return
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(self._file, timeout=0)
+        try:
+            lock.acquire()
+        except filelock.Timeout:
+            raise self._refusal([]) from None
+        except NotImplementedError:
+            log.warning("%s: this file system has no locks: take care that one process writes it", self._path)
+            return
+        self._whole = lock
 
     def _acquire(self) -> None:
         self._file.parent.mkdir(parents=True, exist_ok=True)
@@ -177,12 +207,12 @@ class Locked:
 
 def _lock(descriptor: int, start: int, length: int, wait: bool = False) -> None:
     """Raises OSError, with one of `_HELD` where others hold some of it."""
-    command = fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK
-    fcntl.fcntl(descriptor, command, _flock(fcntl.F_WRLCK, start, length))
+    command = _fcntl.F_OFD_SETLKW if wait else _fcntl.F_OFD_SETLK
+    _fcntl.fcntl(descriptor, command, _flock(_fcntl.F_WRLCK, start, length))
 
 
 def _unlock(descriptor: int, start: int, length: int) -> None:
-    fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _flock(fcntl.F_UNLCK, start, length))
+    _fcntl.fcntl(descriptor, _fcntl.F_OFD_SETLK, _flock(_fcntl.F_UNLCK, start, length))
 
 
 def _flock(kind: int, start: int, length: int) -> bytes:

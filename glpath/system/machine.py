@@ -5,15 +5,27 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import resource
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 # Of this process, where it is limited.
 _max_threads: int | None = None
 
 
+def posix_module(name: str) -> Any:
+    """A module of the standard library that Windows does not have; None there."""
+    try:
+        return import_module(name)
+    except ImportError:
+        return None
+
+
+_resource = posix_module("resource")
+
+
 def peak_resident_bytes() -> int:
-    """The most memory that this process had at once; llvmpipe's is in it."""
+    """The most memory that this process had at once, llvmpipe's with it; 0 where the system does not say."""
     # Not by getrusage, whose number begins with that of the process which has started this one.
     try:
         for line in Path("/proc/self/status").read_text().splitlines():
@@ -21,12 +33,12 @@ def peak_resident_bytes() -> int:
                 return int(line.split()[1]) * 1024
     except (OSError, ValueError, IndexError):
         pass  # no Linux, or a /proc that is hidden or an emulator's
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return 0 if _resource is None else int(_resource.getrusage(_resource.RUSAGE_SELF).ru_maxrss) * 1024
 
 
 def core_count() -> int:
     """Cores that this process may use: what it may run on, or fewer, see `limit_threads`."""
-    cores = len(os.sched_getaffinity(0))
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return cores if _max_threads is None else min(cores, _max_threads)
 
 

@@ -1,4 +1,4 @@
-"""Private interfaces of other packages: all that are used, each in one place, with the releases that have it.
+"""Private interfaces of other packages: all that are used, each once, with the releases that have it.
 
 No public interface does what they do. A release may change any of them without notice. Then the function here
 raises GlpathError, which names the package, its version and what is not there; so does the test of this module.
@@ -105,7 +105,7 @@ def _module(package: str, name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if error.name == package:  # it is not installed at all, which is another matter
+        if error.name == package:  # not installed at all: the caller says what brings it
             raise
         raise _changed(package, f"module {name}") from error
 

@@ -236,6 +236,19 @@ def test_arrays_that_are_not_a_film_are_told_apart(tmp_path) -> None:
         Film.load(tmp_path / "missing.npz")
 
 
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_film_of_another_format_is_refused_by_its_number(number: int, make_film: MakeFilm, tmp_path) -> None:
+    make_film([(0, 8)]).save(tmp_path / "a.npz")
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    assert arrays["film_format"] == 1
+    np.savez(tmp_path / "b.npz", **arrays | {"film_format": number})
+    with pytest.raises(ImageError, match=rf"b\.npz: is a film of format {number}; .* reads format 1"):
+        Film.load(tmp_path / "b.npz")
+    arrays.pop("film_format")
+    np.savez(tmp_path / "c.npz", **arrays)
+    assert Film.load(tmp_path / "c.npz").path_sets == 8, "the first films had no number"
+
+
 @pytest.mark.parametrize(("size", "shown"), [((6, 4), (4, 6)), ((2000, 3), (1, 1000)), ((1500, 1100), (550, 750))])
 def test_a_notebook_shows_at_most_1024_pixels(make_film: MakeFilm, size, shown) -> None:
     film = make_film([(0, 1)], size)
