@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.rendering.points import Irradiance, irradiance
     from glpath.rendering.progress import Progress
+    from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
 
     __version__: str
@@ -62,6 +63,7 @@ _HOME = {
     "UsageError": "errors",
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
+    "Views": "rendering.views",
     "element_error": "rendering",
     "export": "io.export",
     "irradiance": "rendering.points",
@@ -72,6 +74,7 @@ _HOME = {
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",
+    "render_views": "rendering.views",
     "solve_radiosity": "radiosity.solvers.solve",
     "view_factors": "radiosity.view_factors.compute",
 }
@@ -97,6 +100,7 @@ __all__ = [
     "UsageError",
     "ViewFactorProgress",
     "ViewFactors",
+    "Views",
     "__version__",
     "element_error",
     "export",
@@ -108,6 +112,7 @@ __all__ = [
     "relative_mse",
     "render",
     "render_frames",
+    "render_views",
     "solve_radiosity",
     "view_factors",
 ]

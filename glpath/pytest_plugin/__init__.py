@@ -34,8 +34,9 @@ def pytest_configure(config: pytest.Config) -> None:
     Settings.of(config)  # wrong usage is reported before anything runs
     config.addinivalue_line(
         "markers",
-        "render_regression(mode=None, limits=None, baseline_path=None): how glpath compares the pictures of a "
-        "test, where the test itself does not say.",
+        "render_regression(mode=None, limits=None, baseline_path=None, ignore=None, style=None, backend=None, "
+        "savefig_kwargs=None, remove_text=None): how glpath compares the pictures of a test, where the test itself "
+        "does not say, and how matplotlib makes its figures.",
     )
     config.pluginmanager.register(Gathering(config), "glpath-gathering")
 
@@ -53,7 +54,8 @@ def render_regression(request: pytest.FixtureRequest) -> Generator[RenderRegress
 
     records = request.node.stash.setdefault(_RECORDS, [])
     comparison = RenderRegression(request.node, Settings.of(request.config), records)
-    yield comparison
+    with comparison.styled():
+        yield comparison
     close_figures(comparison.figures)
 
 
@@ -67,5 +69,9 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
             if record["outcome"] in ("failed", "missing"):
                 record["outcome"] = "xfailed"
     report.glpath = list(records)  # type: ignore[attr-defined]
+    if records and item.config.pluginmanager.hasplugin("html"):
+        from glpath.pytest_plugin.report import extras_of
+
+        report.extras = [*getattr(report, "extras", []), *extras_of(records)]  # type: ignore[attr-defined]
     records.clear()
     return report

@@ -95,7 +95,8 @@ class Gathering:
             files = [record["baseline"] for record in self.records if record["outcome"] == outcome]
             self.lines += [f"{words}: {shown_path(file)}" for file in sorted(files)]
         self.lines += list(self._report_unused(unused))
-        kinds = {asked} if asked else {"html"} if failures else set()
+        shows_all = chosen(self.config, "keep") == "all"
+        kinds = {asked} if asked else {"html"} if failures or shows_all else set()
         if (results / "report.html").exists():
             kinds.add("html")  # left standing it would speak of failures that are gone
         for kind in sorted(kinds):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import zlib
 from pathlib import Path
 
@@ -24,11 +25,28 @@ def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = 
 
     given : by the test itself, else by --glpath-baseline-path or the ini-file: a relative one replaces
             `baseline`; under an absolute one stands the path that the file has in pytest's rootdir
+
+    With `--glpath-platform` a folder of that name comes after `baseline`.
     """
     root = Path(given or chosen(config, "baseline-path") or "baseline")
+    platform = chosen(config, "platform") or ""
+    platform = sys.platform if platform == "auto" else platform
     if not root.is_absolute():
-        return test_file.parent / root / test_file.stem
-    return root / _inside(config.rootpath, test_file.parent) / test_file.stem
+        return test_file.parent / root / platform / test_file.stem
+    return root / platform / _inside(config.rootpath, test_file.parent) / test_file.stem
+
+
+def new_baseline(config: pytest.Config, baseline: Path) -> Path | None:
+    """Where `--glpath-new-path` wants a new baseline for that one; None where it is not given.
+
+    A relative path counts from where pytest began, the ini-file's from pytest's rootdir.
+    """
+    given = chosen(config, "new-path")
+    if given is None:
+        return None
+    from_here = is_from_command_line(config, "new-path")
+    root = (config.invocation_params.dir if from_here else config.rootpath) / given
+    return Path(os.path.abspath(root)) / _inside(config.rootpath, baseline.parent) / baseline.name
 
 
 def results_root(config: pytest.Config) -> Path:

@@ -11,11 +11,12 @@ import contextlib
 import os
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 
 from glpath.compare import (
@@ -30,9 +31,11 @@ from glpath.compare import (
     read_limits,
     read_picture,
 )
+from glpath.compare.masks import Ignore, mask_of, masked, padded
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.image import read_exr_channels, write_png
-from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, results_folder
+from glpath.pytest_plugin.figures import FigureSettings
+from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, new_baseline, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
 from glpath.system.private_interfaces import is_xfail
@@ -41,6 +44,7 @@ from glpath.system.private_interfaces import is_xfail
 _INCOMPARABLE = 1e9
 
 _MARKER = "render_regression"
+_MARKED = ("mode", "limits", "baseline_path", "ignore", "style", "backend", "savefig_kwargs", "remove_text")
 
 # Header keys of the PNG beside an EXR, and of a baseline's test.
 PREVIEW = "glpath.preview"
@@ -70,6 +74,9 @@ class RenderRegression:
         name: str = "",
         mode: Mode | None = None,
         limits: Mapping[str, float] | None = None,
+        ignore: Ignore | None = None,
+        savefig_kwargs: Mapping[str, Any] | None = None,
+        remove_text: bool | None = None,
         **render_options: Any,
     ) -> Verdict | None:
         """Compare a picture with its baseline, and fail the test where it differs.
@@ -86,6 +93,11 @@ class RenderRegression:
                   "fuzzy" for all else
         limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`. Those that are not given come
                   from the marker, else from `glpath_limits`
+        ignore  : what is not compared: rectangles [(x, y, width, height), ...] in pixels, y from the top; or a
+                  picture as large, white there, or its file beside the test. By default what the marker says
+        savefig_kwargs : of matplotlib's `Figure.savefig`, such as {"dpi": 100}; by default those of the marker
+        remove_text : take titles and the labels of ticks from a figure; by default as the marker says. The marker
+                  also has `style` and `backend` of matplotlib, which hold while the test runs
         render_options : of `glpath.render`, where a scene is rendered. The seed is 0 unless it is among them; a
                   fixed one lets "stat" see small changes
 
@@ -96,7 +108,10 @@ class RenderRegression:
             marked = self._marked()
             stem = self._stem(name)
             folder = self._item.path.parent
-            picture = picture_of(subject, folder, self._settings.device, render_options, self.figures)
+            figures = self._figure_settings(marked, savefig_kwargs, remove_text)
+            picture = picture_of(subject, folder, self._settings.device, render_options, self.figures, figures)
+            if ignore is not None:
+                marked["ignore"] = ignore
             made = {_TEST: id_in_file(self._item.nodeid), _NAME: name}
             picture = replace(picture, provenance={**picture.provenance, **made})
             return self._check(picture, stem, marked, mode, dict(limits or {}))
@@ -105,9 +120,38 @@ class RenderRegression:
         # Not while the other is handled: pytest would show both.
         pytest.fail(reason)
 
+    @contextlib.contextmanager
+    def styled(self) -> Iterator[None]:
+        """Within, matplotlib has the style and the backend of the marker, or of the run."""
+        try:
+            settings = self._figure_settings(self._marked(), None, None)
+        except UsageError:  # which the call reports
+            settings = FigureSettings()
+        reason = ""
+        with contextlib.ExitStack() as until_done:
+            try:
+                until_done.enter_context(settings.around())
+            except GlpathError as error:
+                reason = f"glpath: {error}"
+            if not reason:
+                yield
+        if reason:
+            pytest.fail(reason, pytrace=False)
+
+    def _figure_settings(
+        self, marked: Mapping[str, Any], savefig_kwargs: Mapping[str, Any] | None, remove_text: bool | None
+    ) -> FigureSettings:
+        """The call says more than the marker, the marker more than the options of the run."""
+        return FigureSettings(
+            marked["style"] if marked["style"] is not None else self._settings.style,
+            marked["backend"] or self._settings.backend,
+            {**(marked["savefig_kwargs"] or {}), **(savefig_kwargs or {})},
+            bool(marked["remove_text"] if remove_text is None else remove_text),
+        )
+
     def _marked(self) -> dict[str, Any]:
         """The settings of the markers of the test, its class and its module; the nearest wins."""
-        found: dict[str, Any] = {"mode": None, "limits": {}, "baseline_path": None}
+        found: dict[str, Any] = dict.fromkeys(_MARKED) | {"limits": {}}
         for marker in reversed(list(self._item.iter_markers(_MARKER))):
             unknown = [repr(value) for value in marker.args] + [key for key in marker.kwargs if key not in found]
             if unknown:
@@ -158,6 +202,7 @@ class RenderRegression:
             "made_otherwise": [],
             "measured": {},
             "limits": {},
+            "ignored": 0.0,
             "files": {},
             "commands": {},
         }
@@ -171,10 +216,14 @@ class RenderRegression:
             mode, limits = self._mode_and_limits(picture, reference or picture, marked, mode, limits)
             record["mode"] = mode
             if reference is not None:
-                verdict = _verdict(picture, reference, mode, limits, record)
+                verdict = _verdict(*self._masked(picture, reference, marked, record), mode, limits, record)
                 if verdict is not None and verdict.passed:
                     record["outcome"] = "passed"
-                    _forget(results)
+                    if self._settings.keep == "all":
+                        shown = self._masked(picture, reference, marked, record)
+                        record["files"] = _keep(results, picture, reference, shown, record)
+                    else:
+                        _forget(results)
                     return verdict
             if write or update == "failed":
                 record["baseline"] = str(_write_baseline(baseline, picture, mode, limits))
@@ -186,12 +235,25 @@ class RenderRegression:
         except UsageError as error:
             record |= {"outcome": "failed", "severity": _INCOMPARABLE, "summary": str(error)}
             raise
-        record["files"] = _keep(results, picture, reference, record)
+        compared = None if reference is None else self._masked(picture, reference, marked, record)
+        record["files"] = _keep(results, picture, reference, compared, record)
+        if (new := new_baseline(config, baseline)) is not None:
+            record["files_new"] = str(_write_baseline(new, picture, mode, limits))
         if missing:
             headline = f"there is no baseline {shown_path(baseline)}"
         else:
             headline = f"{stem} differs from its baseline" + (f" ({verdict.mode})" if verdict else "")
         return self._fail(record, results, limits, headline)
+
+    def _masked(
+        self, picture: Picture, reference: Picture, marked: Mapping[str, Any], record: dict[str, Any]
+    ) -> tuple[Picture, Picture]:
+        """Both without what is ignored; as they are where their sizes differ."""
+        if marked["ignore"] is None or picture.mean.shape != reference.mean.shape:
+            return picture, reference
+        mask = mask_of(marked["ignore"], picture.mean.shape, self._item.path.parent)
+        record["ignored"] = float(mask.mean())
+        return masked(picture, mask), masked(reference, mask)
 
     def _mode_and_limits(
         self,
@@ -219,6 +281,8 @@ class RenderRegression:
         for kind in ("result", "difference", "flip"):
             if kind in record["files"]:
                 lines.append(f"  {kind:<10}  {shown_path(record['files'][kind])}")
+        if "files_new" in record:
+            lines.append(f"  new         {shown_path(record['files_new'])}")
         record["commands"] = self._commands(record, results, limits)
         lines += [f"  {name:<10}  {command}" for name, command in record["commands"].items()]
         pytest.fail("\n".join(lines))
@@ -286,6 +350,13 @@ def _verdict(
         verdict = compare(picture, reference, mode, **limits)
     except ImageError as error:
         record["summary"] = str(error)
+        if picture.mean.shape != reference.mean.shape:
+            same = tuple(map(min, picture.mean.shape[:2], reference.mean.shape[:2]))
+            a, b = (side.mean[: same[0], : same[1]] for side in (picture, reference))
+            off = int(np.count_nonzero((a.astype(np.float32) != b.astype(np.float32)).any(axis=2)))
+            record["summary"] += (
+                f"\nof the {same[1]} x {same[0]} pixels that both have at the upper left, {off} differ"
+            )
         return None
     record |= {
         "severity": verdict.severity,
@@ -314,8 +385,16 @@ def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str
     return path.with_suffix(".exr")
 
 
-def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dict[str, Any]) -> dict[str, str]:
+def _keep(
+    folder: Path,
+    picture: Picture,
+    reference: Picture | None,
+    compared: tuple[Picture, Picture] | None,
+    record: dict[str, Any],
+) -> dict[str, str]:
     """Write what there is to see into the folder of this picture's results; kind to path.
+
+    compared : both without what is ignored; of two sizes they are padded with black to one
 
     Where the system refuses, the summary of the record has the reason: the difference is what the test fails by.
     """
@@ -328,8 +407,11 @@ def _keep(folder: Path, picture: Picture, reference: Picture | None, record: dic
             if side is not None:
                 side.save_png(folder / f"{kind}.png")
                 files[kind] = str(folder / f"{kind}.png")
-        if reference is not None and reference.mean.shape == picture.mean.shape:
-            a, b = (side.mean for side in max_difference_pair(picture, reference))
+        if compared is not None:
+            height, width = (max(side.mean.shape[axis] for side in compared) for axis in (0, 1))
+            if compared[0].mean.shape != compared[1].mean.shape:
+                compared = padded(compared[0], (height, width)), padded(compared[1], (height, width))
+            a, b = (side.mean for side in max_difference_pair(*compared))
             shown = {"difference": difference_image(a, b)[0]}
             with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
                 shown["flip"] = flip_picture(a, b)

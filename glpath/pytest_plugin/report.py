@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from importlib import resources
+from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,17 @@ def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], 
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
+
+
+def extras_of(records: Sequence[Mapping[str, Any]]) -> list[Any]:
+    """Pictures that were kept, for the report of pytest-html, in the order of the report here."""
+    extras = import_module("pytest_html").extras  # which whoever asks has loaded
+    return [
+        extras.png(base64.b64encode(Path(path).read_bytes()).decode("ascii"), f"{record['picture']}: {kind}")
+        for record in records
+        for kind, path in record["files"].items()
+        if Path(path).is_file()
+    ]
 
 
 def _embedded(files: Mapping[str, str]) -> dict[str, str]:

@@ -54,6 +54,33 @@ OPTIONS = (
         metavar="DIR",
     ),
     Option(
+        "platform",
+        "Baselines of each platform apart, in a folder below that of the baselines: its name, or auto for that of "
+        "sys.platform (linux, darwin, win32).",
+        metavar="NAME",
+    ),
+    Option(
+        "new-path",
+        "Where the pictures of missing baselines and of those that differ go as new baselines, with the folders "
+        "that baselines have in pytest's rootdir: what CI keeps, to be copied over the checkout.",
+        metavar="DIR",
+    ),
+    Option(
+        "keep",
+        "Which pictures are kept, and shown in the report: those of failures (the default), or all.",
+        ("failures", "all"),
+    ),
+    Option(
+        "style",
+        "matplotlib's style while tests make figures, where a marker does not say.",
+        metavar="STYLE",
+    ),
+    Option(
+        "backend",
+        "matplotlib's backend while tests make figures, where a marker does not say.",
+        metavar="BACKEND",
+    ),
+    Option(
         "report",
         "Write a report also when nothing fails, for people or for programs. Default: html, after a failure.",
         ("html", "json"),
@@ -96,15 +123,20 @@ class Settings:
     """The options of one pytest run.
 
     update : "none", "missing", "failed" or "all"; explicit, or "missing", and "none" where CI is set
+    keep   : "failures" or "all"
     mode   : where a test does not say; None: by the picture
     limits : by mode, texts as `glpath.compare.read_limits` takes them
     device : options of `glpath.render`
+    style, backend : matplotlib's; None: as they are
     """
 
     update: str
+    keep: str
     mode: str | None
     limits: Mapping[str, tuple[str, ...]]
     device: Mapping[str, Any]
+    style: str | None
+    backend: str | None
 
     @classmethod
     def of(cls, config: pytest.Config) -> Settings:
@@ -117,9 +149,12 @@ class Settings:
         by_itself = "none" if _is_ci() else "missing"
         return cls(
             chosen(config, "update") or by_itself,
+            chosen(config, "keep") or "failures",
             chosen(config, "mode"),
             _limits(chosen(config, "limits") or ""),
             _device(chosen(config, "device")),
+            chosen(config, "style"),
+            chosen(config, "backend"),
         )
 
 

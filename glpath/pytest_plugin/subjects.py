@@ -16,6 +16,7 @@ from glpath.errors import UsageError
 from glpath.film.film import Film
 from glpath.io import AnyScene
 from glpath.io.from_python import is_made_in_python
+from glpath.pytest_plugin.figures import FigureSettings
 from glpath.scene import Scene
 
 #: A scene, which is rendered; a film; an array; an image of Pillow; a figure; the path or the content of an image
@@ -32,7 +33,12 @@ _HINTS = {
 
 
 def picture_of(
-    subject: Any, folder: Path, device: Mapping[str, Any], options: Mapping[str, Any], figures: list[Any]
+    subject: Any,
+    folder: Path,
+    device: Mapping[str, Any],
+    options: Mapping[str, Any],
+    figures: list[Any],
+    settings: FigureSettings,
 ) -> Picture:
     """The picture that a test is about.
 
@@ -40,6 +46,7 @@ def picture_of(
     device  : options of `glpath.render` that every test has
     options : the test's own ones
     figures : matplotlib's figures are added to it, for the caller to close
+    settings : how figures are saved
 
     Raises GlpathError.
     """
@@ -70,7 +77,8 @@ def picture_of(
     if is_pillow(subject):
         return picture_of_pillow(subject)
     if callable(getattr(subject, "savefig", None)):
-        return _of_figure(subject, figures)
+        figures.append(getattr(subject, "figure", subject))
+        return picture_from_bytes(settings.saved(subject))  # of matplotlib, or what saves itself like one
     return Picture.of_array(_as_array(subject))
 
 
@@ -81,14 +89,6 @@ def close_figures(figures: list[Any]) -> None:
         for figure in figures:
             pyplot.close(figure)
     figures.clear()
-
-
-def _of_figure(figure: Any, figures: list[Any]) -> Picture:
-    """A figure of matplotlib, or what saves itself like one."""
-    figures.append(getattr(figure, "figure", figure))
-    encoded = io.BytesIO()
-    figure.savefig(encoded, format="png")
-    return picture_from_bytes(encoded.getvalue())
 
 
 def _has(subject: object, name: str) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, SceneError, UsageError
+from glpath.io.vtk import VtkMesh
 from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
@@ -229,6 +230,30 @@ class RadiositySolution:
 
         self.check_scene(scene)
         write_glb(self, path_traceable(scene.still()), path, exposure)
+
+    def to_vtk(self, scene: Scene) -> VtkMesh:
+        """The elements as triangles, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
+
+        scene : that it is a solution of, see `check_scene`
+
+        On cells `front` and `back` (E, 3), irradiance, and `radiosity_front` and `radiosity_back`, what of it is
+        reflected; on points `front` and `back`, for smooth pictures. Raises SceneError for another scene.
+        """
+        self.check_scene(scene)
+        corners = path_traceable(scene.still()).triangles
+        points, faces = [], []
+        for number, n in enumerate(self.divisions.tolist()):
+            b1, b2 = lattice.vertex_barycentrics(n).T[:, :, None]
+            a, b, c = corners[number]
+            points.append(a + b1 * (b - a) + b2 * (c - a))
+            faces.append(lattice.element_vertices(n) + self.first_vertex[number])
+        irradiance, smooth, sent = self.elements.sum(axis=0), self.vertices.sum(axis=0), self.reflected(scene)
+        return VtkMesh(
+            np.concatenate(points),
+            np.concatenate(faces).tolist(),
+            {"front": irradiance[0], "back": irradiance[1], "radiosity_front": sent[0], "radiosity_back": sent[1]},
+            {"front": smooth[0], "back": smooth[1]},
+        )
 
     @classmethod
     def load(cls, path: str | Path, scene: Scene | None = None) -> RadiositySolution:

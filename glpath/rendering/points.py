@@ -7,9 +7,9 @@ Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Unpack, get_args
+from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,7 @@ from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside, uniform_sky
 from glpath.io.values import LARGEST
+from glpath.io.vtk import VtkMesh, points_with_values
 from glpath.rendering.calls import run_job
 from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
@@ -31,6 +32,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Scene
 from glpath.sensors.sensor import PointSensor
+from glpath.system.frames import data_frame, data_set
 
 Float64 = NDArray[np.float64]
 
@@ -93,6 +95,64 @@ class Irradiance:
         if not chosen.shape[1]:
             raise UsageError("spread: of no points at all.", "Give `which` one True at least.")
         return spread_of(conversion(self.unit, "photometric") * np.pi * chosen, self.film.batch_counts)
+
+    def to_pandas(self, points: ArrayLike | None = None) -> Any:
+        """A `pandas.DataFrame` with a row for each point: red, green, blue and lux, each with its standard error.
+
+        points : (N, 3) that were measured, for columns x, y, z
+
+        `DataFrame.attrs` has the unit and the path sets. Raises GlpathError where pandas is missing.
+        """
+        columns = {} if points is None else dict(zip("xyz", self._checked(points).T, strict=True))
+        return data_frame(columns | self._columns(), "point", None, self._attributes())
+
+    def to_xarray(self, points: ArrayLike | None = None, shape: tuple[int, ...] | None = None) -> Any:
+        """An `xarray.Dataset` of `irradiance` and `irradiance_error` (..., channel), `illuminance` and its error.
+
+        points : (N, 3) that were measured, for coordinates x, y, z
+        shape  : of a grid that the points are in, such as (rows, columns); (N,) without it
+
+        Raises GlpathError where xarray is missing, UsageError for a shape of another number of points.
+        """
+        size = (self.count,) if shape is None else tuple(shape)
+        if math.prod(size) != self.count:
+            raise UsageError(f"to_xarray: a grid of {size} has {math.prod(size):,} points, not {self.count:,}.")
+        at = ("point",) if shape is None else ("row", "column", *(f"axis{i}" for i in range(2, 9)))[: len(size)]
+        coordinates: dict[str, Any] = {"channel": ["red", "green", "blue"]}
+        if points is not None:
+            columns = self._checked(points).T
+            coordinates |= {name: (at, each.reshape(size)) for name, each in zip("xyz", columns, strict=True)}
+        variables: dict[str, Any] = {
+            "irradiance": ((*at, "channel"), self.values.reshape(*size, 3)),
+            "irradiance_error": ((*at, "channel"), self.standard_errors.reshape(*size, 3)),
+            "illuminance": (at, self.illuminance().reshape(size)),
+            "illuminance_error": (at, self.illuminance_errors().reshape(size)),
+        }
+        return data_set(variables, coordinates, self._attributes())
+
+    def to_vtk(self, points: ArrayLike, faces: Sequence[Sequence[int]] | None = None) -> VtkMesh:
+        """The points with their values, for ParaView and PyVista: `.save("desk.vtp")`, `.to_pyvista()`.
+
+        points : (N, 3) that were measured
+        faces  : numbers of the points of polygons between them, such as the squares of a grid; points alone without
+        """
+        positions, data = self._checked(points), {"irradiance": self.values, **self._columns()}
+        return points_with_values(positions, data) if faces is None else VtkMesh(positions, faces, point_data=data)
+
+    def _columns(self) -> dict[str, Float64]:
+        columns = dict(zip(("red", "green", "blue"), self.values.T, strict=True))
+        errors = zip(("red_error", "green_error", "blue_error"), self.standard_errors.T, strict=True)
+        columns |= {**dict(errors), "illuminance": self.illuminance()}
+        return columns | {"illuminance_error": self.illuminance_errors()}
+
+    def _attributes(self) -> dict[str, Any]:
+        return {"unit": self.unit, "path_sets": self.film.path_sets}
+
+    def _checked(self, points: ArrayLike) -> Float64:
+        positions = np.asarray(points, np.float64)
+        if positions.shape != (self.count, 3):
+            raise UsageError(f"points: of shape {positions.shape}, but ({self.count}, 3) were measured.")
+        return positions
 
     def _of_points(self, radiance: Float64) -> Float64:
         return np.pi * radiance.reshape(-1, radiance.shape[-1])[: self.count]

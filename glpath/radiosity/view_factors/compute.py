@@ -117,7 +117,8 @@ def view_factors(
     ----------
     faces       : a scene, a mesh file or the name of a shipped scene; a `trimesh.Trimesh`; corners (N, k, 3); or
                   (vertices, faces), vertices (V, 3) and for each face the numbers of its corners, three or more,
-                  flat, counter-clockwise seen from the front
+                  flat, counter-clockwise seen from the front. Row i is face i of a mesh file, too: faces
+                  without an area are rows of zeros, which is warned of
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
     error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 meet it, most by far; see
@@ -132,8 +133,9 @@ def view_factors(
                   has it at a time
     on_progress : called with a `ViewFactorProgress`
 
-    Raises SceneError for faces without area, that are not flat or not finite, or infinite planes; UsageError for
-    options out of range, and where the matrix would not fit into memory, which is known after some of its rows;
+    Raises SceneError for faces that are not flat or not finite, or all without area, and for infinite planes;
+    UsageError for options out of range, and where the matrix would not fit into memory, which is known after some
+    of its rows;
     GlpathError where another process has the file of `resume`. Warns SceneWarning where faces that lie on each
     other are both seen, and where backs are.
 
@@ -367,7 +369,8 @@ class _Run:
             "backs_max": float(backs.max()),
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
-        return ViewFactors(matrix, areas, error / areas, faces.names, statistics, backs, _OF_BACKS * backs_error)
+        relative = error / np.where(areas > 0, areas, 1.0)
+        return ViewFactors(matrix, areas, relative, faces.names, statistics, backs, _OF_BACKS * backs_error)
 
 
 def _whole(ended: _Part | BaseException) -> _Part:

@@ -8,15 +8,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.accel.bvh import build_bvh
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, UsageError, warn
 from glpath.io import load_scene
 from glpath.io.completed import aside
+from glpath.io.meshes import FORMATS, mesh_of_loaded, read_mesh_file
 from glpath.radiosity.view_factors.convex import CORNERS
 from glpath.radiosity.view_factors.facets import (
     ROUNDING,
@@ -28,6 +30,7 @@ from glpath.radiosity.view_factors.facets import (
 )
 from glpath.radiosity.view_factors.records import Polygons, Tree
 from glpath.scene import Scene, path_traceable
+from glpath.scene.source_location import SourceLocation
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -42,8 +45,9 @@ class Faces:
     """Flat polygons with a front, and the row of the matrix that each belongs to.
 
     vertices : (V, 3) float64, scene units, all of them different
-    outlines : of each face the numbers of its corners, counter-clockwise seen from the front
-    rows     : (F,) int64
+    outlines : of each face with an area the numbers of its corners, counter-clockwise seen from the front
+    rows     : (F,) int64; where rows are faces, these have the numbers that they were given with
+    given    : how many faces were given, those without an area too
     names    : of the rows; empty where they are the faces, in their order
     source   : what errors call it
     """
@@ -51,12 +55,13 @@ class Faces:
     vertices: Float64
     outlines: tuple[Outline, ...]
     rows: Int64
+    given: int
     names: tuple[str, ...] = ()
     source: str = "faces"
 
     @property
     def row_count(self) -> int:
-        return len(self.names) or len(self.outlines)
+        return len(self.names) or self.given
 
     @cached_property
     def digest(self) -> str:
@@ -88,6 +93,15 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     elif hasattr(given, "vertices") and hasattr(given, "faces") and not isinstance(given, Scene):
         source = "mesh"
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
+    elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and groups != "shapes":
+        source = str(given)  # not by a scene, which leaves out triangles without area
+        file = read_mesh_file(Path(given), SourceLocation(source), colours=False)
+        meshes = [mesh_of_loaded(each, Path(given)) for each in file.meshes]
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        vertices = np.concatenate([mesh.vertices for mesh in meshes])
+        outlines = [
+            face for mesh, start in zip(meshes, first, strict=False) for face in (mesh.faces + start).tolist()
+        ]
     else:
         with geometry_alone():
             loaded = given if isinstance(given, Scene) else load_scene(given)
@@ -101,7 +115,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         outlines = [outline[::-1] for outline in outlines]
     checked = _checked(np.asarray(vertices, np.float64), outlines, source)
     rows, names = _rows(checked, groups, shape_of, shape_names)
-    return Faces(checked.vertices, checked.outlines, rows, names, source)
+    return Faces(checked.vertices, checked.outlines, rows, checked.given, names, source)
 
 
 def _array(given: Any, what: str, allowed: str) -> Float64:
@@ -145,10 +159,10 @@ def geometry_alone() -> Iterator[None]:
 def _rows(
     faces: Faces, groups: str | ArrayLike, shape_of: Int64 | None, shape_names: list[str]
 ) -> tuple[Int64, tuple[str, ...]]:
-    count = len(faces.outlines)
+    count, kept = faces.given, faces.rows
     if isinstance(groups, str):
         if groups == "faces":
-            return np.arange(count), ()
+            return kept, ()
         if groups == "planar":
             labels = planar_regions(faces.vertices, faces.outlines, _size(faces.vertices))
             return labels, tuple(f"plane {i}" for i in range(int(labels.max()) + 1))
@@ -158,7 +172,7 @@ def _rows(
                     "view_factors: groups is shapes, but arrays and meshes have none.",
                     "Give a label for each face instead, or a scene.",
                 )
-            used, labels = np.unique(shape_of, return_inverse=True)
+            used, labels = np.unique(shape_of[kept], return_inverse=True)
             return labels.astype(np.int64), _distinct([shape_names[i] for i in used])
         raise UsageError(
             f"view_factors: groups is {groups!r}; allowed are faces, planar, shapes, or a label for each face."
@@ -174,7 +188,7 @@ def _rows(
             f"view_factors: groups of shape {given.shape}, but there are {count} faces: a label for each."
         )
     used_labels, labels = np.unique(given, return_inverse=True)
-    return labels.astype(np.int64), tuple(map(str, used_labels.tolist()))
+    return labels.astype(np.int64)[kept], tuple(map(str, used_labels.tolist()))
 
 
 def _distinct(names: list[str]) -> tuple[str, ...]:
@@ -240,23 +254,25 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
         bent += which[~flawed & (heights > _FLAT * extents)].tolist()
     degenerate.sort()
     bent.sort()
-    for flawed_faces, what, remedy in (
-        (
-            degenerate,
-            "has no area",
-            "Leave such faces out; `trimesh` drops them by update_faces(nondegenerate_faces()).",
-        ),
-        (
-            bent,
-            f"is not flat: a corner is more than {_FLAT:g} of its size out of its plane",
-            "Split it in triangles.",
-        ),
-    ):
-        if flawed_faces:
-            listed = ", ".join(map(str, flawed_faces[:_LISTED])) + (" ..." if len(flawed_faces) > _LISTED else "")
-            more = f"{len(flawed_faces)} faces are so: {listed}. " if len(flawed_faces) > 1 else ""
-            raise SceneError(f"{source}: faces[{flawed_faces[0]}] {what}.", more + remedy)
-    return Faces(unique, kept, np.arange(len(kept)), (), source)
+    if bent:
+        more = f"{len(bent)} faces are so: {_listed(bent)}. " if len(bent) > 1 else ""
+        raise SceneError(
+            f"{source}: faces[{bent[0]}] is not flat: a corner is more than {_FLAT:g} of its size off its plane.",
+            more + "Split it in triangles.",
+        )
+    if len(degenerate) == len(kept):
+        raise SceneError(f"{source}: faces[0] has no area, nor has any other.", "Check the coordinates.")
+    if degenerate:
+        warn(
+            f"{source}: {len(degenerate):,} of {len(kept):,} faces have no area ({_listed(degenerate)}): as "
+            "rows of their own they see nothing, and are zeros."
+        )
+    rows = np.delete(np.arange(len(kept)), degenerate)
+    return Faces(unique, tuple(kept[i] for i in rows.tolist()), rows, len(kept), (), source)
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers[:_LISTED])) + (" ..." if len(numbers) > _LISTED else "")
 
 
 def _divided(flat: list[int], ends: list[int]) -> Iterator[list[int]]:

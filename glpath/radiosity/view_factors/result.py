@@ -10,14 +10,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from glpath.errors import ImageError, UsageError
+from glpath.io.vtk import VtkMesh
+from glpath.radiosity.memory import require_memory
 from glpath.radiosity.view_factors.formats import (
     check_names,
     file_kind,
@@ -26,7 +28,9 @@ from glpath.radiosity.view_factors.formats import (
     write_netcdf,
     write_text,
 )
+from glpath.radiosity.view_factors.heat_exchange import RadiativeExchange, exchange_of
 from glpath.system.files import whole_file
+from glpath.system.frames import data_frame, data_set
 from glpath.system.npz import open_npz
 
 Float64 = NDArray[np.float64]
@@ -44,7 +48,7 @@ class ViewFactors:
 
     matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the share of what leaves the front of i that
                  arrives at the front of j unoccluded
-    areas      : (N,) float64, scene units squared
+    areas      : (N,) float64, scene units squared; 0 of faces without, whose rows are zeros
     error      : (N,) float64, an estimate of the error of each row's sum, from the standard errors of its factors,
                  as if independent. It is statistical, no proven bound: in the tests' random closed rooms (slits,
                  blocks that touch, tiny faces beside large ones, sheets that cut each other) it is 5 to 9 times the
@@ -89,12 +93,12 @@ class ViewFactors:
     @property
     def sky(self) -> Float64:
         """(N,): what passes all faces, to the sky or surroundings: 1 less the row's sum and `backs`."""
-        return np.asarray(1 - self.row_sums - self.backs)
+        return np.asarray(self.enclosure - self.backs)
 
     @property
     def enclosure(self) -> Float64:
-        """(N,): what a row lacks of 1, `sky` and `backs`; 0 but for errors in a room."""
-        return np.asarray(1 - self.row_sums)
+        """(N,): what a row lacks of 1, `sky` and `backs`; 0 but for errors in a room, and of faces without area."""
+        return np.asarray(np.where(self.areas > 0, 1 - self.row_sums, 0.0))
 
     @property
     def closure_error(self) -> float:
@@ -106,7 +110,12 @@ class ViewFactors:
         """The largest of sum_j |F_ij - F_ji A_j / A_i| over the rows: rounding, as pairs are computed once."""
         exchange = sparse.diags_array(self.areas) @ self.matrix
         off = np.asarray(abs(exchange - exchange.T).sum(axis=1)).ravel()
-        return float((off / self.areas).max(initial=0.0))
+        return float((off / self._divisors).max(initial=0.0))
+
+    @property
+    def _divisors(self) -> Float64:
+        """The areas, and 1 for faces without, whose rows are zeros."""
+        return np.where(self.areas > 0, self.areas, 1.0)
 
     def enforced(self, *, reciprocity: bool = True, closure: bool = False) -> ViewFactors:
         """With A_i F_ij = A_j F_ji, and with rows that add up to 1, exactly but for rounding.
@@ -122,16 +131,108 @@ class ViewFactors:
         if reciprocity or closure:
             exchange = 0.5 * (exchange + exchange.T)
         if closure:
-            self._check_closed("closure")
+            self.check_closed("closure")
             exchange = _closed(sparse.csr_array(exchange), self.areas)
-        matrix = sparse.csr_array(sparse.diags_array(1 / self.areas) @ exchange)
+        matrix = sparse.csr_array(sparse.diags_array(1 / self._divisors) @ exchange)
         words = [word for word, wanted in (("reciprocity", reciprocity), ("closure", closure)) if wanted]
         done = replace(self, matrix=matrix)
         after = {"reciprocity": done.reciprocity_error, "closure": done.closure_error}
         record = {"enforced": words, "before": before, "after": after}
         return replace(done, statistics={**self.statistics, **record})
 
-    def _check_closed(self, what: str) -> None:
+    def exchange(
+        self, emissivity: ArrayLike, temperature: ArrayLike, surroundings: float | None = None
+    ) -> RadiativeExchange:
+        """What grey, diffuse faces exchange by radiation: net fluxes, radiosities and Gebhart's factors.
+
+        Parameters
+        ----------
+        emissivity   : (N,) or one, 0 to 1, for the wavelengths that the faces send
+        temperature  : (N,) or one, K; NaN for a face that no net flux leaves, such as an insulated wall
+        surroundings : K of all that faces see beside each other; None for a closed room, whose rows should add up
+                       to 1 exactly: `enforced(closure=True)` first
+
+        Raises UsageError for what is out of range, and without `surroundings` where the rows are not closed.
+
+        Example: two wide plates of emissivities 0.8 and 0.5, at 400 K and 300 K
+
+        >>> import numpy as np
+        >>> from scipy import sparse
+        >>> plates = ViewFactors(sparse.csr_array([[0.0, 1.0], [1.0, 0.0]]), np.ones(2), np.zeros(2))
+        >>> plates.exchange([0.8, 0.5], [400.0, 300.0]).net_flux.round(1).tolist()
+        [441.0, -441.0]
+        """
+        return exchange_of(self, emissivity, temperature, surroundings)
+
+    def to_pandas(self, what: Literal["rows", "factors"] = "rows") -> Any:
+        """A `pandas.DataFrame`: a row for each face, or one for each factor that is not 0.
+
+        what : "rows": area, row_sum, sky, backs, error; "factors": from, to, factor, by names where there are some
+
+        Raises GlpathError where pandas is missing, UsageError for another word.
+        """
+        labels = list(self.names) or None
+        if what == "rows":
+            columns = {
+                "area": self.areas, "row_sum": self.row_sums, "sky": self.sky, "backs": self.backs,
+                "error": self.error,
+            }  # fmt: skip
+            return data_frame(columns, "face", labels, self.statistics)
+        if what != "factors":
+            raise UsageError(f"to_pandas: what is {what!r}; allowed are rows and factors.")
+        m = sparse.coo_array(self.matrix)
+        i, j = (np.asarray(self.names)[each] if self.names else each for each in m.coords)
+        return data_frame({"from": i, "to": j, "factor": m.data}, "pair", None, self.statistics)
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` with the dense matrix `factor` (from, to), and the areas and shares of each face.
+
+        Raises GlpathError where xarray is missing, UsageError where the matrix does not fit into memory.
+        """
+        n = len(self)
+        require_memory(8.0 * n * n, f"to_xarray: a dense matrix of {n:,} rows", 'to_pandas("factors") is sparse.')
+        labels = list(self.names) or np.arange(n)
+        variables = {"factor": (("from", "to"), self.matrix.toarray())}
+        rows = {"area": self.areas, "sky": self.sky, "backs": self.backs, "error": self.error}
+        variables |= {name: (("from",), values) for name, values in rows.items()}
+        return data_set(variables, {"from": labels, "to": labels}, self.statistics)
+
+    def to_vtk(
+        self,
+        faces: Any,
+        *,
+        groups: str | ArrayLike = "faces",
+        flip: bool = False,
+        values: Mapping[str, ArrayLike] | None = None,
+    ) -> VtkMesh:
+        """The faces with what is known of them, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
+
+        faces, groups, flip : as they were given to `view_factors`
+        values              : more by name, one or a row of some for each of the N rows: `exchange(...).net_flux`,
+                              or `matrix[[i]].toarray()[0]`, what i sees
+
+        Raises UsageError where these faces have another number of rows.
+        """
+        from glpath.radiosity.view_factors.faces import faces_of
+
+        given = faces_of(faces, groups, flip)
+        if given.row_count != len(self):
+            raise UsageError(
+                f"to_vtk: these faces make {given.row_count:,} rows, but the matrix has {len(self):,}.",
+                "Give the faces and groups that it was computed of.",
+            )
+        data = {
+            "area": self.areas, "row_sum": self.row_sums, "sky": self.sky, "backs": self.backs, "error": self.error,
+        }  # fmt: skip
+        data |= {name: np.asarray(each) for name, each in (values or {}).items()}
+        for name, each in data.items():
+            if np.ndim(each) < 1 or len(each) != len(self):
+                raise UsageError(f"to_vtk: {name} of shape {np.shape(each)}, but there are {len(self):,} rows.")
+        on_faces = {"row": given.rows, **{name: each[given.rows] for name, each in data.items()}}
+        return VtkMesh(given.vertices, given.outlines, on_faces)
+
+    def check_closed(self, what: str) -> None:
+        """Raise UsageError where a row is farther from 1 than errors are; faces without an area do not count."""
         allowed = np.maximum(_OPEN, self.error)
         if (far := np.flatnonzero(np.abs(self.enclosure) > allowed)).size:
             i = int(far[np.argmax(np.abs(self.enclosure[far]))])
@@ -164,7 +265,7 @@ class ViewFactors:
         kind = file_kind(target)
         if kind == "idf":
             check_names(self.names, target.stem, target)
-            self._check_closed("EnergyPlus")
+            self.check_closed("EnergyPlus")
         with whole_file(target) as temporary:
             if kind == "npz":
                 self._save_npz(temporary)
@@ -203,7 +304,7 @@ class ViewFactors:
             matrix.check_format()
             areas, error = arrays.read("areas", "f", (n,)), arrays.read("error", "f", (n,))
             backs, backs_error = arrays.read("backs", "f", (n,)), arrays.read("backs_error", "f", (n,))
-            if not (all(np.isfinite(part).all() for part in (data, areas, backs)) and (areas > 0).all()):
+            if not (all(np.isfinite(part).all() for part in (data, areas, backs)) and (areas >= 0).all()):
                 raise ValueError("it holds values that are not finite")
             names = tuple(map(str, arrays.read("names", "U", (None,)).tolist()))
             statistics = json.loads(str(arrays.read("statistics", "U", ())))
@@ -222,7 +323,7 @@ def _closed(exchange: Any, areas: Float64) -> Any:
     """Symmetric exchange areas whose rows add up to the areas."""
     for _ in range(_ROUNDS):
         missing = areas - np.asarray(exchange.sum(axis=1)).ravel()
-        if np.abs(missing / areas).max(initial=0.0) < 1e-13:
+        if np.abs(missing / np.where(areas > 0, areas, 1.0)).max(initial=0.0) < 1e-13:
             break
         # Least squares, with Lagrange's multipliers: d_ij = G_ij^2 (l_i + l_j), and their sums are what is missing.
         weights = sparse.csr_array(exchange.multiply(exchange))

@@ -339,7 +339,7 @@ def test_back_faces_see_nothing() -> None:
 @pytest.mark.parametrize(
     ("faces", "message"),
     [
-        (([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), r"faces\[0\] has no area"),
+        (([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), r"faces\[0\] has no area, nor has any other"),
         (([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]], [[0, 1, 2, 3]]), r"faces\[0\] is not flat"),
         (([[0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], [[0, 1, 2]]), r"vertex 2 is \[nan"),
         (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], []), "there are no faces"),

@@ -1,0 +1,94 @@
+"""Parts of pictures that a comparison leaves out: clocks, versions, what changes from run to run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, spread_blocks
+from glpath.compare.reading import read_picture
+from glpath.errors import UsageError
+
+#: Rectangles (x, y, width, height) in pixels, y from the top; or a picture, or its file, white where it is ignored.
+Ignore = Sequence[tuple[int, int, int, int]] | ArrayLike | str | Path
+
+
+def mask_of(ignore: Ignore, shape: tuple[int, ...], folder: Path | None = None) -> NDArray[np.bool_]:
+    """(H, W) bool, True where nothing is compared, of a picture of shape (H, W, ...).
+
+    folder : where relative names of files start
+
+    Raises UsageError for rectangles outside of the picture, and for a mask of another size.
+    """
+    height, width = shape[:2]
+    if isinstance(ignore, str | Path):
+        return _of_image(read_picture((folder or Path()) / ignore).mean.mean(axis=2) > 0.2, (height, width))
+    given = _array(ignore)
+    if given.ndim == 2 and given.shape[1] == 4 and given.dtype.kind in "iuf" and given.shape != (height, width):
+        found = np.zeros((height, width), np.bool_)
+        for number, (x, y, w, h) in enumerate(given.tolist()):
+            if not (x >= 0 and y >= 0 and w > 0 and h > 0 and x + w <= width and y + h <= height):
+                raise UsageError(
+                    f"ignore[{number}]: ({x}, {y}, {w}, {h}) is not inside of the picture of {width} x {height}.",
+                    "Give x, y, width and height in pixels, y from the top.",
+                )
+            found[int(y) : int(y + h), int(x) : int(x + w)] = True
+        return found
+    if given.ndim == 3:
+        given = given[..., :3].mean(axis=2)
+    return _of_image(given > (127 if given.dtype == np.uint8 else 0.5), (height, width))
+
+
+def masked(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
+    """The picture, black and opaque where the mask is True.
+
+    Noise is known in blocks of 16 x 16 pixels, so that of a picture with noise the whole of each block goes that
+    the mask touches.
+    """
+    noise = picture.noise
+    if noise is not None:
+        rows, columns = (np.arange(0, side, BLOCK_SIDE) for side in mask.shape)
+        touched = np.logical_or.reduceat(np.logical_or.reduceat(mask, rows, axis=0), columns, axis=1)
+        mask = spread_blocks(touched, mask.shape).astype(np.bool_)
+        noise = Noise(
+            np.where(mask[..., None], 0.0, noise.variance),
+            np.where(touched[None, ..., None], 0.0, noise.block_batches),
+            noise.batch_counts,
+        )
+        assert touched.shape == block_pixels(mask.shape).shape
+    alpha = None if picture.alpha is None else np.where(mask, 1.0, picture.alpha)
+    return replace(picture, mean=np.where(mask[..., None], 0.0, picture.mean), noise=noise, alpha=alpha)
+
+
+def padded(picture: Picture, shape: tuple[int, int]) -> Picture:
+    """The picture with black to its right and below, of (height, width), without noise and alpha."""
+    height, width = picture.mean.shape[:2]
+    more = ((0, shape[0] - height), (0, shape[1] - width), (0, 0))
+    return replace(picture, mean=np.pad(picture.mean, more), noise=None, alpha=None)
+
+
+def _array(ignore: Any) -> NDArray[Any]:
+    try:
+        found = np.asarray(ignore)
+    except ValueError:
+        found = np.empty(0)
+    if found.dtype.kind not in "biuf" or found.ndim not in (2, 3) or not found.size:
+        raise UsageError(
+            "ignore: expected rectangles [(x, y, width, height), ...], a picture (H, W) or the file of one.",
+            "For example ignore=[(0, 0, 64, 16)].",
+        )
+    return found
+
+
+def _of_image(mask: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
+    if mask.shape != size:
+        raise UsageError(
+            f"ignore: a picture of {mask.shape[1]} x {mask.shape[0]}, but that compared has {size[1]} x {size[0]}.",
+            "Make it as large, white where nothing is compared.",
+        )
+    return mask

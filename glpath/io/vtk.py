@@ -1,0 +1,138 @@
+"""Polygons and points with values, for ParaView and PyVista: VTK's XML, written without VTK.
+
+    found.to_vtk("cornell-box").save("room.vtp")
+
+Cost:   the arrays once more, in base64.
+Source: Kitware, VTK XML file formats, PolyData (.vtp) and UnstructuredGrid (.vtu), inline base64.
+"""
+
+from __future__ import annotations
+
+import base64
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import UsageError
+from glpath.system.files import whole_file
+from glpath.system.frames import package
+
+_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
+# VTK's numbers of a vertex, a triangle, a quadrilateral and any polygon.
+_CELLS = {1: 1, 3: 5, 4: 9}
+_POLYGON = 7
+
+
+@dataclass(frozen=True, eq=False)
+class VtkMesh:
+    """Polygons, or points alone, with values.
+
+    points      : (V, 3) float64
+    polygons    : of each cell the numbers of its points; one number each of points alone
+    cell_data   : (C,) or (C, k) by name: values on cells
+    point_data  : (V,) or (V, k) by name: values on points
+    """
+
+    points: NDArray[np.float64]
+    polygons: Sequence[Sequence[int]]
+    cell_data: Mapping[str, Any] = field(default_factory=dict)
+    point_data: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for what, data, count in (
+            ("cell", self.cell_data, len(self.polygons)),
+            ("point", self.point_data, len(self.points)),
+        ):
+            for name, values in data.items():
+                if np.ndim(values) not in (1, 2) or len(values) != count:
+                    raise UsageError(
+                        f"{name}: values of shape {np.shape(values)}, but there are {count:,} {what}s.",
+                        f"Give one value, or one row of values, for each {what}.",
+                    )
+
+    @property
+    def connectivity(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The numbers of the points of all cells, one after the other, and where each cell ends."""
+        ends = np.cumsum([len(polygon) for polygon in self.polygons], dtype=np.int64)
+        flat = np.fromiter(
+            (v for polygon in self.polygons for v in polygon), np.int64, int(ends[-1]) if len(ends) else 0
+        )
+        return flat, ends
+
+    def save(self, path: str | Path) -> None:
+        """Write a .vtp (PolyData) or .vtu (UnstructuredGrid), whole or not at all.
+
+        Raises UsageError for another suffix, ImageError where it cannot be written.
+        """
+        target = Path(path)
+        suffix = target.suffix.lower()
+        if suffix not in (".vtp", ".vtu"):
+            raise UsageError(f"{path}: values on faces are written as .vtp or .vtu.", "For example room.vtp.")
+        with whole_file(target) as temporary:
+            temporary.write_text(self._xml(suffix == ".vtu"), encoding="ascii")
+
+    def to_pyvista(self) -> Any:
+        """A `pyvista.PolyData`. Raises GlpathError where PyVista is missing."""
+        pyvista = package("pyvista")
+        flat, ends = self.connectivity
+        begins = np.concatenate([[0], ends[:-1]])
+        cells = np.insert(flat, begins, np.diff(ends, prepend=0))  # the count before the numbers of each
+        alone = all(len(polygon) == 1 for polygon in self.polygons)
+        mesh = pyvista.PolyData(self.points, **{"verts" if alone else "faces": cells})
+        for data, own in ((self.cell_data, mesh.cell_data), (self.point_data, mesh.point_data)):
+            for name, values in data.items():
+                own[name] = np.asarray(values)
+        return mesh
+
+    def _xml(self, unstructured: bool) -> str:
+        flat, ends = self.connectivity
+        count, total = len(self.points), len(self.polygons)
+        points = _section("Points", [_array("Points", self.points)])
+        data = [_section("PointData", _arrays(self.point_data)), _section("CellData", _arrays(self.cell_data))]
+        lists = [_array("connectivity", flat), _array("offsets", ends)]
+        if unstructured:
+            kinds = np.array([_CELLS.get(len(polygon), _POLYGON) for polygon in self.polygons], np.uint8)
+            cells = _section("Cells", [*lists, _array("types", kinds)])
+            kind, sizes = "UnstructuredGrid", f'NumberOfPoints="{count}" NumberOfCells="{total}"'
+        else:
+            alone = all(len(polygon) == 1 for polygon in self.polygons)
+            cells = _section("Verts" if alone else "Polys", lists)
+            vertices, faces = (total, 0) if alone else (0, total)
+            kind = "PolyData"
+            sizes = f'NumberOfPoints="{count}" NumberOfVerts="{vertices}" NumberOfPolys="{faces}"'
+        body = "".join([*data, points, cells])
+        return (
+            f'<?xml version="1.0"?>\n<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" '
+            f'header_type="UInt64">\n<{kind}><Piece {sizes}>\n{body}</Piece></{kind}>\n</VTKFile>\n'
+        )
+
+
+def points_with_values(points: Any, values: Mapping[str, Any]) -> VtkMesh:
+    """Points alone (N, 3), each a cell, with values by name, each (N,) or (N, k)."""
+    at = np.asarray(points, np.float64)
+    if at.ndim != 2 or at.shape[1:] != (3,):
+        raise UsageError(f"points: of shape {at.shape} where (N, 3) is needed.")
+    return VtkMesh(at, [[i] for i in range(len(at))], point_data=values)
+
+
+def _section(tag: str, arrays: Sequence[str]) -> str:
+    return f"<{tag}>\n{''.join(arrays)}</{tag}>\n"
+
+
+def _arrays(data: Mapping[str, Any]) -> list[str]:
+    return [_array(name, np.asarray(values)) for name, values in data.items()]
+
+
+def _array(name: str, values: NDArray[Any]) -> str:
+    """A DataArray: base64 of its size in bytes, then of itself."""
+    kind = values.dtype.str[1:] if values.dtype.str[1:] in _TYPES else "f8"
+    content = np.ascontiguousarray(values, f"<{kind}").tobytes()
+    columns = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    text = base64.b64encode(struct.pack("<Q", len(content)) + content).decode()
+    return f'<DataArray type="{_TYPES[kind]}" Name={quoteattr(name)}{columns} format="binary">{text}</DataArray>\n'

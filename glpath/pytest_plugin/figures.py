@@ -1,0 +1,71 @@
+"""Figures of matplotlib: their style while a test makes them, and how they are saved."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from glpath.errors import UsageError
+
+
+@dataclass(frozen=True)
+class FigureSettings:
+    """How a test's figures are made.
+
+    style          : of `matplotlib.style.context`: a name, a dictionary, or a list of them; None: as it is
+    backend        : of matplotlib, while the test runs; None: as it is
+    savefig_kwargs : of `Figure.savefig`
+    remove_text    : without titles and the labels of ticks, which other versions of fonts draw otherwise
+    """
+
+    style: Any = None
+    backend: str | None = None
+    savefig_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    remove_text: bool = False
+
+    @contextmanager
+    def around(self) -> Iterator[None]:
+        """Within, matplotlib has the style and the backend. Raises UsageError for what it does not have."""
+        if self.style is None and self.backend is None:
+            yield
+            return
+        with ExitStack() as until_done:
+            try:
+                import matplotlib.pyplot as pyplot
+                import matplotlib.style
+
+                if self.backend is not None:
+                    before = pyplot.get_backend()
+                    until_done.callback(pyplot.switch_backend, before)
+                    pyplot.switch_backend(self.backend)
+                if self.style is not None:
+                    until_done.enter_context(matplotlib.style.context(self.style))
+            except (ImportError, OSError, ValueError, TypeError) as error:
+                raise UsageError(
+                    f"render_regression: style {self.style!r}, backend {self.backend!r}: {error}.",
+                    "Give what matplotlib knows: matplotlib.style.available; agg, svg, pdf ...",
+                ) from error
+            yield
+
+    def saved(self, figure: Any) -> bytes:
+        """The figure as an image file. Its texts are gone afterwards where these are removed."""
+        if self.remove_text:
+            without_text(getattr(figure, "figure", figure))
+        encoded = io.BytesIO()
+        figure.savefig(encoded, **{"format": "png", **self.savefig_kwargs})
+        return encoded.getvalue()
+
+
+def without_text(figure: Any) -> None:
+    """Take titles and the labels of ticks from a figure of matplotlib."""
+    from matplotlib.ticker import NullFormatter
+
+    figure.suptitle("")
+    for axes in figure.get_axes():
+        axes.set_title("")
+        for axis in filter(None, (getattr(axes, f"{letter}axis", None) for letter in "xyz")):
+            axis.set_major_formatter(NullFormatter())
+            axis.set_minor_formatter(NullFormatter())

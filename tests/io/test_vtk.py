@@ -1,0 +1,161 @@
+"""Values on faces and points as VTK's files, read back by their own rules, and data frames of results."""
+
+from __future__ import annotations
+
+import base64
+import struct
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.errors import GlpathError, UsageError
+from glpath.io.vtk import VtkMesh, points_with_values
+
+TYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "UInt8": "u1"}
+DESK = np.array([[x, 0.0, z] for z in (-0.5, 0.5) for x in (-0.5, 0.0, 0.5)])
+
+
+def arrays(path: Path) -> dict[str, Any]:
+    """All arrays of a file by section and name, and the sizes that it announces."""
+    root = ElementTree.parse(path).getroot()
+    (grid,) = root
+    (piece,) = grid
+    found: dict[str, Any] = {"type": root.attrib["type"], **piece.attrib}
+    for section in piece:
+        for each in section:
+            content = base64.b64decode(each.text or "")
+            (size,) = struct.unpack("<Q", content[:8])
+            assert size == len(content) - 8
+            values = np.frombuffer(content[8:], TYPES[each.attrib["type"]])
+            columns = int(each.attrib.get("NumberOfComponents", 1))
+            found[f"{section.tag}/{each.attrib['Name']}"] = values.reshape(-1, columns) if columns > 1 else values
+    return found
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtu"])
+def test_a_mesh_is_written_as_it_is(suffix: str, tmp_path: Path) -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0.0]], float)
+    mesh = VtkMesh(points, [[0, 1, 2, 3], [1, 4, 2]], {"flux & <more>": np.array([1.5, -2.0])}, {"rgb": points})
+    mesh.save(tmp_path / f"a{suffix}")
+    found = arrays(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(found["Points/Points"], points)
+    cells = "Cells" if suffix == ".vtu" else "Polys"
+    np.testing.assert_array_equal(found[f"{cells}/connectivity"], [0, 1, 2, 3, 1, 4, 2])
+    np.testing.assert_array_equal(found[f"{cells}/offsets"], [4, 7])
+    np.testing.assert_array_equal(found["CellData/flux & <more>"], [1.5, -2.0])
+    np.testing.assert_array_equal(found["PointData/rgb"], points)
+    if suffix == ".vtu":
+        np.testing.assert_array_equal(found["Cells/types"], [9, 5])
+        assert (found["type"], found["NumberOfCells"]) == ("UnstructuredGrid", "2")
+    else:
+        assert (found["type"], found["NumberOfPolys"], found["NumberOfPoints"]) == ("PolyData", "2", "5")
+
+
+def test_view_factors_are_on_their_faces(tmp_path: Path) -> None:
+    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
+    flux = found.exchange(0.5, 300.0, surroundings=200.0).net_flux
+    mesh = found.to_vtk("cornell-box-36", groups="shapes", values={"net_flux": flux})
+    mesh.save(tmp_path / "a.vtp")
+    read = arrays(tmp_path / "a.vtp")
+    rows = read["CellData/row"]
+    assert len(rows) == len(glpath.load_scene("cornell-box-36").triangles)
+    np.testing.assert_array_equal(read["CellData/net_flux"], flux[rows])
+    np.testing.assert_array_equal(read["CellData/sky"], found.sky[rows])
+    with pytest.raises(UsageError, match="Give the faces and groups"):
+        found.to_vtk("cornell-box-36")
+    with pytest.raises(UsageError, match="net_flux of shape"):
+        found.to_vtk("cornell-box-36", groups="shapes", values={"net_flux": flux[:3]})
+
+
+def test_a_radiosity_solution_is_on_its_elements(tmp_path: Path) -> None:
+    scene = glpath.load_scene("cornell-box-36")
+    solution = glpath.solve_radiosity(scene, patches=60)
+    mesh = solution.to_vtk(scene)
+    mesh.save(tmp_path / "a.vtu")
+    read = arrays(tmp_path / "a.vtu")
+    assert len(read["CellData/front"]) == solution.element_count
+    np.testing.assert_allclose(read["CellData/front"], solution.elements.sum(axis=0)[0])
+    # The triangles of all elements have the areas of the scene's.
+    corners = read["Points/Points"][read["Cells/connectivity"].reshape(-1, 3)]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    assert areas.sum() == pytest.approx(scene.areas.sum())
+
+
+def test_irradiance_is_on_its_points(tmp_path: Path) -> None:
+    found = glpath.irradiance("cornell-box", DESK, [0.0, 1.0, 0.0], spp=16)
+    found.to_vtk(DESK).save(tmp_path / "a.vtp")
+    read = arrays(tmp_path / "a.vtp")
+    np.testing.assert_array_equal(read["PointData/irradiance"], found.values)
+    np.testing.assert_array_equal(read["Verts/connectivity"], np.arange(6))
+    found.to_vtk(DESK, [[0, 1, 4, 3], [1, 2, 5, 4]]).save(tmp_path / "b.vtp")
+    assert len(arrays(tmp_path / "b.vtp")["Polys/offsets"]) == 2
+    with pytest.raises(UsageError, match=r"but \(6, 3\) were measured"):
+        found.to_vtk(DESK[:4])
+
+
+def test_mistakes_are_explained(tmp_path: Path) -> None:
+    mesh = points_with_values(DESK, {})
+    with pytest.raises(UsageError, match=r"written as .vtp or .vtu"):
+        mesh.save(tmp_path / "a.vtk")
+    with pytest.raises(UsageError, match="there are 1 cells"):
+        VtkMesh(DESK, [[0, 1, 2]], {"a": np.zeros(2)})
+
+
+def test_a_missing_package_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    for name in ("pandas", "xarray", "pyvista"):
+        monkeypatch.setitem(sys.modules, name, None)
+    found = glpath.view_factors((np.eye(3), [[0, 1, 2]]))
+    for call, extra in (
+        (found.to_pandas, "frames"),
+        (found.to_xarray, "frames"),
+        (points_with_values(DESK, {}).to_pyvista, "mesh"),
+    ):
+        with pytest.raises(GlpathError, match=rf'pip install "glpath\[{extra}\]"'):
+            call()
+
+
+def test_view_factors_as_data_frames() -> None:
+    pytest.importorskip("pandas", reason="needs the extra frames")
+    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
+    rows, factors = found.to_pandas(), found.to_pandas("factors")
+    assert rows.index.tolist() == list(found.names)
+    np.testing.assert_array_equal(rows["sky"], found.sky)
+    assert len(factors) == found.matrix.nnz
+    assert factors["factor"].sum() == pytest.approx(found.row_sums.sum())
+    power = found.exchange(0.5, 300.0, surroundings=200.0).to_pandas()["net_power"]
+    assert power.index.tolist() == list(found.names)
+
+
+def test_view_factors_as_a_data_set() -> None:
+    pytest.importorskip("xarray", reason="needs the extra frames")
+    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
+    data = found.to_xarray()
+    one, other = found.names[:2]
+    assert float(data["factor"].sel({"from": one, "to": other})) == found.matrix[0, 1]
+
+
+def test_irradiance_as_a_data_frame_and_a_data_set() -> None:
+    pytest.importorskip("pandas", reason="needs the extra frames")
+    pytest.importorskip("xarray", reason="needs the extra frames")
+    found = glpath.irradiance("cornell-box", DESK, [0.0, 1.0, 0.0], spp=16)
+    frame = found.to_pandas(DESK)
+    np.testing.assert_array_equal(frame["x"], DESK[:, 0])
+    np.testing.assert_array_equal(frame["illuminance"], found.illuminance())
+    assert frame.attrs["path_sets"] == 16
+    data = found.to_xarray(DESK, (2, 3))
+    assert data["irradiance"].dims == ("row", "column", "channel")
+    np.testing.assert_array_equal(data["x"], DESK[:, 0].reshape(2, 3))
+
+
+@pytest.mark.evidence
+def test_pyvista_has_the_same_mesh() -> None:
+    pytest.importorskip("pyvista", reason="needs the extra mesh")
+    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
+    mesh = found.to_vtk("cornell-box-36", groups="shapes").to_pyvista()
+    assert mesh.area == pytest.approx(found.areas.sum())

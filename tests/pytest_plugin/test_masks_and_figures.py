@@ -1,0 +1,204 @@
+"""What a project that comes from pytest-mpl or Playwright looks for: masks, styles, platforms, reports, no cost."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from glpath.compare import Picture, compare
+from glpath.compare.masks import mask_of, masked, padded
+from glpath.compare.picture import Noise
+from glpath.errors import UsageError
+from glpath.film.image import read_image, write_png
+from tests.support.image_suite import GREY, Run
+from tests.support.repository import ROOT
+
+pytest_plugins = ["pytester", "tests.support.image_suite"]
+
+CLOCK = """
+import numpy as np
+
+def test_grey(render_regression):
+    picture = np.full((32, 48, 3), 128, np.uint8)
+    picture[2:6, 3:13] = {clock}
+    picture[20, 40] = {other}
+    render_regression(picture, ignore={ignore})
+"""
+
+
+def test_what_is_ignored_may_change_and_nothing_else(run: Run, suite) -> None:
+    suite(CLOCK.format(clock=10, other=128, ignore="[(3, 2, 10, 4)]"))
+    run().assert_outcomes(passed=1)
+    suite(CLOCK.format(clock=250, other=128, ignore="[(3, 2, 10, 4)]"))
+    run().assert_outcomes(passed=1)
+    suite(CLOCK.format(clock=250, other=128, ignore="None"))
+    result = run()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*40 of 1536 pixels*"])
+    suite(CLOCK.format(clock=250, other=255, ignore="[(3, 2, 10, 4)]"))
+    run().stdout.fnmatch_lines(["*1 of 1536 pixels*", "*worst at (40, 20)*"])
+    suite(CLOCK.format(clock=250, other=128, ignore="[(45, 2, 10, 4)]"))
+    run().stdout.fnmatch_lines([r"*ignore?0?: (45, 2, 10, 4) is not inside of the picture of 48 x 32*"])
+
+
+def test_a_marker_and_a_picture_say_what_is_ignored(run: Run, suite, pytester: pytest.Pytester) -> None:
+    mask = np.zeros((32, 48, 3), np.uint8)
+    mask[2:6, 3:13] = 255
+    write_png(pytester.path / "mask.png", mask)
+    marked = CLOCK.replace("def test", "import pytest\n@pytest.mark.render_regression(ignore='mask.png')\ndef test")
+    suite(marked.format(clock=10, other=128, ignore="None"))
+    run().assert_outcomes(passed=1)
+    suite(marked.format(clock=99, other=128, ignore="None"))
+    run().assert_outcomes(passed=1)
+    write_png(pytester.path / "mask.png", mask[:16])
+    run().stdout.fnmatch_lines(["*ignore: a picture of 48 x 16, but that compared has 48 x 32*"])
+
+
+def test_a_mask_takes_whole_blocks_where_noise_is_known() -> None:
+    rng = np.random.default_rng(0)
+    batches = rng.uniform(0.4, 0.6, (8, 32, 48, 3))
+    mean = batches.mean(axis=0)
+    blocks = batches.reshape(8, 2, 16, 3, 16, 3).mean(axis=(2, 4))
+    noise = Noise(batches.var(axis=0, ddof=1) / 8, blocks, np.full(8, 8))
+    picture = Picture(mean, noise)
+    done = masked(picture, mask_of([(3, 2, 10, 4)], mean.shape))
+    assert not done.mean[:16, :16].any()
+    assert not done.noise.block_batches[:, 0, 0].any()
+    np.testing.assert_array_equal(done.mean[16:], mean[16:])
+    changed = Picture(np.where(np.arange(48)[None, :, None] < 16, 5.0, mean), noise)
+    below = masked(changed, mask_of([(0, 0, 16, 32)], mean.shape))
+    assert compare(below, masked(picture, mask_of([(0, 0, 16, 32)], mean.shape)), "stat").passed
+    with pytest.raises(UsageError, match="expected rectangles"):
+        mask_of([[1, 2], [3]], mean.shape)
+    assert padded(picture, (40, 50)).mean.shape == (40, 50, 3)
+
+
+def test_pictures_of_two_sizes_are_shown_padded(run: Run, suite, pytester: pytest.Pytester) -> None:
+    suite(GREY.format(level=0.5))
+    run()
+    suite(GREY.replace("(8, 8, 3)", "(6, 9, 3)").format(level=0.5))
+    result = run()
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*of the 8 x 6 pixels that both have at the upper left, 0 differ"])
+    shown = read_image(pytester.path / "glpath-results/test_a/test_grey/difference.png")
+    assert shown.shape[:2] == (8, 9)
+
+
+def test_baselines_of_a_platform_are_apart(run: Run, suite, pytester: pytest.Pytester) -> None:
+    suite(GREY.format(level=0.5))
+    run("--glpath-platform", "auto").assert_outcomes(passed=1)
+    assert (pytester.path / "baseline" / sys.platform / "test_a" / "test_grey.exr").is_file()
+    run("--glpath-platform=other", "--glpath-update", "none").assert_outcomes(failed=1)
+
+
+def test_new_baselines_go_where_ci_keeps_them(run: Run, suite, pytester: pytest.Pytester) -> None:
+    baselines = suite(GREY.format(level=0.5))
+    result = run("--glpath-update", "none", "--glpath-new-path=artifact")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["E    *new         artifact/baseline/test_a/test_grey.exr"])
+    assert not baselines.exists()
+    assert np.all(read_image(pytester.path / "artifact/baseline/test_a/test_grey.exr") == 0.5)
+    # Copied over the checkout they are what the next run compares with.
+    (pytester.path / "artifact/baseline").rename(pytester.path / "baseline")
+    run("--glpath-update", "none").assert_outcomes(passed=1)
+
+
+def test_passing_pictures_are_in_the_report_on_demand(run: Run, suite, pytester: pytest.Pytester) -> None:
+    suite(GREY.format(level=0.5))
+    run()
+    run("--glpath-keep", "all").assert_outcomes(passed=1)
+    page = (pytester.path / "glpath-results/report.html").read_text()
+    content = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])
+    (record,) = content["records"]
+    assert record["outcome"] == "passed"
+    assert {"result", "reference", "difference"} <= record["pictures"].keys()
+    for view in ("side by side", "slider", "location.hash"):
+        assert view in page
+
+
+FIGURE = """
+import pytest
+import matplotlib.pyplot as plt
+
+@pytest.mark.render_regression({marker})
+def test_plot(render_regression):
+    figure, axes = plt.subplots(figsize=(1, 1))
+    axes.plot([0, 1], [0, 1])
+    axes.set_title("{title}")
+    print("backend", plt.get_backend(), plt.rcParams["lines.linewidth"])
+    render_regression(figure{options})
+"""
+
+
+def test_figures_have_the_style_and_no_text(run: Run, suite, pytester: pytest.Pytester) -> None:
+    pytest.importorskip("matplotlib")
+    marker = "style={'lines.linewidth': 7.0}, backend='agg', savefig_kwargs={'dpi': 50}, remove_text=True"
+    baselines = suite(FIGURE.format(marker=marker, title="monday", options=""))
+    run("-s").stdout.fnmatch_lines(["*backend agg 7.0*"])
+    assert read_image(baselines / "test_plot.png").shape[:2] == (50, 50)
+    suite(FIGURE.format(marker=marker, title="tuesday", options=""))
+    run().assert_outcomes(passed=1)
+    suite(FIGURE.format(marker=marker, title="tuesday", options=", remove_text=False"))
+    run().assert_outcomes(failed=1)
+    suite(FIGURE.format(marker=marker, title="tuesday", options=", savefig_kwargs={'dpi': 40}"))
+    run().stdout.fnmatch_lines(["*of the 40 x 40 pixels that both have*"])
+    suite(FIGURE.format(marker="style='no-such-style'", title="", options=""))
+    run().stdout.fnmatch_lines(["*glpath: render_regression: style 'no-such-style'*"])
+
+
+HTML = """
+from types import ModuleType, SimpleNamespace
+import sys
+
+module = ModuleType("pytest_html")
+module.extras = SimpleNamespace(png=lambda content, name: {"name": name, "content": content})
+sys.modules["pytest_html"] = module
+
+def pytest_configure(config):
+    config.pluginmanager.register(object(), "html")
+
+def pytest_runtest_logreport(report):
+    if report.when == "call":
+        print("extras", [extra["name"] for extra in getattr(report, "extras", [])])
+"""
+
+
+def test_pytest_html_is_given_the_pictures(run: Run, suite, pytester: pytest.Pytester) -> None:
+    suite(GREY.format(level=0.5))
+    run()
+    pytester.makeconftest(HTML)
+    suite(GREY.format(level=0.9))
+    run("-s").stdout.fnmatch_lines(
+        ["*extras ?'test_grey: result', 'test_grey: reference', 'test_grey: difference'*"]
+    )
+    sys.modules.pop("pytest_html", None)
+
+
+IMPORT = "import pytest; before = set(__import__('sys').modules); import glpath.pytest_plugin; print(*sorted("
+IMPORT += "set(__import__('sys').modules) - before))"
+
+
+def _python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+
+
+def test_the_entry_point_loads_no_more_than_itself() -> None:
+    loaded = set(_python("-c", IMPORT).stdout.split())
+    assert {name.partition(".")[0] for name in loaded} <= {"glpath", "zlib", "_zlib"}
+    assert loaded & {"numpy", "glpath.errors", "glpath.pytest_plugin.regression"} == set()
+
+
+@pytest.mark.evidence
+@pytest.mark.timed
+def test_the_entry_point_takes_five_milliseconds_at_most() -> None:
+    def once() -> float:
+        lines = _python("-X", "importtime", "-c", "import pytest; import glpath.pytest_plugin").stderr.splitlines()
+        (line,) = (line for line in lines if line.endswith("glpath.pytest_plugin") and "|" in line)
+        package = next(line for line in lines if line.rstrip().endswith("| glpath"))
+        return (int(line.split("|")[1]) + int(package.split("|")[1])) / 1000  # microseconds, with what they import
+
+    assert min(once() for _ in range(5)) <= 5.0

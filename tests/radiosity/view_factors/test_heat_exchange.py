@@ -1,0 +1,157 @@
+"""`ViewFactors.exchange` against closed forms, and the faces that files have beside those with an area."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import glpath
+from glpath.errors import SceneWarning, UsageError
+from glpath.radiosity.view_factors.heat_exchange import SIGMA
+from glpath.radiosity.view_factors.result import ViewFactors
+from glpath.scene.tessellate import box_mesh
+
+CUBE = box_mesh((0, 0, 0), (1, 1, 1))
+#: Floor to ceiling of a cube (Howell, C-11).
+OPPOSITE = 0.199825
+
+
+def known(matrix: list[list[float]], areas: list[float]) -> ViewFactors:
+    return ViewFactors(sparse.csr_array(np.array(matrix)), np.array(areas), np.zeros(len(areas)))
+
+
+def room() -> ViewFactors:
+    """A cube whose inside its faces look at; rows are floor (y = 0), ceiling and walls, by name."""
+    labels = ["wall" if abs(n[1]) < 0.5 else "ceiling" if n[1] > 0 else "floor" for n in _normals()]
+    return glpath.view_factors((CUBE.vertices, CUBE.faces), groups=labels, flip=True, enforce=["closure"])
+
+
+def _normals() -> np.ndarray:
+    corners = CUBE.vertices[CUBE.faces]
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+@pytest.mark.parametrize("e1", [1.0, 0.8, 0.05])
+@pytest.mark.parametrize("e2", [1.0, 0.3])
+def test_concentric_spheres(e1: float, e2: float) -> None:
+    a1, a2 = 1.0, 4.0
+    found = known([[0, 1], [a1 / a2, 1 - a1 / a2]], [a1, a2]).exchange([e1, e2], [500.0, 300.0])
+    expected = a1 * SIGMA * (500.0**4 - 300.0**4) / (1 / e1 + (a1 / a2) * (1 / e2 - 1))
+    np.testing.assert_allclose(found.net_power, [expected, -expected], rtol=1e-10)
+
+
+def test_wide_parallel_plates_and_a_shield_between_them() -> None:
+    e1, e2, es = 0.8, 0.5, 0.1
+    plates = known([[0, 1], [1, 0]], [1.0, 1.0]).exchange([e1, e2], [400.0, 300.0])
+    across = SIGMA * (400.0**4 - 300.0**4)
+    assert plates.net_flux[0] == pytest.approx(across / (1 / e1 + 1 / e2 - 1))
+    # Gebhart's factor of two plates: what 2 absorbs of what 1 emits, after all reflections.
+    assert plates.gebhart[0, 1] == pytest.approx(e2 / (1 - (1 - e1) * (1 - e2)))
+    np.testing.assert_allclose(plates.gebhart.sum(axis=1), 1.0)
+    # A shield has two sides, one temperature and no net flux in all; each side has half of the difference of T^4.
+    two = known([[0, 1], [1, 0]], [1.0, 1.0])
+    resistances = (1 / e1 + 1 / es - 1), (1 / es + 1 / e2 - 1)
+    shield = (400.0**4 - (400.0**4 - 300.0**4) * resistances[0] / sum(resistances)) ** 0.25
+    left, right = two.exchange([e1, es], [400.0, shield]), two.exchange([es, e2], [shield, 300.0])
+    assert left.net_flux[0] == pytest.approx(across / sum(resistances))
+    assert right.net_flux[0] == pytest.approx(left.net_flux[0])
+
+
+def test_a_cube_with_insulated_walls() -> None:
+    found = room()
+    i, j, walls = (found.names.index(name) for name in ("floor", "ceiling", "wall"))
+    temperature = np.zeros(3)
+    temperature[[i, j, walls]] = 400.0, 300.0, np.nan
+    done = found.exchange(1.0, temperature)
+    # The walls carry on what they get: F12 + 1 / (1 / F1R + 1 / F2R), of which both are 1 - F12.
+    through = OPPOSITE + 0.5 * (1 - OPPOSITE)
+    expected = SIGMA * (400.0**4 - 300.0**4) * through
+    np.testing.assert_allclose(done.net_power[[i, j, walls]], [expected, -expected, 0.0], rtol=1e-3, atol=1e-6)
+    assert done.temperature[walls] == pytest.approx((0.5 * (400.0**4 + 300.0**4)) ** 0.25, rel=1e-3)
+
+
+def test_all_at_one_temperature_exchange_nothing() -> None:
+    done = room().exchange([0.2, 0.9, 0.5], 350.0)
+    np.testing.assert_allclose(done.net_flux, 0.0, atol=1e-9)
+    np.testing.assert_allclose(done.radiosity, SIGMA * 350.0**4)
+
+
+def test_gebharts_factors_are_the_net_power() -> None:
+    found = room()
+    e, t = np.array([0.3, 0.7, 0.5]), np.array([300.0, 350.0, 450.0])
+    done = found.exchange(e, t)
+    emitted = e * found.areas * SIGMA * t**4
+    np.testing.assert_allclose(emitted - done.gebhart.T @ emitted, done.net_power, rtol=1e-9, atol=1e-9)
+
+
+def test_a_plate_under_the_sky_loses_what_the_sky_does_not_send() -> None:
+    plate = known([[0.0]], [2.0]).exchange(0.9, 300.0, surroundings=250.0)
+    assert plate.net_power[0] == pytest.approx(2.0 * 0.9 * SIGMA * (300.0**4 - 250.0**4))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.5, 1.2], 300.0), r"emissivity\[1\] is 1.2, but must be between 0 and 1"),
+        (([0.5], 300.0), "one number, or 2"),
+        ((0.5, [300.0, -1.0]), r"temperature\[1\] is -1"),
+        ((0.5, np.nan), "no face emits"),
+        ((0.0, 300.0), "no face emits"),
+        ((0.5, 300.0, -3.0), "surroundings is -3"),
+    ],
+)
+def test_mistakes_are_explained(arguments: tuple[object, ...], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        known([[0, 1], [1, 0]], [1.0, 1.0]).exchange(*arguments)  # type: ignore[arg-type]
+
+
+def test_an_open_scene_needs_its_surroundings() -> None:
+    with pytest.raises(UsageError, match="not a closed room"):
+        known([[0.0, 0.2], [0.2, 0.0]], [1.0, 1.0]).exchange(0.5, 300.0)
+
+
+# Faces without an area
+
+
+def test_faces_without_area_are_rows_of_zeros(tmp_path: Path) -> None:
+    flat = np.array([[0, 0, 0], [3, 3, 3]], np.int32)
+    faces = np.insert(CUBE.faces, 4, flat[0], axis=0)
+    faces = np.concatenate([faces, flat[1:]])
+    with pytest.warns(SceneWarning, match=r"2 of 14 faces have no area \(4, 13\)"):
+        found = glpath.view_factors((CUBE.vertices, faces), flip=True)
+    whole = glpath.view_factors((CUBE.vertices, CUBE.faces), flip=True)
+    dense = found.matrix.toarray()
+    assert dense.shape == (14, 14)
+    assert not dense[[4, 13]].any()
+    assert not dense[:, [4, 13]].any()
+    others = np.delete(np.arange(14), [4, 13])
+    np.testing.assert_array_equal(dense[np.ix_(others, others)], whole.matrix.toarray())
+    assert (found.areas[4], found.sky[4], found.error[13]) == (0.0, 0.0, 0.0)
+    assert found.closure_error < 1e-3
+    closed = found.enforced(closure=True)
+    np.testing.assert_allclose(closed.row_sums[others], 1.0)
+    assert not closed.row_sums[[4, 13]].any()
+    found.save(tmp_path / "f.npz")
+    assert (ViewFactors.load(tmp_path / "f.npz").matrix != found.matrix).nnz == 0
+    done = found.exchange(0.5, 300.0)
+    assert done.net_flux[others] == pytest.approx(np.zeros(12), abs=1e-2)
+
+
+def test_rows_have_the_numbers_of_a_file(tmp_path: Path) -> None:
+    """An STL as meshers write it, one triangle of which has lost its area."""
+    corners = CUBE.vertices[CUBE.faces][:, ::-1].copy()
+    corners[3] = corners[3, 0]
+    text = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*corner) for corner in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in corners
+    )
+    (tmp_path / "city.stl").write_text(f"solid it\n{text}endsolid it\n")
+    with pytest.warns(SceneWarning, match=r"1 of 12 faces have no area \(3\)"):
+        found = glpath.view_factors(tmp_path / "city.stl")
+    assert len(found) == 12
+    np.testing.assert_array_equal(np.flatnonzero(found.areas == 0), [3])
