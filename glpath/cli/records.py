@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypedDict
 
 from msgspec import Meta
 
-from glpath.film.metadata import INTERRUPTED_RULE, RULES
+from glpath.film.choices import INTERRUPTED_RULE, RULES
 
 Window = Annotated[
     tuple[int, int, int, int],
