@@ -68,6 +68,7 @@ def test_defaults_are_sentences(command_pages: Mapping[str, str]) -> None:
     assert commands.help_of("How many.  [default: 3; x>=1]") == "How many. Default: `3`. Range: `x>=1`."
     assert commands.help_of("Where.  [required]") == "Where. Required."
     assert commands.help_of("An option [of two].") == "An option [of two]."
+    assert commands.help_of("Of --max-depth, `--a *` or x--y * 2.") == "Of `--max-depth`, `--a *` or x--y \\* 2."
 
 
 # ---- the scene format --------------------------------------------------------------------------------------------
@@ -156,7 +157,7 @@ def test_every_integrator_is_a_column() -> None:
 
 def test_each_error_of_the_table_stands_below_it() -> None:
     page = engines.pages()["reference/integrators.md"]
-    numbers = {int(number) for number in re.findall(r"\| no \((\d+)\)", page)}
+    numbers = {int(number) for number in re.findall(r"\| no\s\((\d+)\)", page)}
     assert numbers == {int(number) for number in re.findall(r"^(\d+)\. `", page, re.MULTILINE)}
     assert len(numbers) > 5
 
