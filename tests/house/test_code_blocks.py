@@ -95,6 +95,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.filterwarnings("ignore:chair.glb. not used. The time")  # the test's chair stands still
 @pytest.mark.parametrize("block", of_kind("toml"))
 def test_scenes_load(block: Block, models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A part of a scene gets what it lacks."""
