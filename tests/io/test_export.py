@@ -430,6 +430,22 @@ def test_what_mitsuba_has_no_counterpart_for_is_no_reference() -> None:
         peer.to_mitsuba(scene, 1)
 
 
+LEFT_OUT = {
+    "velvet": "its sheen is left out",
+    "bubble": "the thin film over it is left out",
+    "lampshade": "the light that its diffuse base lets through is left out",
+    "car": "the clearcoat is that of Mitsuba's principled surface",
+    "gold": "Mitsuba loses what its microfacets scatter more than once",
+    "plastic": "textures of its layers, anisotropy and dielectric are left out",
+}
+
+
+def test_what_mitsuba_loses_is_said_of_each_material(tmp_path: Path) -> None:
+    notes = quietly(everything(), tmp_path / "a.xml")
+    for material, text in LEFT_OUT.items():
+        assert any(text in note and f'"{material}"' in note for note in notes), (material, text)
+
+
 # glTF
 
 
