@@ -115,6 +115,7 @@ def test_the_public_names_are_these() -> None:
         "UsageError",
         "ViewFactorProgress",
         "ViewFactors",
+        "Views",
         "__version__",
         "element_error",
         "export",
@@ -126,6 +127,7 @@ def test_the_public_names_are_these() -> None:
         "relative_mse",
         "render",
         "render_frames",
+        "render_views",
         "solve_radiosity",
         "view_factors",
     ]
