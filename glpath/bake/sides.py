@@ -49,9 +49,9 @@ _BOUNCES = 8
 
 
 @kernel
-def _cast(rays, normals, culled, origins, directions, own, hits, distances, work):  # type: ignore[no-untyped-def]
-    """What rays meet first, backs that are not there left out. work: (2, 3)."""
-    o, found = work[0], work[1]
+def _cast(rays, normals, culled, origins, directions, own, hits, distances):  # type: ignore[no-untyped-def]
+    """What rays meet first, backs that are not there left out."""
+    o, found = np.empty(3), np.empty(3)
     for i in range(len(origins)):
         skipped, distances[i] = own[i], 0.0
         for k in range(3):
@@ -316,7 +316,7 @@ def _hit(
 
     def part(first: int) -> None:
         some = (array[first : first + _TOGETHER] for array in arrays)
-        _cast(rays, surfaces.normals, surfaces.culled, *some, np.empty((2, 3)))
+        _cast(rays, surfaces.normals, surfaces.culled, *some)
 
     with ThreadPoolExecutor(core_count()) as pool:
         list(pool.map(part, range(0, len(origins), _TOGETHER)))
