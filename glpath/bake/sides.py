@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +49,17 @@ _TOGETHER = 1 << 14
 _BOUNCES = 8
 
 
+class _Backs(NamedTuple):
+    """(T, 3) normals, and (T,) whether the back is not there."""
+
+    normals: Float64
+    culled: Bools
+
+
 @kernel
-def _cast(rays, normals, culled, origins, directions, own, hits, distances):  # type: ignore[no-untyped-def]
-    """What rays meet first, backs that are not there left out."""
-    o, found = np.empty(3), np.empty(3)
+def _cast(rays, backs, origins, directions, own, hits, distances, work):  # type: ignore[no-untyped-def]
+    """What rays meet first, backs that are not there left out. work: (2, 3)."""
+    o, found = work[0], work[1]
     for i in range(len(origins)):
         skipped, distances[i] = own[i], 0.0
         for k in range(3):
@@ -64,9 +72,9 @@ def _cast(rays, normals, culled, origins, directions, own, hits, distances):  # 
             distances[i] += found[0]
             along = 0.0
             for k in range(3):
-                along += normals[hit, k] * directions[i, k]
+                along += backs.normals[hit, k] * directions[i, k]
                 o[k] += found[0] * directions[i, k]
-            if not (culled[hit] and along > 0):
+            if not (backs.culled[hit] and along > 0):
                 break
             skipped = hit
         hits[i] = hit
@@ -314,9 +322,11 @@ def _hit(
         distances,
     )
 
+    backs = _Backs(surfaces.normals, surfaces.culled)
+
     def part(first: int) -> None:
         some = (array[first : first + _TOGETHER] for array in arrays)
-        _cast(rays, surfaces.normals, surfaces.culled, *some)
+        _cast(rays, backs, *some, np.empty((2, 3)))
 
     with ThreadPoolExecutor(core_count()) as pool:
         list(pool.map(part, range(0, len(origins), _TOGETHER)))

@@ -99,7 +99,7 @@ def render_views(
     >>> K = [[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]
     >>> pose = np.eye(4)
     >>> pose[2, 3] = 3.9
-    >>> views = render_views("cornell-box", pose, K, spp=1, max_depth=1)
+    >>> views = render_views("cornell-box-36", pose, K, spp=1, max_depth=1)
     >>> views.rgb.shape, views.depth.shape, views.segmentation.dtype
     ((1, 48, 64, 3), (1, 48, 64), dtype('int64'))
     """

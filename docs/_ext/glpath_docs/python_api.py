@@ -38,7 +38,18 @@ TASKS = (
         "render",
         "Render pictures",
         "Pictures of a scene, and of the frames of an animation.",
-        {"glpath": ("render", "render_frames", "Film", "Progress", "RenderInterrupted", "__version__")},
+        {
+            "glpath": (
+                "render",
+                "render_frames",
+                "render_views",
+                "Views",
+                "Film",
+                "Progress",
+                "RenderInterrupted",
+                "__version__",
+            )
+        },
     ),
     Task(
         "scenes",
