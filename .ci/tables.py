@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -56,9 +57,35 @@ def shaft_options() -> str:
     return "\n".join(rows) + "\n"
 
 
+RESULTS = ROOT / "benchmarks" / "results"
+
 #: By the file in `benchmarks/results`: what was rendered.
-_GATHERS = {"gather-box-256": "`cornell-box-36`, 256 x 256", "gather-room-128": "`room`, 128 x 128"}
+_GATHERS = {
+    "gather-box-256": "`cornell-box-36`, 256 x 256",
+    "gather-box-1024": "`cornell-box-36`, 1024 x 1024",
+    "gather-room-128": "`room`, 128 x 128",
+    "gather-room-256": "`room`, 256 x 256",
+    "gather-office-128": "`office`, 128 x 128",
+}
 _PROGRAMS = {"gather": ("gather", "sets"), "path": ("`path`", "sets"), "mitsuba": ("Mitsuba", "samples")}
+
+
+def result(name: str) -> dict[str, Any]:
+    """The report of a bench, as `--json` has written it."""
+    found: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
+    return found
+
+
+def speed() -> str:
+    """Of the README: a few rows of several benches, and the machine."""
+    rows = ["| what | glpath | peer | glpath is faster by |", "|---|---|---|---|"]
+    for engine, what in (("gather", "all bounces (gather)"), ("path", "all bounces without bias (`path`)")):
+        for name in ("gather-box-256", "gather-room-256"):
+            measured = result(name)["measured"]
+            ours, theirs = measured[f"{engine}_s"], measured["mitsuba_s"]
+            seconds = f"{ours:.2g} s | Mitsuba {theirs:.2g} s | {theirs / ours:.1f}"
+            rows.append(f"| {what}, {_GATHERS[name]}, relMSE 1e-3 | {seconds} |")
+    return "\n".join(rows) + "\n"
 
 
 def time_to_an_error() -> str:
@@ -69,7 +96,7 @@ def time_to_an_error() -> str:
     ]
     machines = {}
     for name, picture in _GATHERS.items():
-        found = json.loads((ROOT / "benchmarks" / "results" / f"{name}.json").read_text())
+        found = result(name)
         measured, machine, versions = found["measured"], found["machine"], found["versions"]
         for key, (program, unit) in _PROGRAMS.items():
             count, seconds = measured[f"{key}_{unit}_to_target"], measured[f"{key}_s"]
@@ -84,9 +111,10 @@ def time_to_an_error() -> str:
 
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
-    ("explanation/developing.md", "variants"): variants,
-    ("explanation/shaft-culling.md", "shaft options"): shaft_options,
-    ("explanation/accuracy.md", "time to an error"): time_to_an_error,
+    ("docs/explanation/developing.md", "variants"): variants,
+    ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
+    ("docs/explanation/accuracy.md", "time to an error"): time_to_an_error,
+    ("README.md", "speed"): speed,
 }
 
 
@@ -103,7 +131,7 @@ def main() -> int:
     parser.add_argument("--check", action="store_true")
     check, stale = parser.parse_args().check, False
     for page, name in TABLES:
-        path = ROOT / "docs" / page
+        path = ROOT / page
         text = path.read_text()
         made = with_table(page, name, text)
         stale |= made != text
