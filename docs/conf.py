@@ -27,6 +27,7 @@ suppress_warnings = ["misc.highlighting_failure"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "fieldlist", "dollarmath"]
 myst_heading_anchors = 4
+smartquotes = False  # of two hyphens, which begin an option, they make a dash
 nb_execution_mode = "off"  # `make test` runs the notebooks, see `glpath_docs.notebooks`
 nb_output_stderr = "remove"
 nb_merge_streams = True

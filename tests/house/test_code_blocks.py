@@ -95,7 +95,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.filterwarnings("ignore:chair.glb. not used. The time")  # the test's chair stands still
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")  # of files that stand in for a reader's
 @pytest.mark.parametrize("block", of_kind("toml"))
 def test_scenes_load(block: Block, models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A part of a scene gets what it lacks."""
@@ -123,6 +123,7 @@ WHOLE = [page for page in PAGES if any(block.kind in ("sh", "python") for block 
 
 
 @pytest.mark.evidence
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")
 @pytest.mark.parametrize("page", WHOLE, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_blocks_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of the shell with few pixels and samples, those of Python as they are, in order."""

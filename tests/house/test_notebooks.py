@@ -100,6 +100,7 @@ def test_a_page_shows_the_results_of_the_same_code(tmp_path: Path) -> None:
     found = with_results(TYPED, stored(tmp_path, [result]))
     assert found["cells"][1]["outputs"] == [result]
     assert found["cells"][1]["execution_count"] == 1
+    assert found["cells"][1]["metadata"] == {"mystnb": {"image": {"alt": "Picture: A title"}}}
 
 
 def test_results_of_other_code_are_not_shown(tmp_path: Path) -> None:

@@ -68,6 +68,7 @@ def test_defaults_are_sentences(command_pages: Mapping[str, str]) -> None:
     assert commands.help_of("How many.  [default: 3; x>=1]") == "How many. Default: `3`. Range: `x>=1`."
     assert commands.help_of("Where.  [required]") == "Where. Required."
     assert commands.help_of("An option [of two].") == "An option [of two]."
+    assert commands.help_of("Of --max-depth, `--a *` or x--y * 2.") == "Of `--max-depth`, `--a *` or x--y \\* 2."
 
 
 # ---- the scene format --------------------------------------------------------------------------------------------
@@ -156,7 +157,7 @@ def test_every_integrator_is_a_column() -> None:
 
 def test_each_error_of_the_table_stands_below_it() -> None:
     page = engines.pages()["reference/integrators.md"]
-    numbers = {int(number) for number in re.findall(r"\| no \((\d+)\)", page)}
+    numbers = {int(number) for number in re.findall(r"\| no\s\((\d+)\)", page)}
     assert numbers == {int(number) for number in re.findall(r"^(\d+)\. `", page, re.MULTILINE)}
     assert len(numbers) > 5
 
@@ -246,20 +247,20 @@ def results(tmp_path: Path) -> Path:
 
 
 def test_a_table_has_the_numbers_of_the_result_and_its_machine(results: Path) -> None:
-    made = results_table(["speed"], columns_of('"ours, s" ours_s .2f; "holds" holds'), False, results)
+    made = results_table(["speed"], columns_of(["ours, s: ours_s .2f", "holds: holds"]), False, results)
     assert "| 0.12 | yes |" in made
     assert "Measured on 2 cores of a CPU, llvmpipe, glpath 0.1.0." in made
-    assert "| 2 | 1.5 |" in results_table(["speed"], columns_of('"n" size; "s" s .1f'), True, results)
+    assert "| 2 | 1.5 |" in results_table(["speed"], columns_of(["n: size", "s: s .1f"]), True, results)
 
 
 @pytest.mark.parametrize(
     ("name", "columns", "words"),
     [
-        ("absent", '"s" ours_s', "absent.json: is not in"),
-        ("speed", '"s" other_s', "has no 'other_s'. It has: claim, holds, name, ours_s, theirs_s"),
-        ("speed", "s ours_s", "each is"),
+        ("absent", "s: ours_s", "absent.json: is not in"),
+        ("speed", "s: other_s", "has no 'other_s'. It has: claim, holds, name, ours_s, theirs_s"),
+        ("speed", "s ours_s", "each line is"),
     ],
 )
 def test_a_table_without_data_is_an_error(results: Path, name: str, columns: str, words: str) -> None:
     with pytest.raises(MissingResultError, match=re.escape(words)):
-        results_table([name], columns_of(columns), False, results)
+        results_table([name], columns_of([columns]), False, results)

@@ -52,9 +52,9 @@ def page(name: str, command: Any, above: Any) -> str:
     text = [f"# glpath {name}\n", first + "\n", block("text", usage)]
     if examples := getattr(command, "examples", ()):
         text += ["## Examples\n", block("sh", "\n".join(f"{line}  # {what}" for line, what in examples))]
-    text += [each + "\n" for each in prose]
+    text += [as_markdown(each) + "\n" for each in prose]
     if command.epilog:
-        text.append(plain(command.epilog) + "\n")
+        text.append(as_markdown(plain(command.epilog)) + "\n")
     arguments = [made for each, made in records if each.param_type_name == "argument"]
     options = [(each, made) for each, made in records if each.param_type_name == "option"]
     if arguments:
@@ -107,6 +107,6 @@ def plain(text: str) -> str:
 
 
 def as_markdown(text: str) -> str:
-    """Prose of a help, whose asterisks and angle brackets mean themselves outside of code."""
-    parts = re.split(r"(`[^`]*`)", text)
+    """Prose of a help: options become code, and outside of code asterisks and angle brackets mean themselves."""
+    parts = re.split(r"(`[^`]*`)", re.sub(r"(?<![`\w-])--[a-z][a-z-]*\w", r"`\g<0>`", text))
     return "".join(part if part.startswith("`") else re.sub(r"([*<>_$])", r"\\\1", part) for part in parts)

@@ -174,7 +174,7 @@ def pages() -> dict[str, str]:
             cells = []
             for _, settings in columns:
                 error = refusal(scene, settings)
-                cells.append("yes" if error is None else f"no ({_number(error, scene, reasons)})")
+                cells.append("yes" if error is None else f"no\u00a0({_number(error, scene, reasons)})")
             rows.append([feature.name, *cells])
         text += [f"## {about}\n", table([about.lower(), *(name for name, _ in columns)], rows)]
     text += ["## Points instead of a camera\n", _points(columns), "## Errors\n"]

@@ -35,6 +35,7 @@ def with_results(book: dict[str, Any], stored: Path) -> dict[str, Any]:
             ran = None
     shown = [] if ran is None else [cell for cell in ran["cells"] if cell["cell_type"] == "code"]
     cells = [dict(cell) for cell in book["cells"]]
+    describe_pictures(cells)
     for number, cell in enumerate(each for each in cells if each["cell_type"] == "code"):
         outputs = shown[number]["outputs"] if shown else []
         cell["outputs"] = [kept for output in outputs if (kept := shown_output(output)) is not None]
@@ -42,6 +43,17 @@ def with_results(book: dict[str, Any], stored: Path) -> dict[str, Any]:
     language = {**book["metadata"].get("language_info", {}), "pygments_lexer": "ipython3"}
     metadata = {"kernelspec": book["metadata"].get("kernelspec", {}), "language_info": language}
     return {**book, "cells": cells, "metadata": metadata}
+
+
+def describe_pictures(cells: list[dict[str, Any]]) -> None:
+    """Give the pictures of code cells a text for who does not see them: the heading that they stand below."""
+    heading = ""
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            cell["metadata"] = {"mystnb": {"image": {"alt": f"Picture: {heading}"}}}
+        else:
+            found = re.findall(r"^#+ +(.+)$", "".join(cell["source"]), re.MULTILINE)
+            heading = found[-1] if found else heading
 
 
 def sources(book: Mapping[str, Any]) -> list[str]:

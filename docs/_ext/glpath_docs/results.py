@@ -1,13 +1,15 @@
 """Tables of numbers from `benchmarks/results/*.json`: the directive `results`.
 
     ```{results} gather-box-256 gather-room-128
-    :columns: "scene" name; "by the gather, s" gather_s .2f; "by Mitsuba, s" mitsuba_s .1f
+    scene: name
+    by the gather, s: gather_s .2f
+    by Mitsuba, s: mitsuba_s .1f
     ```
 
-A row is a file; a column is a title and the key of `measured`, or `name`, `holds` or `claim`, with a format.
-With `:rows:` the rows are the objects of the key `rows` of one file. Below the table stands what was measured,
-on which machine and by which versions. What is missing is an error: no number of the documentation is typed by
-hand.
+A row is a file. A line is a column: its title and the key of `measured`, or `name`, `holds` or `claim`, with a
+format. With `:rows:` the rows are the objects of the key `rows` of one file. Below the table stands what was
+measured, on which machine and by which versions. What is missing is an error: no number of the documentation is
+typed by hand.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from sphinx.util.docutils import SphinxDirective
 from glpath_docs.markdown import table
 
 RESULTS = Path(__file__).resolve().parents[3] / "benchmarks" / "results"
-_COLUMN = re.compile(r'"(?P<title>[^"]+)"\s+(?P<key>\S+)(?:\s+(?P<format>\S+))?')
+_COLUMN = re.compile(r"(?P<title>.+):\s+(?P<key>\S+)(?:\s+(?P<format>\S+))?")
 
 
 class MissingResultError(ExtensionError):
@@ -59,16 +61,15 @@ class Column:
         return format(value, self.spec) if self.spec else str(value)
 
 
-def columns_of(text: str) -> list[Column]:
+def columns_of(lines: Sequence[str]) -> list[Column]:
     """The columns of a directive."""
-    found = [Column(m["title"], m["key"], m["format"] or "") for m in map(_COLUMN.fullmatch, _parts(text)) if m]
-    if len(found) != len(_parts(text)):
-        raise MissingResultError(f'columns: {text!r}, but each is "title" key [format], with ; between them')
-    return found
-
-
-def _parts(text: str) -> list[str]:
-    return [part.strip() for part in text.split(";") if part.strip()]
+    found = [(line, _COLUMN.fullmatch(line.strip())) for line in lines if line.strip()]
+    wrong = [line for line, match in found if match is None]
+    if wrong or not found:
+        raise MissingResultError(
+            f"results: the column {(wrong or [''])[0]!r}, but each line is `title: key [format]`"
+        )
+    return [Column(m["title"], m["key"], m["format"] or "") for _, m in found if m is not None]
 
 
 def result(name: str, folder: Path = RESULTS) -> dict[str, Any]:
@@ -122,19 +123,18 @@ def source(found: Mapping[str, Any]) -> str:
 
 
 class Results(SphinxDirective):
-    """```{results} NAME ...``` with `:columns:` and `:rows:`."""
+    """```{results} NAME ...``` with columns as lines, and `:rows:`."""
 
     required_arguments = 1
     final_argument_whitespace = True
-    option_spec: ClassVar[Any] = {"columns": directives.unchanged_required, "rows": directives.flag}
+    has_content = True
+    option_spec: ClassVar[Any] = {"rows": directives.flag}
 
     def run(self) -> list[nodes.Node]:
-        if "columns" not in self.options:
-            raise MissingResultError(f"{self.get_location()}: results without :columns:")
         names = self.arguments[0].split()
         for name in names:
             self.env.note_dependency(str(RESULTS / f"{name}.json"))
-        text = results_table(names, columns_of(self.options["columns"]), "rows" in self.options)
+        text = results_table(names, columns_of(list(self.content)), "rows" in self.options)
         return self.parse_text_to_nodes(text)
 
 
