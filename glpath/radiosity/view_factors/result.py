@@ -192,7 +192,7 @@ class ViewFactors:
         n = len(self)
         require_memory(8.0 * n * n, f"to_xarray: a dense matrix of {n:,} rows", 'to_pandas("factors") is sparse.')
         labels = list(self.names) or np.arange(n)
-        variables = {"factor": (("from", "to"), self.matrix.toarray())}
+        variables: dict[str, Any] = {"factor": (("from", "to"), self.matrix.toarray())}
         rows = {"area": self.areas, "sky": self.sky, "backs": self.backs, "error": self.error}
         variables |= {name: (("from",), values) for name, values in rows.items()}
         return data_set(variables, {"from": labels, "to": labels}, self.statistics)
