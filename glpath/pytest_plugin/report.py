@@ -49,7 +49,7 @@ def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], 
 
 def extras_of(records: Sequence[Mapping[str, Any]]) -> list[Any]:
     """Pictures that were kept, for the report of pytest-html, in the order of the report here."""
-    extras = import_module("pytest_html").extras  # which whoever asks has loaded
+    extras = import_module("pytest_html").extras  # loaded already: its plugin is there
     return [
         extras.png(base64.b64encode(Path(path).read_bytes()).decode("ascii"), f"{record['picture']}: {kind}")
         for record in records
