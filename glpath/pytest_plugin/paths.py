@@ -17,7 +17,7 @@ _LONGEST = 120
 
 # A test's id, of which the file name is made without a loss: classes, then what has no letter of two cases. File
 # systems of macOS and Windows take Test_a and test_A for one name.
-_PLAIN = re.compile(r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?", re.ASCII)
+_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"  # not compiled before the first picture
 
 
 def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = None) -> Path:
@@ -74,7 +74,7 @@ def baseline_name(test: str, name: str = "") -> str:
     make two tests look alike, a checksum keeps them apart.
     """
     plain = re.sub(r"[^A-Za-z0-9_.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")
-    if not _PLAIN.fullmatch(test) or len(plain) > _LONGEST:
+    if not re.fullmatch(_PLAIN, test, re.ASCII) or len(plain) > _LONGEST:
         plain = f"{plain[:_LONGEST]}-{zlib.crc32(test.encode()):08x}"
     return f"{plain}.{name}" if name else plain
 

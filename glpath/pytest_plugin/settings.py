@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
 
-class Option(NamedTuple):
+class Option:
     """--glpath-NAME, and glpath_NAME in the ini-file, where "-" is "_"."""
 
-    name: str
-    help: str
-    choices: tuple[str, ...] = ()
-    metavar: str | None = None
+    # No dataclass: to make one takes a millisecond of every pytest run on the machine.
+    def __init__(self, name: str, help: str, choices: tuple[str, ...] = (), metavar: str | None = None) -> None:
+        self.name, self.help, self.choices, self.metavar = name, help, choices, metavar
 
 
 OPTIONS = (
@@ -118,7 +116,6 @@ def _ini(name: str) -> str:
     return f"glpath_{name.replace('-', '_')}"
 
 
-@dataclass(frozen=True)
 class Settings:
     """The options of one pytest run.
 
@@ -130,13 +127,19 @@ class Settings:
     style, backend : matplotlib's; None: as they are
     """
 
-    update: str
-    keep: str
-    mode: str | None
-    limits: Mapping[str, tuple[str, ...]]
-    device: Mapping[str, Any]
-    style: str | None
-    backend: str | None
+    def __init__(
+        self,
+        update: str,
+        keep: str,
+        mode: str | None,
+        limits: Mapping[str, tuple[str, ...]],
+        device: Mapping[str, Any],
+        style: str | None,
+        backend: str | None,
+    ) -> None:
+        self.update, self.keep, self.mode = update, keep, mode
+        self.limits, self.device = limits, device
+        self.style, self.backend = style, backend
 
     @classmethod
     def of(cls, config: pytest.Config) -> Settings:

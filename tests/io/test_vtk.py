@@ -14,8 +14,12 @@ import pytest
 import glpath
 from glpath.errors import GlpathError, UsageError
 from glpath.io.vtk import VtkMesh, points_with_values
+from glpath.scene.tessellate import box_mesh
 
 TYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "UInt8": "u1"}
+CUBE = box_mesh((0, 0, 0), (1, 1, 1))
+#: Of its inside.
+ROOM = {"faces": (CUBE.vertices, CUBE.faces), "groups": [f"wall {i // 2}" for i in range(12)], "flip": True}
 DESK = np.array([[x, 0.0, z] for z in (-0.5, 0.5) for x in (-0.5, 0.0, 0.5)])
 
 
@@ -56,19 +60,19 @@ def test_a_mesh_is_written_as_it_is(suffix: str, tmp_path: Path) -> None:
 
 
 def test_view_factors_are_on_their_faces(tmp_path: Path) -> None:
-    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
-    flux = found.exchange(0.5, 300.0, surroundings=200.0).net_flux
-    mesh = found.to_vtk("cornell-box-36", groups="shapes", values={"net_flux": flux})
+    found = glpath.view_factors(**ROOM)
+    flux = found.exchange(0.5, [300.0, 310.0, 320.0, 330.0, 340.0, 350.0]).net_flux
+    mesh = found.to_vtk(**ROOM, values={"net_flux": flux})
     mesh.save(tmp_path / "a.vtp")
     read = arrays(tmp_path / "a.vtp")
     rows = read["CellData/row"]
-    assert len(rows) == len(glpath.load_scene("cornell-box-36").triangles)
+    assert len(rows) == 12
     np.testing.assert_array_equal(read["CellData/net_flux"], flux[rows])
     np.testing.assert_array_equal(read["CellData/sky"], found.sky[rows])
     with pytest.raises(UsageError, match="Give the faces and groups"):
-        found.to_vtk("cornell-box-36")
+        found.to_vtk(CUBE)
     with pytest.raises(UsageError, match="net_flux of shape"):
-        found.to_vtk("cornell-box-36", groups="shapes", values={"net_flux": flux[:3]})
+        found.to_vtk(**ROOM, values={"net_flux": flux[:3]})
 
 
 def test_a_radiosity_solution_is_on_its_elements(tmp_path: Path) -> None:
@@ -122,19 +126,19 @@ def test_a_missing_package_is_named_with_the_line_that_installs_it(monkeypatch: 
 
 def test_view_factors_as_data_frames() -> None:
     pytest.importorskip("pandas", reason="needs the extra frames")
-    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
+    found = glpath.view_factors(**ROOM)
     rows, factors = found.to_pandas(), found.to_pandas("factors")
     assert rows.index.tolist() == list(found.names)
     np.testing.assert_array_equal(rows["sky"], found.sky)
     assert len(factors) == found.matrix.nnz
     assert factors["factor"].sum() == pytest.approx(found.row_sums.sum())
-    power = found.exchange(0.5, 300.0, surroundings=200.0).to_pandas()["net_power"]
+    power = found.exchange(0.5, [300.0, 310.0, 320.0, 330.0, 340.0, 350.0]).to_pandas()["net_power"]
     assert power.index.tolist() == list(found.names)
 
 
 def test_view_factors_as_a_data_set() -> None:
     pytest.importorskip("xarray", reason="needs the extra frames")
-    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
+    found = glpath.view_factors(**ROOM)
     data = found.to_xarray()
     one, other = found.names[:2]
     assert float(data["factor"].sel({"from": one, "to": other})) == found.matrix[0, 1]
@@ -156,6 +160,6 @@ def test_irradiance_as_a_data_frame_and_a_data_set() -> None:
 @pytest.mark.evidence
 def test_pyvista_has_the_same_mesh() -> None:
     pytest.importorskip("pyvista", reason="needs the extra mesh")
-    found = glpath.view_factors("cornell-box-36", groups="shapes", error=1e-2)
-    mesh = found.to_vtk("cornell-box-36", groups="shapes").to_pyvista()
+    found = glpath.view_factors(**ROOM)
+    mesh = found.to_vtk(**ROOM).to_pyvista()
     assert mesh.area == pytest.approx(found.areas.sum())
