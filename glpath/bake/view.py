@@ -38,7 +38,7 @@ def seen_by_camera(baked: Lightmap) -> Float64:
     origins = camera.origins().reshape(-1, 3)
     found = np.zeros(directions.shape)
     rays, look = rays_of(scene), Appearance(scene)
-    transmittance = look.mean_diffuse_transmittance()
+    transmittance = look.side_transmittance()
     clear = np.array([scene.materials[shape.material].clear for shape in scene.shapes]) > 0.5
     left, own = np.arange(len(directions)), np.full(len(directions), -1)
     for _ in range(_PANES + 1):
@@ -59,7 +59,7 @@ def seen_by_camera(baked: Lightmap) -> Float64:
         emission = look.emission(hit[some], b) * ((back[some] == 0) | twice)[:, None]
         sent = scene.side_reflectance[back[some], hit[some]] * light
         if transmittance.any():
-            sent += transmittance[hit[some]] * _looked_up(baked, hit[some], 1 - back[some], b)
+            sent += transmittance[1 - back[some], hit[some]] * _looked_up(baked, hit[some], 1 - back[some], b)
         found[left[some]] = sent / np.pi + emission
         left = left[through]
         if not len(left):

@@ -167,9 +167,9 @@ class RadiositySolution:
         triangles = path_traceable(scene.still())
         t, side = np.atleast_1d(np.asarray(triangle, np.int64)), np.asarray(back, np.int64)
         found = triangles.side_reflectance[side, t] * arrived
-        through = Appearance(triangles).mean_diffuse_transmittance()
+        through = Appearance(triangles).side_transmittance()
         if through.any():
-            found = found + through[t] * self.irradiance(triangle, barycentric, 1 - side, mode)
+            found = found + through[1 - side, t] * self.irradiance(triangle, barycentric, 1 - side, mode)
         return np.asarray(found)
 
     def reflected(self, scene: Scene) -> Float64:
@@ -182,8 +182,8 @@ class RadiositySolution:
         triangles = path_traceable(scene.still())
         count = self.divisions.astype(np.int64) ** 2
         arrived = self.elements.sum(axis=0)
-        through = np.repeat(Appearance(triangles).mean_diffuse_transmittance(), count, axis=0)
-        return np.asarray(np.repeat(triangles.side_reflectance, count, axis=1) * arrived + through * arrived[::-1])
+        through = np.repeat(Appearance(triangles).side_transmittance(), count, axis=1) * arrived
+        return np.asarray(np.repeat(triangles.side_reflectance, count, axis=1) * arrived + through[::-1])
 
     def check_scene(self, scene: Scene) -> None:
         """Raises SceneError unless this is a solution of `scene`, whatever its camera."""

@@ -160,10 +160,11 @@ class Appearance:
         two_sided = np.array([m.two_sided for m in materials], float)[shape, None]
         return np.stack([front, front * two_sided])
 
-    def mean_diffuse_transmittance(self) -> Float64:
-        """(T, 3) float64: of light on a triangle what its diffuse base sends to the other side; alike from both.
+    def side_transmittance(self) -> Float64:
+        """(2, T, 3) float64: of light on triangles' fronts and backs what a diffuse base sends to the other side.
 
-        Of textures the mean over the whole surface, times the triangle's opacity.
+        Alike from both, but to a back that is not there nothing goes. Of textures the mean over the whole surface,
+        times the triangle's opacity.
         """
         of_shapes = np.zeros((len(self._materials), 3))
         for number, (material, clear) in enumerate(zip(self._materials, self.clear_shares(), strict=True)):
@@ -177,7 +178,7 @@ class Appearance:
         through = np.flatnonzero(found.any(axis=1))
         if len(through):
             found[through] *= self.mean_opacity()[through, None]
-        return found
+        return np.stack([np.where(self.culled[:, None], 0.0, found), found])
 
     @property
     def culled(self) -> NDArray[np.bool_]:

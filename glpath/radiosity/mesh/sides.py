@@ -53,9 +53,9 @@ class Sides:
         shape = scene.triangle_shape[elements.triangle]
         reflectance = scene.side_reflectance[:, elements.triangle]
         emits_at_all = np.array([s.emits for s in scene.shapes], bool)[shape]
-        through = np.broadcast_to(np.zeros(3), (len(elements), 3))
+        through = np.broadcast_to(np.zeros(3), (2, len(elements), 3))
         if any(scene.materials[s.material].diffuse_transmission > 0 for s in scene.shapes):
-            through = Appearance(scene).mean_diffuse_transmittance()[elements.triangle]
+            through = Appearance(scene).side_transmittance()[:, elements.triangle]
         emission = np.pi * np.array([s.emission for s in scene.shapes]).reshape(-1, 3)[shape]
         appearance = Appearance(scene)
         painted = np.flatnonzero(appearance.varies("emission")[shape])
@@ -70,7 +70,7 @@ class Sides:
             emits = emission * (both[shape, None] if back else 1.0)
             # A black element of a picture that shines stays, as the patch that it is part of does.
             shines = emits_at_all & (both[shape] if back else True)
-            some = np.flatnonzero(reflects.any(axis=1) | through.any(axis=1) | shines)
+            some = np.flatnonzero(reflects.any(axis=1) | through.any(axis=(0, 2)) | shines)
             parts.append(
                 (
                     some,
@@ -78,7 +78,7 @@ class Sides:
                     normal[some] * (1 - 2 * back),
                     reflects[some],
                     emits[some],
-                    through[some],
+                    through[back, some],
                 )
             )
         return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))

@@ -148,7 +148,7 @@ class Shooting:
         """
         scene, elements, lit, areas = self.mesh.scene, self.mesh.elements, self.lit, self.open_areas
         reflectance = scene.side_reflectance[:, elements.triangle]
-        through = self._surfaces.transmittance[elements.triangle]
+        through = self._surfaces.transmittance[:, elements.triangle]
         power = ((reflectance + through) * lit).mean(axis=2) * areas
         total = float(power.sum())
         to_sky = to_camera = None
@@ -159,9 +159,9 @@ class Shooting:
             visits = self._spread_visits(elements, visits)
             power, to_sky = self._contribution(elements, visits)
             reflectance = scene.side_reflectance[:, elements.triangle]
-            through = self._surfaces.transmittance[elements.triangle]
+            through = self._surfaces.transmittance[:, elements.triangle]
             to_camera = came
-        sends = reflectance.any(axis=2) | through.any(axis=1)
+        sends = reflectance.any(axis=2) | through.any(axis=2)
         back, element = np.nonzero(sends if self._light else np.zeros(power.shape, bool))
         whole = scene.areas[elements.triangle[element]] / elements.n[element] ** 2
         chance = power[back, element]
@@ -177,9 +177,9 @@ class Shooting:
             back=back,
             chance=chance,
             scale=reflectance[back, element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
-            through=through[element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
-            across=through[element].max(axis=1)
-            / np.maximum((reflectance[back, element] + through[element]).max(axis=1), np.finfo(float).tiny),
+            through=through[back, element] * (whole / np.maximum(chance, np.finfo(float).tiny))[:, None],
+            across=through[back, element].max(axis=1)
+            / np.maximum((reflectance[back, element] + through[back, element]).max(axis=1), np.finfo(float).tiny),
             to_sky=None if to_sky is None else guides_of(to_sky[back, element]),
             to_camera=None if to_camera is None else guides_of(to_camera[back, element]),
         )
@@ -208,7 +208,7 @@ class Shooting:
         """
         scene = self.mesh.scene
         reflectance = scene.side_reflectance[:, cells.triangle].mean(axis=2)
-        through = self._surfaces.transmittance[cells.triangle].mean(axis=1)
+        through = self._surfaces.transmittance[:, cells.triangle].mean(axis=2)
         lit, from_sky = np.zeros(visits.shape), np.zeros((*visits.shape, BINS))
         worth = visits * reflectance + visits[::-1] * through
         random = np.random.default_rng([self.seed, 1])

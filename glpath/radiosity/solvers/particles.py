@@ -33,7 +33,7 @@ class Surfaces(NamedTuple):
     lattices.
 
     reflectance   : of glass without that of its surface, which mirrors
-    transmittance : (T, 3) of the diffuse base, to the other side
+    transmittance : (2, T, 3) of the diffuse base from a side to the other; of particles from an eye, against them
     culled        : (T,) bool: its back is not there
     from_eye      : particles go as rays from an eye do, which meet no such back. Those of light meet its front, and
                     what is behind it as well, which sees them through the back
@@ -55,6 +55,7 @@ class Surfaces(NamedTuple):
     @classmethod
     def of(cls, scene: Scene, rays: Rays, divisions: Int64, *, from_eye: bool = False) -> Surfaces:
         glass, appearance = Glass.of_scene(scene), Appearance(scene)
+        through = appearance.side_transmittance()
         return cls(
             rays,
             scene.normals,
@@ -62,7 +63,7 @@ class Surfaces(NamedTuple):
             appearance.mean_opacity(),
             np.asarray(glass.clear.any(axis=1)),
             glass,
-            appearance.mean_diffuse_transmittance(),
+            np.ascontiguousarray(through[::-1]) if from_eye else through,
             appearance.culled,
             from_eye,
             divisions,
@@ -202,7 +203,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
             survival, reflected, across = 0.0, 0.0, 0.0
             for k in range(3):
                 flux[part, back, at, k] += w[k]
-                through = surfaces.transmittance[triangle, k]
+                through = surfaces.transmittance[back, triangle, k]
                 survival = max(survival, reflectance[back, triangle, k] + through)
                 reflected = max(reflected, reflectance[back, triangle, k])
                 across = max(across, through)
@@ -264,9 +265,9 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                     share = across / (reflected + across)
                     state, u = _random(state)
                     if u < share:
-                        back = 1 - back
                         for k in range(3):
-                            w[k] *= surfaces.transmittance[triangle, k] / (survival * share)
+                            w[k] *= surfaces.transmittance[back, triangle, k] / (survival * share)
+                        back = 1 - back
                         continue
                     survival *= 1 - share
                 for k in range(3):

@@ -73,6 +73,30 @@ def test_light_through_paper_is_that_of_its_mirror_image(method: str, light: str
     np.testing.assert_allclose(found, expected, rtol=0.06 if method == "monte-carlo" else 0.01)
 
 
+@pytest.mark.parametrize("method", ["monte-carlo", "progressive"])
+def test_nothing_leaves_from_a_back_that_is_not_there(method: str) -> None:
+    """A culled sheet of paper, lit from its front, throws no light behind it: who looks there sees no sheet."""
+    paper = Material(
+        "paper", np.zeros(3), two_sided=False, culled=True, roughness=1.0, specular_weight=0.0,
+        diffuse_transmission=0.8, diffuse_transmission_colour=GREEN,
+    )  # fmt: skip
+    aside = level(2.0, 2.5, 0.5, up=False)
+    lit_in_front, lit_behind = (
+        scene_of("point", -3.0, paper, {"type": "quad", "corners": level(0, 0, 2.5, up=up), "material": "sheet"},
+                 floor=aside)
+        for up in (False, True)
+    )  # fmt: skip
+    bare = scene_of("point", -3.0, paper, floor=aside)
+    # The floor sees the light through the back, and nothing of the sheet.
+    np.testing.assert_allclose(on_floor(lit_in_front, method), on_floor(bare, method), rtol=0.01)
+    # From behind the front is lit as any paper, and hides the light.
+    plain = scene_of(
+        "point", -3.0, replace(paper, culled=False, two_sided=True),
+        {"type": "quad", "corners": level(0, 0, 2.5, up=True), "material": "sheet"}, floor=aside,
+    )  # fmt: skip
+    np.testing.assert_allclose(on_floor(lit_behind, method), on_floor(plain, method), rtol=0.05)
+
+
 @pytest.mark.parametrize("light", LIGHTS)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_floor_is_lit_through_a_back_and_not_through_a_front(method: str, light: str) -> None:
