@@ -7,6 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
 import glpath
@@ -33,6 +34,7 @@ nb_output_stderr = "remove"
 nb_merge_streams = True
 
 autodoc_typehints = "description"
+autodoc_typehints_format = "fully-qualified"
 autodoc_typehints_description_target = "documented_params"
 autodoc_member_order = "bysource"
 autodoc_class_signature = "mixed"
@@ -54,9 +56,15 @@ html_domain_indices = False
 
 
 def setup(app: Sphinx) -> None:
-    """Hand docstrings to autodoc in its own form."""
+    """Hand docstrings to autodoc in its own form, and mend what it writes."""
 
     def convert(app: Sphinx, what: str, name: str, value: object, options: object, lines: list[str]) -> None:
         lines[:] = docstring(what, lines)
 
+    def with_dashes(app: Sphinx, tree: nodes.document) -> None:
+        """Between a parameter and its text Sphinx writes two hyphens."""
+        for text in [each for each in tree.findall(nodes.Text) if each == " -- "]:
+            text.parent.replace(text, nodes.Text(" \u2013 "))
+
     app.connect("autodoc-process-docstring", convert)
+    app.connect("doctree-read", with_dashes)

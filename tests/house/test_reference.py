@@ -122,7 +122,8 @@ def test_columns_become_fields_and_the_rest_stays() -> None:
     assert [line for line in python_api.docstring("function", docstring.splitlines()) if line] == [
         "What it is: ``prose``.",
         ":param spp: samples, and more of \\*them\\*",
-        ":param first, second: of two",
+        ":param first: of two",
+        ":param second: of two",
         "**Cost:** little, as a rule",
         ".. rubric:: Example",
         ">>> 1 + 1",

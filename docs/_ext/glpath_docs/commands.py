@@ -62,8 +62,8 @@ def page(name: str, command: Any, above: Any) -> str:
     everyday: frozenset[str] = getattr(command, "everyday", frozenset())
     if everyday:
         rows = [
-            (code(term), help_of(about))
-            for each, (term, about) in options
+            (code(", ".join([*each.opts, *each.secondary_opts])), help_of(about))
+            for each, (_, about) in options
             if each.name in everyday or each.required
         ]
         text += ["## Everyday options\n", table(("option", "what it does"), rows)]

@@ -263,7 +263,8 @@ def docstring(what: str, lines: Sequence[str]) -> list[str]:
             if _ROW.match(line):
                 if out and out[-1] and not out[-1].startswith(":"):
                     out.append("")
-                out.append(f":{field} {found['name']}: {marked}")
+                # Of several names in one field all but the last would be its type.
+                out += [f":{field} {name.strip()}: {marked}" for name in found["name"].split(",")]
             else:
                 out += ["", f"**{found['name']}:** {marked}", ""]
         elif line.startswith("    ") and (not out or not out[-1].strip()):

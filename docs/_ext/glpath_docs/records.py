@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 
@@ -39,7 +39,7 @@ def pages() -> dict[str, str]:
         "Keys may be added in a later version; a key that is there keeps its meaning.\n",
     ]
     for name, (title, of, example) in RECORDS.items():
-        text += [f"({name})=\n## {title}\n", *_record(name, schema(of), example)]
+        text += [f"({name})=\n## {title}\n", *_record(name, of, example)]
     return {"reference/json.md": "\n".join(text)}
 
 
@@ -49,17 +49,20 @@ def schema(of: Any) -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
 
 
-def _record(name: str, found: Mapping[str, Any], example: str) -> list[str]:
+def _record(name: str, of: Any, example: str) -> list[str]:
+    found = schema(of)
     definitions = found["$defs"]
+    order = list(get_type_hints(of))
     first = found["$ref"].rpartition("/")[2]
     text = [block("sh", example)]
     for title in sorted(definitions, key=lambda each: each != first):
         part = definitions[title]
         text.append(f"(scene-{title.lower()})=\n### {title}\n")
         text.append(part.get("description", "") + "\n")
+        keys = sorted(part["properties"], key=order.index) if title == first else part["properties"]
         rows = [
-            (code(key), kind(value), value.get("description", "") or _fallback(title, key, value))
-            for key, value in part["properties"].items()
+            (code(key), kind(value), _meaning(value, definitions))
+            for key, value in ((key, part["properties"][key]) for key in keys)
         ]
         text.append(table(("key", "value", "meaning"), rows))
     if name == "job-files":
@@ -70,8 +73,11 @@ def _record(name: str, found: Mapping[str, Any], example: str) -> list[str]:
     return text
 
 
-def _fallback(title: str, key: str, value: Mapping[str, Any]) -> str:
-    return f"default {default(value)}" if "default" in value else ""
+def _meaning(value: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+    """What a key says: its own text, that of what it holds, or its default."""
+    held = definitions.get(str(value.get("$ref", "")).rpartition("/")[2], {})
+    said = value.get("description") or held.get("description", "")
+    return f"{said} Default: {default(value)}.".strip() if "default" in value else str(said)
 
 
 def _settings() -> str:

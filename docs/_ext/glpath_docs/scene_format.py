@@ -85,7 +85,7 @@ def kind(value: Mapping[str, Any]) -> str:
         inner = value.get("additionalProperties")
         return f"by name: {kind(inner)}" if isinstance(inner, Mapping) else "table"
     named = str(value.get("type", "any"))
-    return {"integer": "whole number", "null": "none"}.get(named, named) + _bounds(value)
+    return {"integer": "whole number"}.get(named, named) + _bounds(value)
 
 
 def _array(value: Mapping[str, Any]) -> str:

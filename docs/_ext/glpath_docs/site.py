@@ -88,11 +88,15 @@ def with_list(text: str) -> str:
 
 
 def without_empty_globs(text: str, names: list[str]) -> str:
-    """A page whose lists ask only for folders that have pages: to Sphinx another one is an error."""
-    pages = [name.rpartition(".")[0] for name in names if name.endswith((".md", ".ipynb"))]
-    found = {line for line in text.splitlines() if line.endswith("*") and " " not in line}
-    empty = {line for line in found if not any(fnmatch(page, line) for page in pages)}
-    return "\n".join(line for line in text.splitlines() if line not in empty) + "\n"
+    """A page whose lists ask only for what has pages that no line names: to Sphinx another one is an error."""
+    lines = text.splitlines()
+    pages = {name.rpartition(".")[0] for name in names if name.endswith((".md", ".ipynb"))} - {*lines, "index"}
+
+    def finds(line: str) -> bool:
+        return any(fnmatch(page, line) and page.count("/") == line.count("/") for page in pages)
+
+    kept = [line for line in lines if not line.endswith("*") or " " in line or finds(line)]
+    return "\n".join(kept) + "\n"
 
 
 def _relinked(notebook: str, name: str) -> str:
