@@ -23,7 +23,7 @@ from glpath.errors import GlpathError
 from glpath.film import charts
 from tests.support.figure_commands import outcome
 
-FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
+FIELDS = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults", "date"]
 
 
 @pytest.fixture

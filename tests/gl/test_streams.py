@@ -79,7 +79,7 @@ def test_so_it_has_in_two_scans(squares: int, monkeypatch: pytest.MonkeyPatch):
 
 
 def assert_bits_of_one_in_memory(hills: Hills, light: dict[str, Any]) -> None:
-    options = {**SCANS, "aovs": ("albedo", "normal")}
+    options = {**SCANS, "aovs": ("albedo", "normal"), "interleave": "never"}
     whole = glpath.render(scene_of(in_memory(corners(hills)), **light), **options)
     scene = scene_of({"type": "stream", "stream": hills}, **light)
     # In the least budget chunks take turns in one place; in the other all stay.

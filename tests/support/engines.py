@@ -12,8 +12,10 @@ from glpath.scene import path_traceable
 
 
 def engine_options(name: str) -> dict[str, Any]:
-    """What `glpath.render` takes for "path", or for "path-buffer" with these directions."""
-    return {"integrator": "path"} if name == "path" else {"integrator": "path-buffer", "directions": name}
+    """What `glpath.render` takes for "path", or for "path-buffer" with these directions, not interleaved."""
+    if name == "path":
+        return {"integrator": "path"}
+    return {"integrator": "path-buffer", "directions": name, "interleave": "never"}
 
 
 def gather_by(name: Directions | str) -> GatherSettings:

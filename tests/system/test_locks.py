@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 import re
@@ -18,7 +19,6 @@ import glpath
 from glpath.errors import GlpathError, UsageError
 from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
-from glpath.system import locks
 from glpath.system.locks import Lock
 from tests.support import killing
 from tests.support.command_line import run
@@ -145,7 +145,7 @@ def test_where_a_file_system_has_no_locks_it_is_said_and_nobody_is_kept_out(
     def none(*_: object) -> bytes:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr(locks.fcntl, "fcntl", none)
+    monkeypatch.setattr(fcntl, "fcntl", none)
     with Lock(tmp_path / "a.npz", "a render"), Lock(tmp_path / "a.npz", "a render"):
         pass
     assert "this file system has no locks" in caplog.text

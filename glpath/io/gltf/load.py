@@ -118,7 +118,8 @@ def read_gltf(
     running = chosen_animations(document, animation)
     if animation is None and time is not None and len(document.all("animations")) > 1:
         first = animation_names(document)[0]
-        document.notes.add(f"Animations after the first, {shown(first)}: --animation NAME or all runs them.")
+        others = f"Animations after the first, {shown(first)}"
+        document.notes.add(f"{others}: the parameter animation runs another by its name, or all.")
     poses = poses_at(document, accessors, time, running)
     nodes = Nodes.of(document, poses)
     surfaces = Surfaces(document)

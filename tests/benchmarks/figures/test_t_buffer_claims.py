@@ -83,9 +83,7 @@ UNCOUNTED = shader("t_buffer/t_buffer.frag", "atomicAdd(tests_of_pixel[pixel.y *
 CLASSIC_UNCOUNTED = shader("t_buffer/classic_eye.frag", "+= tests;", "+= tests / 2u;")
 NO_T_BUFFER = attribute(whitted, "TBuffer", ClassicEye)
 NO_SHADOW_RAYS = shader("t_buffer/whitted.frag", "if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;", "")
-NO_REFLECTION = shader(
-    "t_buffer/whitted.frag", "weight *= mirrored(at.bsdf, dot(mirroring, at.wo));", "weight *= 0.0;"
-)
+NO_REFLECTION = shader("t_buffer/whitted.frag", "weight *= share;", "weight *= 0.0;")
 ALL_LIT = shader(
     "shadow/point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return false;"
 )

@@ -24,7 +24,8 @@ def test_a_small_figure_has_its_files_and_a_verdict_by_its_rule(name: str, tmp_p
     assert result.exit_code == 0, result.output
     report = json.loads((tmp_path / f"{name}.json").read_text())
     assert report["name"] == name
-    assert list(report) == ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults"]
+    fields = ["name", "claim", "measured", "holds", "rows", "machine", "versions", "notes", "faults", "date"]
+    assert list(report) == fields
     assert report["measured"]
     # Times of so small a figure may be fitted by nothing.
     assert all(isinstance(v, float) or (v is None and k.endswith("time")) for k, v in report["measured"].items())

@@ -55,7 +55,9 @@ def test_the_first_animation_runs_or_one_or_all(path: Path, given: dict[str, obj
 
 
 def test_animations_that_do_not_run_are_named(path: Path):
-    with pytest.warns(SceneWarning, match=r'not used: Animations after the first, "Walk": --animation NAME or all'):
+    with pytest.warns(
+        SceneWarning, match=r'not used: Animations after the first, "Walk": the parameter animation runs another'
+    ):
         load_scene(path, {"time": 1.0})
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message=".*not used")
