@@ -127,7 +127,7 @@ def write_models(folder: Path) -> None:
 def write_films(folder: Path) -> None:
     """Films and pictures by the names that the pages give them."""
     for number, name in enumerate(("new", "old", "shard-0", "shard-256")):
-        film = glpath.render("cornell-box-36", spp=32, first_path_set=32 * number, resolution=(32, 32), max_depth=2)
+        film = glpath.render("cornell-box-36", spp=96, first_path_set=96 * number, resolution=(32, 32), max_depth=2)
         film.save(folder / f"{name}.npz")
         if number < 2:
             film.save(folder / f"{'ab'[number]}.exr")
