@@ -62,6 +62,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 #: By the file in `benchmarks/results`: what was rendered.
 _GATHERS = {
     "gather-box-256": "`cornell-box-36`, 256 x 256",
+    "gather-box-1024": "`cornell-box-36`, 1024 x 1024",
     "gather-room-128": "`room`, 128 x 128",
     "gather-room-256": "`room`, 256 x 256",
     "gather-office-128": "`office`, 128 x 128",
