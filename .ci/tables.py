@@ -62,12 +62,8 @@ RESULTS = ROOT / "benchmarks" / "results"
 #: By the file in `benchmarks/results`: what was rendered.
 _GATHERS = {
     "gather-box-256": "`cornell-box-36`, 256 x 256",
-    "gather-box-1024": "`cornell-box-36`, 1024 x 1024",
-    "gather-room-128": "`room`, 128 x 128",
     "gather-room-256": "`room`, 256 x 256",
-    "gather-office-128": "`office`, 128 x 128",
 }
-_PROGRAMS = {"gather": ("gather", "sets"), "path": ("`path`", "sets"), "mitsuba": ("Mitsuba", "samples")}
 
 
 def result(name: str) -> dict[str, Any]:
@@ -77,43 +73,21 @@ def result(name: str) -> dict[str, Any]:
 
 
 def speed() -> str:
-    """Of the README: a few rows of several benches, and the machine."""
+    """Of the README: seconds to an error, of the gather and of paths beside Mitsuba."""
     rows = ["| what | glpath | peer | glpath is faster by |", "|---|---|---|---|"]
     for engine, what in (("gather", "all bounces (gather)"), ("path", "all bounces without bias (`path`)")):
-        for name in ("gather-box-256", "gather-room-256"):
+        for name, picture in _GATHERS.items():
             measured = result(name)["measured"]
             ours, theirs = measured[f"{engine}_s"], measured["mitsuba_s"]
             seconds = f"{ours:.2g} s | Mitsuba {theirs:.2g} s | {theirs / ours:.1f}"
-            rows.append(f"| {what}, {_GATHERS[name]}, relMSE 1e-3 | {seconds} |")
+            rows.append(f"| {what}, {picture}, relMSE 1e-3 | {seconds} |")
     return "\n".join(rows) + "\n"
-
-
-def time_to_an_error() -> str:
-    """Of the gather's bench: samples and seconds of each program, and the machine."""
-    rows = [
-        "| picture, to relMSE 1e-3 | program | path sets or samples | seconds | times as long |",
-        "|---|---|---|---|---|",
-    ]
-    machines = {}
-    for name, picture in _GATHERS.items():
-        found = result(name)
-        measured, machine, versions = found["measured"], found["machine"], found["versions"]
-        for key, (program, unit) in _PROGRAMS.items():
-            count, seconds = measured[f"{key}_{unit}_to_target"], measured[f"{key}_s"]
-            share = seconds / measured["gather_s"]
-            rows.append(f"| {picture} | {program} | {count:,.0f} | {seconds:.1f} | {share:.1f} |")
-        machines[
-            f"{machine['cores']} cores of an {machine['cpu']}, {machine['renderer']}, {versions['driver']}, "
-            f"Mitsuba {versions['mitsuba']}"
-        ] = None
-    return "\n".join([*rows, "", *(f"Measured on {machine}." for machine in machines)]) + "\n"
 
 
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
-    ("docs/explanation/accuracy.md", "time to an error"): time_to_an_error,
     ("README.md", "speed"): speed,
 }
 

@@ -259,7 +259,7 @@ def _show(report: Report, output: Path | None) -> None:
         console.width = 200  # a table that is cut to a guessed screen has lost its numbers
     _print(console, report.measured, report.rows)
     if report.holds is not None:
-        console.print(f"{report.claim}: {'holds' if report.holds else 'DOES NOT HOLD'}")
+        console.print(report.verdict)
     for note in report.notes:
         console.print(note)
     console.print(", ".join(f"{k} {v}" for k, v in {**report.machine, **report.versions}.items()))

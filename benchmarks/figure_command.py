@@ -57,8 +57,7 @@ def figure(
         say(f"wrote {path}", err=True)
     for key, value in report.measured.items():
         say(f"{key:<28} {value:.4g}")
-    verdict = {True: "holds", False: "DOES NOT HOLD", None: "not measured"}[report.holds]
-    say(f"{report.claim}: {verdict}")
+    say(report.verdict)
     for note in report.notes:
         say(note)
 

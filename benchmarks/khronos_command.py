@@ -52,8 +52,7 @@ def khronos(
     say(f"wrote {output / 'index.html'} and khronos.json", err=True)
     for key, value in report.measured.items():
         say(f"{key:<28} {value:.4g}")
-    verdict = {True: "holds", False: "DOES NOT HOLD", None: "not measured"}[report.holds]
-    say(f"{report.claim}: {verdict}")
+    say(report.verdict)
     for note in report.notes:
         say(note)
 

@@ -62,6 +62,11 @@ class Report:
     faults: list[str] = field(default_factory=list)
     date: str = field(default_factory=lambda: datetime.date.today().isoformat())
 
+    @property
+    def verdict(self) -> str:
+        """The claim, and whether it holds."""
+        return f"{self.claim}: { ({True: 'holds', False: 'DOES NOT HOLD', None: 'not measured'}[self.holds]) }"
+
     def __post_init__(self) -> None:
         if self.faults:
             object.__setattr__(self, "holds", False)

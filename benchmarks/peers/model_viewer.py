@@ -17,11 +17,12 @@ import tempfile
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
+from benchmarks.peers.page_server import PageHandler
 from glpath.errors import GlpathError
 
 _PACKAGE = "@google/model-viewer"
@@ -149,24 +150,14 @@ def shown_by_model_viewer(models: Sequence[Path], side: int) -> list[Shown]:
     return [answers.found.get(number, silent) for number in range(len(models))]
 
 
-class _Handler(SimpleHTTPRequestHandler):
+class _Handler(PageHandler):
     """Of the page, /package/..., and /models/NUMBER/... with what lies beside the model; takes /shown/NUMBER."""
 
     def __init__(self, *given: Any, page: bytes, package: Path, models: Sequence[Path], answers: _Answers) -> None:
-        self.page, self.package, self.models, self.answers = page, package, models, answers
-        super().__init__(*given)
+        self.package, self.models, self.answers = package, models, answers
+        super().__init__(*given, page=page)
 
-    def do_GET(self) -> None:
-        if self.path != "/":
-            super().do_GET()
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html")
-        self.send_header("Content-Length", str(len(self.page)))
-        self.end_headers()
-        self.wfile.write(self.page)
-
-    def do_POST(self) -> None:
+    def do_POST(self) -> None:  # noqa: N802 - a name of http.server
         self.answers.add(int(self.path.rpartition("/")[2]), self.rfile.read(int(self.headers["Content-Length"])))
         self.send_response(204)
         self.end_headers()
@@ -182,6 +173,3 @@ class _Handler(SimpleHTTPRequestHandler):
             return os.devnull
         found = (folder / rest).resolve()
         return str(found) if found.is_relative_to(folder.resolve()) else os.devnull
-
-    def log_message(self, *_: object) -> None:
-        pass

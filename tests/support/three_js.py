@@ -28,13 +28,14 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.peers.page_server import PageHandler
 from tests.support import browser, npm
 
 # WebGL without a graphics card.
@@ -157,22 +158,12 @@ class Viewer:
         ]
 
 
-class _Handler(SimpleHTTPRequestHandler):
+class _Handler(PageHandler):
     """Of a page, /models/... and the folders of packages, /three/... and others."""
 
     def __init__(self, *arguments: Any, page: bytes, files: dict[str, Path], folders: dict[str, Path]) -> None:
-        self.page, self.files, self.folders = page, files, folders
-        super().__init__(*arguments)
-
-    def do_GET(self) -> None:
-        if self.path != "/":
-            super().do_GET()
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html")
-        self.send_header("Content-Length", str(len(self.page)))
-        self.end_headers()
-        self.wfile.write(self.page)
+        self.files, self.folders = files, folders
+        super().__init__(*arguments, page=page)
 
     def translate_path(self, path: str) -> str:
         kind, _, rest = path.lstrip("/").partition("/")
@@ -182,9 +173,6 @@ class _Handler(SimpleHTTPRequestHandler):
             return os.devnull
         self.directory = str(self.folders[kind])
         return super().translate_path(rest)
-
-    def log_message(self, *_: object) -> None:
-        pass
 
 
 @contextlib.contextmanager
