@@ -1,6 +1,6 @@
 """Write tables of the documentation that are made from code and measurements: python .ci/tables.py [--check].
 
-The variants of shaders, the options of shafts, and what benches have found, from `benchmarks/results`.
+The variants of shaders, the options of shafts, and the README's speeds, from `benchmarks/results`.
 """
 
 from __future__ import annotations
