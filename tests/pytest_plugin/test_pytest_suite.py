@@ -375,9 +375,9 @@ def readme_suite(suite, pytester: pytest.Pytester) -> str:
 def test_the_example_of_the_readme_is_true(run: Run, suite, pytester: pytest.Pytester) -> None:
     section = readme_suite(suite, pytester)
     first = run()
-    first.assert_outcomes(passed=5)
-    assert sum(name.endswith(".png") for name in files_of(pytester.path / "shots/test_a")) == 5
-    run("--strict-markers", "--glpath-unused=fail", "--glpath-update=none").assert_outcomes(passed=5)
+    first.assert_outcomes(passed=6)
+    assert sum(name.endswith(".png") for name in files_of(pytester.path / "shots/test_a")) == 6
+    run("--strict-markers", "--glpath-unused=fail", "--glpath-update=none").assert_outcomes(passed=6)
     said = set(re.findall(r"--glpath-[a-z-]+", section))
     assert said <= set(re.findall(r"--glpath-[a-z-]+", run("--help").stdout.str()))
 
