@@ -22,6 +22,7 @@ from glpath.io.completed import aside
 from glpath.io.convert import convert
 from glpath.io.from_python import AnyScene, is_made_in_python, scene_from_python
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.io.honeybee import HBJSON, read_honeybee
 from glpath.io.load import read_scene_file, scene_from_dict
 from glpath.io.models import FORMATS as MODEL_FORMATS
 from glpath.io.models import (
@@ -45,7 +46,7 @@ from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
-SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml")
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml", HBJSON)
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -54,7 +55,8 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     Parameters
     ----------
     scene      : one of
-                 the path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), or of a model:
+                 the path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), of a model of
+                 honeybee (.hbjson, see `glpath.io.honeybee`), or of a model:
                  glTF (.glb, .gltf), OBJ with its MTL, or one of `glpath.io.meshes.FORMATS`. A path has a folder
                  or such a suffix; `./furnace` is always a file;
                  the name of a shipped scene (`shipped_scenes()`);
@@ -64,8 +66,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
     parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
-                 `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, or for one of Mitsuba's:
-                 its `<default>`s (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
+                 `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, for honeybee's: `overcast`,
+                 `ground` and `view`, or for one of Mitsuba's: its `<default>`s (`scene_parameters`); as text
+                 (`-D key=value`) or of the parameter's type
 
     Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
     instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
@@ -114,6 +117,8 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
         from glpath.io.mitsuba import read_mitsuba  # which takes from the exporters, which load scenes
 
         return read_mitsuba(path, parameters)
+    if path.suffix.lower() == HBJSON:
+        return _made(read_honeybee, SourceLocation(text), parameters, path)
     return _made(_read_as_asked, SourceLocation(text), parameters, path)
 
 
@@ -136,6 +141,8 @@ def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
         return {key: (value, "as the file has it") for key, value in mitsuba_parameters(Path(name)).items()}
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)
+    if name.lower().endswith(HBJSON):
+        return _parameters_of(read_honeybee)
     is_toml = name in _scene_files() or name.lower().endswith(".toml")
     return _parameters_of(_read_as_asked) if is_toml else {}
 
