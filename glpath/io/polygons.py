@@ -29,7 +29,7 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
     """Vertices (V, 3), faces (F, 3), and the area that is missing: boundary less holes less triangles.
 
     boundary : (N, 3) corners, counter-clockwise seen from the front, as the faces are
-    holes    : (M, 3) corners of each, either way round, in the plane of the boundary and within it
+    holes    : (M, 3) corners of each, in either order, in the plane of the boundary and within it
 
     The missing area is not zero where rings cross each other. What has no area has no faces.
     """

@@ -76,6 +76,8 @@ def test_list_names_every_bench() -> None:
         "measure",
         "lightmap",
         "jobs",
+        "standard-scenes",
+        "image-tests",
         "start-up",
     ]
 
@@ -113,7 +115,7 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, lightmap, jobs, start-up",
+            "shaft-options, viewfactors, measure, lightmap, jobs, standard-scenes, image-tests, start-up",
         ),
         (
             ["z-buffer"],
@@ -131,6 +133,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
         (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),
         (["t-buffer", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
+        (["standard-scenes"], "bench standard-scenes: needs a folder of scenes"),
+        (["gather", "--folder", "a"], "--folder does not apply to bench gather"),
     ],
 )
 def test_wrong_usage_says_what_is_allowed(calls, arguments, words) -> None:

@@ -75,8 +75,8 @@ def read_honeybee(
     camera = _camera(model, view, location)
     if camera is None:
         camera = _camera_inside(model.rooms or [], Shapes(reader.shapes))
-        place = f"position {shown(camera.position.round(3))}, target {shown(camera.target.round(3))}"
-        notes += [] if is_aside("camera") else [f"no view in perspective, so one was set: {place}"]
+        pose = f"position {shown(camera.position.round(3))}, target {shown(camera.target.round(3))}"
+        notes += [] if is_aside("camera") else [f"no view in perspective, so one was set: {pose}"]
     sky: Sky | Environment | None = None
     if overcast > 0:
         sky = overcast_sky(overcast, ground)
@@ -123,14 +123,14 @@ class _Reader:
             room_set = None if radiance is None else radiance.modifier_set
             for face in room.faces:
                 self._face(face, room_set)
-            self._shades(room, room_set)
+            self._attached(room, room_set)
         for face in model.orphaned_faces or ():
             self._face(face, None)
         for aperture in model.orphaned_apertures or ():
             self._aperture(aperture, None, "Wall")
         for door in model.orphaned_doors or ():
             self._door(door, None, "Wall")
-        for shade in model.orphaned_shades or ():
+        for shade in model.orphaned_shade or ():
             self._shade(shade, self._of_orphan(shade))
         for mesh in model.shade_meshes or ():
             self._add(mesh.identifier, mesh.modifier or self._of_orphan(mesh), self._mesh(mesh))
@@ -150,23 +150,23 @@ class _Reader:
             self._aperture(aperture, room_set, face.face_type)
         for door in face.doors or ():
             self._door(door, room_set, face.face_type)
-        self._shades(face, room_set)
+        self._attached(face, room_set)
 
     def _aperture(self, aperture: Aperture, room_set: str | None, face_type: str) -> None:
         if self._is_first(aperture, aperture.boundary_condition):
             name = self.modifiers.of_aperture(aperture, room_set, face_type)
             self._add(aperture.identifier, name, self._polygon(aperture.identifier, aperture.geometry))
-        self._shades(aperture, room_set)
+        self._attached(aperture, room_set)
 
     def _door(self, door: Door, room_set: str | None, face_type: str) -> None:
         if self._is_first(door, door.boundary_condition):
             name = self.modifiers.of_door(door, room_set, face_type)
             self._add(door.identifier, name, self._polygon(door.identifier, door.geometry))
-        self._shades(door, room_set)
+        self._attached(door, room_set)
 
-    def _shades(self, parent: Shaded, room_set: str | None) -> None:
-        for indoors, shades in ((True, parent.indoor_shades), (False, parent.outdoor_shades)):
-            for shade in shades or ():
+    def _attached(self, parent: Shaded, room_set: str | None) -> None:
+        for indoors, attached in ((True, parent.indoor_shade), (False, parent.outdoor_shade)):
+            for shade in attached or ():
                 self._shade(shade, self.modifiers.of_shade(room_set, indoors=indoors, user=shade.identifier))
 
     def _shade(self, shade: Shade, default: str) -> None:

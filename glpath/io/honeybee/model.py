@@ -17,6 +17,11 @@ Point = tuple[float, float, float]
 Ring = Annotated[list[Point], Meta(min_length=3)]
 
 
+def _in_file(name: str) -> str:
+    """The key of a field: lists of these objects have the plural."""
+    return f"{name}s" if name.endswith("_shade") else name
+
+
 class Face3D(Struct):
     """A plane polygon. Seen from its front its boundary runs counter-clockwise."""
 
@@ -69,9 +74,9 @@ class ShadeMesh(Named, kw_only=True):
     is_detached: bool = True
 
 
-class Shaded(Named, kw_only=True):
-    indoor_shades: list[Shade] | None = None
-    outdoor_shades: list[Shade] | None = None
+class Shaded(Named, kw_only=True, rename=_in_file):
+    indoor_shade: list[Shade] | None = None
+    outdoor_shade: list[Shade] | None = None
 
 
 class Opening(Shaded, kw_only=True):
@@ -135,7 +140,7 @@ class ModelProperties(Struct):
     radiance: ModelRadiance | None = None
 
 
-class Model(Struct, kw_only=True):
+class Model(Struct, kw_only=True, rename=_in_file):
     """A whole file."""
 
     identifier: str
@@ -144,7 +149,7 @@ class Model(Struct, kw_only=True):
     orphaned_faces: list[Face] | None = None
     orphaned_apertures: list[Aperture] | None = None
     orphaned_doors: list[Door] | None = None
-    orphaned_shades: list[Shade] | None = None
+    orphaned_shade: list[Shade] | None = None
     shade_meshes: list[ShadeMesh] | None = None
     units: str = "Meters"
     properties: ModelProperties = msgspec.field(default_factory=ModelProperties)

@@ -91,7 +91,7 @@ def _grey(reflectance: float) -> dict[str, Any]:
     return {"type": "Plastic"} | {f"{channel}_reflectance": reflectance for channel in "rgb"}
 
 
-def _pane(transmissivity: float) -> dict[str, Any]:
+def _glazing(transmissivity: float) -> dict[str, Any]:
     return {"type": "Glass"} | {f"{channel}_transmissivity": transmissivity for channel in "rgb"}
 
 
@@ -104,12 +104,12 @@ _STANDARD: dict[str, dict[str, Any]] = {
     "generic_interior_shade_0.50": _grey(0.5),
     "generic_exterior_shade_0.35": _grey(0.35),
     "generic_context_0.20": _grey(0.2),
-    "generic_interior_window_vis_0.88": _pane(0.9584154328610596),
-    "generic_exterior_window_vis_0.64": _pane(0.6975761815384331),
-    "generic_exterior_screened_window_vis_0.32": _pane(0.34901895091031854),
-    "generic_interior_window_sol_0.77": _pane(0.8389405447251757),
-    "generic_exterior_window_sol_0.37": _pane(0.4035231572885182),
-    "generic_exterior_screened_window_sol_0.19": _pane(0.2072595906234098),
+    "generic_interior_window_vis_0.88": _glazing(0.9584154328610596),
+    "generic_exterior_window_vis_0.64": _glazing(0.6975761815384331),
+    "generic_exterior_screened_window_vis_0.32": _glazing(0.34901895091031854),
+    "generic_interior_window_sol_0.77": _glazing(0.8389405447251757),
+    "generic_exterior_window_sol_0.37": _glazing(0.4035231572885182),
+    "generic_exterior_screened_window_sol_0.19": _glazing(0.2072595906234098),
     "generic_floor_exterior_side_0.50": _grey(0.5),
     "generic_wall_exterior_side_0.35": _grey(0.35),
     "generic_ceiling_exterior_side_0.35": _grey(0.35),
@@ -237,7 +237,7 @@ class Modifiers:
         if kind not in _KINDS:
             raise self.location.error(
                 f'"{user}" has the modifier "{name}" of the type {given}. Allowed: {", ".join(_KINDS)}, Void.',
-                "Put a Glass or a Trans of the same transmittance in its place.",
+                "Put a Glass or a Trans of the same transmittance instead of it.",
             )
         try:
             read = convert(table, _KINDS[kind])
@@ -296,7 +296,7 @@ def _trans(name: str, read: _Trans) -> Material:
 
 
 def _glass(name: str, read: _Glass) -> Material:
-    """A pane with Radiance's reflectance and transmittance at normal incidence, all reflections inside counted."""
+    """Thin glass with Radiance's reflectance and transmittance at normal incidence, all reflections inside counted."""
     index = read.refraction_index or 1.52
     f = ((1.0 - index) / (1.0 + index)) ** 2
     t = read.transmissivity
