@@ -1,6 +1,6 @@
 """One project of image tests by pytest-mpl and by glpath: what each finds, and seconds of a run.
 
-The project is `benchmarks/image_suite`: 33 figures of matplotlib, three for each kind of change. Each program
+The project is `benchmarks/image_suite`: 22 figures of matplotlib, two for each kind of change. Each program
 writes baselines of its own, then the code changes. Both compare the same pictures, with limits as they come. A run
 loads the plugin that it needs and no other; programs take turns, and the median counts.
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 CHANGED = "IMAGE_SUITE_CHANGED"
 
 #: How many figures of each kind of change there are, with data of their own.
-COPIES = 3
+COPIES = 2
 
 
 def _unchanged(figure: Figure) -> None:

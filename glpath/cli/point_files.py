@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
 from glpath.film.units import symbol
-from glpath.io.honeybee import HBJSON, sensor_points
 from glpath.system.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
 
 if TYPE_CHECKING:
@@ -234,7 +233,9 @@ def read_points(path: Path, normal: Vector | None) -> Points:
     FILE.hbjson#GRID is a sensor grid of honeybee's, FILE.hbjson all of them.
     """
     file, _, grid = str(path).partition("#")
-    if file.lower().endswith(HBJSON):
+    if file.lower().endswith(".hbjson"):
+        from glpath.io.honeybee import sensor_points
+
         if normal is not None:
             raise UsageError(f"--normal beside the directions of {file}.", "Leave it out.")
         return Points(*sensor_points(Path(file), grid or None))

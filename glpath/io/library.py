@@ -22,7 +22,6 @@ from glpath.io.completed import aside
 from glpath.io.convert import convert
 from glpath.io.from_python import AnyScene, is_made_in_python, scene_from_python
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
-from glpath.io.honeybee import HBJSON, read_honeybee
 from glpath.io.load import read_scene_file, scene_from_dict
 from glpath.io.models import FORMATS as MODEL_FORMATS
 from glpath.io.models import (
@@ -46,7 +45,7 @@ from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
-SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml", HBJSON)
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml", ".hbjson")
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -117,7 +116,9 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
         from glpath.io.mitsuba import read_mitsuba  # which takes from the exporters, which load scenes
 
         return read_mitsuba(path, parameters)
-    if path.suffix.lower() == HBJSON:
+    if path.suffix.lower() == ".hbjson":
+        from glpath.io.honeybee import read_honeybee  # which few scenes need
+
         return _made(read_honeybee, SourceLocation(text), parameters, path)
     return _made(_read_as_asked, SourceLocation(text), parameters, path)
 
@@ -141,7 +142,9 @@ def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
         return {key: (value, "as the file has it") for key, value in mitsuba_parameters(Path(name)).items()}
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)
-    if name.lower().endswith(HBJSON):
+    if name.lower().endswith(".hbjson"):
+        from glpath.io.honeybee import read_honeybee
+
         return _parameters_of(read_honeybee)
     is_toml = name in _scene_files() or name.lower().endswith(".toml")
     return _parameters_of(_read_as_asked) if is_toml else {}

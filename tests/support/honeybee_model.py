@@ -142,6 +142,7 @@ def two_rooms() -> dict[str, Any]:
                         "view_type": "v",
                         "h_size": 90,
                         "v_size": 60,
+                        **dict.fromkeys(("shift", "lift", "fore_clip", "aft_clip")),  # as honeybee writes them
                     }
                 ],
             },

@@ -18,7 +18,4 @@ Source: https://www.ladybug.tools/honeybee-schema, version 2.3; honeybee-radianc
 from glpath.io.honeybee.grids import sensor_points
 from glpath.io.honeybee.load import read_honeybee
 
-#: The suffix of such a file.
-HBJSON = ".hbjson"
-
-__all__ = ["HBJSON", "read_honeybee", "sensor_points"]
+__all__ = ["read_honeybee", "sensor_points"]

@@ -233,9 +233,9 @@ def _camera(model: Model, name: str, location: SourceLocation) -> Camera | None:
     if name and not chosen:
         known = ", ".join(each.identifier for each in views) or "no views"
         raise location.error(f'has no view "{name}". It has: {known}.')
-    if name and chosen[0].view_type != "v":
+    if name and not chosen[0].view_type.endswith("v"):
         raise location.error(f'the view "{name}" is of the type {chosen[0].view_type}, but only v is read.')
-    seen = next((each for each in chosen if each.view_type == "v"), None)
+    seen = next((each for each in chosen if each.view_type.endswith("v")), None)
     return None if seen is None else _camera_of(seen, location)
 
 

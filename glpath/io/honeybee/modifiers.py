@@ -296,7 +296,7 @@ def _trans(name: str, read: _Trans) -> Material:
 
 
 def _glass(name: str, read: _Glass) -> Material:
-    """Thin glass with Radiance's reflectance and transmittance at normal incidence, all reflections inside counted."""
+    """Thin glass as Radiance has it at normal incidence, all reflections within it counted."""
     index = read.refraction_index or 1.52
     f = ((1.0 - index) / (1.0 + index)) ** 2
     t = read.transmissivity
