@@ -177,3 +177,16 @@ def test_facets_of_an_stl_keep_the_files_numbers(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.delete(found.areas, [4, 13]), 0.5)
     assert dense[5, 6] == 0  # the other half of its wall, four facets and a line before it
     np.testing.assert_allclose(np.delete(found.row_sums, [4, 13]), 1.0, atol=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")  # of backs that are seen
+def test_rows_of_an_obj_are_in_the_order_of_its_materials(tmp_path: Path) -> None:
+    corners = [f"v {x} {y} {z}" for x, y, z in ((0, 0, 0), (3, 0, 0), (0, 2, 0), (0, 0, 1))]
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "\n".join([*corners, "usemtl red", "f 1 2 3", "usemtl blue", "f 1 2 4", "usemtl red", "f 2 3 4"])
+    )
+    found = glpath.view_factors(path)
+    np.testing.assert_allclose(found.areas, [3.0, 3.5, 1.5])
+    assert run("viewfactors", path, "-o", tmp_path / "f.npz").exit_code == 0
+    np.testing.assert_array_equal(ViewFactors.load(tmp_path / "f.npz").areas, found.areas)
