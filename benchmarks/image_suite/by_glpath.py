@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from benchmarks.image_suite.figures import CASES, figure_of
 
+if TYPE_CHECKING:
+    from glpath.pytest_plugin.regression import RenderRegression
+
 
 @pytest.mark.render_regression(style="classic", backend="agg")
 @pytest.mark.parametrize(("change", "copy"), CASES)
-def test_figure(render_regression, change: str, copy: int) -> None:
+def test_figure(render_regression: RenderRegression, change: str, copy: int) -> None:
     render_regression(figure_of(change, copy))
