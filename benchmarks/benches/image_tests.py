@@ -10,7 +10,7 @@ measured:
     glpath_missed                 : found by pytest-mpl alone
     pytest_mpl_missed             : found by glpath alone
     pytest_mpl_false, glpath_false : figures without a change to be seen that fail
-    pytest_mpl_s, glpath_s        : seconds of a run in which all pass, the whole process
+    pytest_mpl_s, glpath_s        : seconds of processor time of a run in which all pass, the whole process
     saved_s                       : of one in which figures are drawn and saved, and nothing is compared
     pytest_mpl_failing_s, glpath_failing_s : of a run with the changes, with all that failures leave on the disk
 """
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -29,7 +30,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.image_suite.figures import CASES, CHANGED, UNSEEN
-from benchmarks.timing import in_turns, seconds_of
+from benchmarks.timing import in_turns
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.errors import GlpathError
 from glpath.system.versions import versions
@@ -61,13 +62,10 @@ def bench_image_tests(rounds: int = 7, progress: Callable[[str], None] = lambda 
             progress(f"{program}: baselines")
             _passed(_run(folder, _WRITES[program]), program)
         plain = {program: _COMPARES[program] for program in programs} | {"saved": ("saved_only.py",)}
-        for program, arguments in plain.items():
-            progress(f"{program}: once without a change")
-            _passed(_run(folder, arguments), program)
         progress(f"{rounds} turns of each")
-        seconds = in_turns(_contestants(folder, plain, False), rounds)
-        failing = in_turns(_contestants(folder, {p: _COMPARES[p] for p in programs}, True), rounds)
-        found = {program: _failures(folder, _COMPARES[program]) for program in programs}
+        seconds = in_turns({name: partial(_passing_s, folder, name, plain[name]) for name in plain}, rounds)
+        found: dict[str, set[str]] = {}
+        failing = in_turns({name: partial(_failing_s, folder, name, found) for name in programs}, rounds)
     seen = {case for case in map(_name, CASES) if not case.startswith(UNSEEN)}
     measured: dict[str, float] = {"figures": len(CASES), "changed": len(seen), "saved_s": seconds["saved"]}
     for program in programs:
@@ -99,13 +97,6 @@ def bench_image_tests(rounds: int = 7, progress: Callable[[str], None] = lambda 
     )
 
 
-def _contestants(folder: Path, runs: dict[str, tuple[str, ...]], changed: bool) -> dict[str, Callable[[], float]]:
-    return {
-        program: partial(seconds_of, partial(_run, folder, arguments, changed=changed))
-        for program, arguments in runs.items()
-    }
-
-
 def _run(folder: Path, arguments: Iterable[str], *, changed: bool = False) -> subprocess.CompletedProcess[bytes]:
     """One run of pytest with the plugin that it names and no other, not as CI."""
     environment = {key: value for key, value in os.environ.items() if key not in ("CI", CHANGED)}
@@ -125,14 +116,33 @@ def _passed(done: subprocess.CompletedProcess[bytes], program: str) -> None:
         raise GlpathError(f"bench image-tests: the run of {program} fails:\n{text}", "Run it by hand.")
 
 
-def _failures(folder: Path, arguments: tuple[str, ...]) -> set[str]:
-    """The cases that fail with the changes."""
+def _passing_s(folder: Path, program: str, arguments: tuple[str, ...]) -> float:
+    """Of the processor, a run without a change. Raises GlpathError where one of its tests fails."""
+    before = _processor_s()
+    done = _run(folder, arguments)
+    taken = _processor_s() - before
+    _passed(done, program)
+    return taken
+
+
+def _failing_s(folder: Path, program: str, found: dict[str, set[str]]) -> float:
+    """Of the processor, a run with the changes; the cases that fail go to `found`."""
     record = folder / "record.xml"
-    _run(folder, (*arguments, f"--junitxml={record}"), changed=True)
+    arguments = (*_COMPARES[program], f"--junitxml={record}")
+    before = _processor_s()
+    _run(folder, arguments, changed=True)
+    taken = _processor_s() - before
     cases = ElementTree.parse(record).iter("testcase")
-    return {
+    found[program] = {
         case.get("name", "").partition("[")[2].rstrip("]") for case in cases if case.find("failure") is not None
     }
+    return taken
+
+
+def _processor_s() -> float:
+    """Of all processes that have ended, which other work on the machine changes little."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _name(case: tuple[str, int]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from pathlib import Path
 
 import pytest
 
@@ -39,9 +40,14 @@ def test_the_verdict_is_by_what_both_find(monkeypatch: pytest.MonkeyPatch) -> No
     """Of runs that are played: pytest-mpl finds what glpath misses, and glpath more."""
     every = {f"{change}-{copy}" for change, copy in figures.CASES}
     seen = {case for case in every if not case.startswith(figures.UNSEEN)}
-    found = {"by_pytest_mpl.py": seen - {"title-0"}, "by_glpath.py": seen - {"size-0", "size-1"} | {"nothing-0"}}
+    found = {"pytest_mpl": seen - {"title-0"}, "glpath": seen - {"size-0", "size-1"} | {"nothing-0"}}
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)
-    monkeypatch.setattr(image_tests, "_failures", lambda folder, arguments: found[arguments[0]])
+
+    def failing(folder: Path, program: str, told: dict[str, set[str]]) -> float:
+        told[program] = found[program]
+        return 1.0
+
+    monkeypatch.setattr(image_tests, "_failing_s", failing)
     monkeypatch.setattr(image_tests, "_run", lambda *a, **k: image_tests.subprocess.CompletedProcess([], 0))
     report = bench_image_tests(rounds=1)
     measured = report.measured
@@ -49,7 +55,7 @@ def test_the_verdict_is_by_what_both_find(monkeypatch: pytest.MonkeyPatch) -> No
     assert report.holds is False
     row = next(row for row in report.rows if row["change"] == "size")
     assert row == {"change": "size", "glpath": "0 of 2", "pytest_mpl": "2 of 2"}
-    found["by_glpath.py"] = seen
+    found["glpath"] = seen
     assert bench_image_tests(rounds=1).holds is True
 
 
