@@ -30,7 +30,7 @@ from glpath.io.honeybee.model import (
     read_model_file,
 )
 from glpath.io.honeybee.modifiers import CONTEXT, Modifiers
-from glpath.io.polygons import triangulated
+from glpath.io.polygons import polygon_normal, triangulated
 from glpath.io.values import LARGEST
 from glpath.scene.camera import Camera
 from glpath.scene.check import check_camera
@@ -41,8 +41,8 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import with_area
 
 _UP = np.array([0.0, 0.0, 1.0])
-# Of a face: what its openings may lie beside each other or beyond its edges, by tolerances of modelling.
-_MISSING = 1e-3
+# Of the area of a face: what its openings may overlap each other or its edges by, as models have tolerances.
+_MISSING = 1e-2
 # Of the camera in a room: from a corner towards the middle, its height and that of its target, as shares; degrees.
 _FROM_CORNER, _EYE, _TARGET, _FOV = 0.08, 0.6, 0.45, 75.0
 
@@ -196,8 +196,8 @@ class _Reader:
             self._check(name, ring)
         boundary, *holes = rings
         vertices, faces, missing = triangulated(boundary, holes)
-        whole, _, crossed = triangulated(boundary)
-        area = float(np.linalg.norm(np.ptp(whole, axis=0))) ** 2 if len(whole) else 1.0
+        _, _, crossed = triangulated(boundary)
+        area = 0.5 * float(np.linalg.norm(polygon_normal(boundary)))
         if abs(missing) > _MISSING * area or abs(crossed) > _MISSING * area:
             raise self.location.error(
                 f'"{name}" has {len(holes)} holes, apertures and doors that overlap each other or its edges, by an '

@@ -179,7 +179,20 @@ def test_sensors_are_points_of_measure(tmp_path: Path) -> None:
     assert sensor_points(path, "Desk heights")[0].tolist() == points.tolist()
     assert len(sensor_points(path)[0]) == 5
     out = tmp_path / "lux.csv"
-    result = run("measure", path, "--points", f"{path}#desk", "-D", "overcast=10000", "--spp", "512", "-o", out)
+    result = run(
+        "measure",
+        path,
+        "--points",
+        f"{path}#desk",
+        "-D",
+        "overcast=10000",
+        "--spp",
+        "512",
+        "--guide",
+        "cosine",
+        "-o",
+        out,
+    )
     assert result.exit_code == 0, result.output
     table = np.genfromtxt(out, delimiter=",", skip_header=1)
     assert table[:, :3].tolist() == points.tolist()
