@@ -6,6 +6,7 @@ empty, so that shaders and kernels are compiled. Only pip keeps its cache and it
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import resource
@@ -38,18 +39,30 @@ def walks(
     ] = None,
     result: Annotated[Path, typer.Option(metavar="FILE", help="Where the result goes.")] = RESULT,
 ) -> None:
-    """Follow the documentation as six readers would, and write how long each takes to a result."""
+    """Follow the documentation as six readers would, and write how long each takes to a result.
+
+    Of some, the others' rows stay as the file has them.
+    """
     known = {walk.name: walk for walk in WALKS}
     unknown = [name for name in names or () if name not in known]
     if unknown:
         raise UsageError(f"walks: no walk is named {unknown[0]!r}; allowed are {', '.join(known)}")
-    rows = []
+    rows = kept_rows(result) if names else {}
     with tempfile.TemporaryDirectory() as folder:
         wheels = built_wheel(Path(folder))
         for name in names or known:
-            rows.append(walked(known[name], Path(folder) / name.replace(" ", "-"), wheels))
-            say(f"{name}: {rows[-1]['reading_min']:.1f} min to read, {rows[-1]['run_s']:.0f} s to run", err=True)
-    write_bytes(report(rows).as_json().encode(), result)
+            rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels)
+            say(
+                f"{name}: {rows[name]['reading_min']:.1f} min to read, {rows[name]['run_s']:.0f} s to run", err=True
+            )
+    write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
+
+
+def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
+    """The rows of the stored result, by name."""
+    if not result.is_file():
+        return {}
+    return {row["name"]: row for row in json.loads(result.read_text("utf-8"))["rows"]}
 
 
 def built_wheel(folder: Path) -> Path:

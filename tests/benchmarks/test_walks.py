@@ -60,7 +60,10 @@ def test_words_are_those_that_are_shown() -> None:
 
 
 def test_lines_are_commands_without_comments() -> None:
-    text = 'apt-get install a    # b\npip install "glpath[bake]"\n# c\nglpath render a \\\n  -o b  # d\njupyter lab a.ipynb\n'
+    text = (
+        'apt-get install a    # b\npip install "glpath[bake]"\n# c\n'
+        "glpath render a \\\n  -o b  # d\njupyter lab a.ipynb\n"
+    )
     found = [" ".join(line.split()) for line in lines_of(text)]
     assert found == ['pip install "glpath[bake]"', "glpath render a -o b", "jupyter execute a.ipynb"]
     assert list(lines_of("#!/bin/bash\n#SBATCH --array=0-15\nglpath render a -o b\n")) == []

@@ -52,7 +52,8 @@ def test_pictures_are_there_and_have_a_text_and_words_can_be_read(site: seen_sit
 def test_what_is_wrong_is_found(site: seen_site.Site, tmp_path: Path) -> None:
     (tmp_path / "wrong.html").write_text(
         "<!doctype html><meta name=viewport content='width=device-width'><article>"
-        "<div style='width: 900px'>wide</div><div style='overflow: auto'><pre style='width: 2000px'>code</pre></div>"
+        "<div style='width: 900px'>wide</div>"
+        "<div style='overflow: auto'><pre style='width: 2000px'>code</pre></div>"
         "<img src='none.png' alt='a'><p style='color: #ccc'>faint</p><p>plain</p></article>"
     )
     other = seen_site.Site(site.driver, tmp_path)

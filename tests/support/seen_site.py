@@ -57,7 +57,8 @@ const behind = node => {
   return [255, 255, 255]
 }
 const found = new Set()
-for (const each of document.querySelectorAll('article p, article li, article td, article th, article code, article pre span')) {
+const words = ['p', 'li', 'td', 'th', 'code', 'pre span'].map(each => `article ${each}`).join()
+for (const each of document.querySelectorAll(words)) {
   if (!each.textContent.trim() || !each.getClientRects().length) continue
   const [a, b] = [light(numbers(getComputedStyle(each).color)), light(behind(each))]
   const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05)
