@@ -52,9 +52,8 @@ def walks(
         wheels = built_wheel(Path(folder))
         for name in names or known:
             rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels)
-            say(
-                f"{name}: {rows[name]['reading_min']:.1f} min to read, {rows[name]['run_s']:.0f} s to run", err=True
-            )
+            row = rows[name]
+            say(f"{name}: {row['reading_min']:.1f} min to read, {row['run_s']:.0f} s to run", err=True)
     write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
 
 
@@ -67,7 +66,7 @@ def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
 
 def built_wheel(folder: Path) -> Path:
     """The folder `dist` with the wheel of this checkout. Raises GlpathError."""
-    command = ["sh", str(ROOT / ".ci" / "setup"), "--wheel", str(folder / "dist")]
+    command = [sys.executable, "-m", "pip", "-q", "wheel", "--no-deps", "-w", str(folder / "dist"), str(ROOT)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_SECONDS)
     if done.returncode:
         raise GlpathError(f"walks: the wheel is not built:\n{done.stdout}{done.stderr}".rstrip())
