@@ -32,6 +32,7 @@ ELSEWHERE = {
 NOT_RUN = {
     ("dockerfile", "FROM debian"): "needs Docker and a network",
     ("yaml", "kind: Job"): "needs Kubernetes",
+    ("yaml", "upload-artifact"): "needs GitHub",
     ("sh", "#SBATCH"): "needs Slurm",
     ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
 }
