@@ -97,7 +97,7 @@ class Walk:
 
 def words_of(text: str) -> int:
     """Words of a page as it is shown, code and tables included; targets of links and lines of tables are none."""
-    shown = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    shown = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", re.sub(r"^```.*$", "", text, flags=re.MULTILINE))
     return sum(any(c.isalnum() for c in word) for word in shown.split())
 
 

@@ -55,8 +55,8 @@ def test_a_section_that_is_not_there_is_an_error() -> None:
 
 
 def test_words_are_those_that_are_shown() -> None:
-    assert words_of("# A b\n\n| c | `d e` |\n|---|---|\n| [f g](docs/h.md) | ![i](j.png) |\n") == 7
-    assert words_of("```sh\nglpath render a.glb -o a.png  # it\n```\n") == 7
+    assert words_of("# A b\n\n| c | `d e` |\n|---|---|\n| [f g](docs/h.md) | ![i](j.png) |\n") == 8
+    assert words_of("```sh\nglpath render a.glb -o a.png  # it\n```\n") == 6
 
 
 def test_lines_are_commands_without_comments() -> None:
