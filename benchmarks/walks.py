@@ -116,7 +116,7 @@ def lines_of(block: str) -> Iterator[str]:
 def file_of(kind: str, text: str, before: str) -> str:
     """The name of the file that a block of a scene or of Python goes into: what the text calls it, else our own."""
     if kind == "toml":
-        return re.findall(r"`([\w-]+\.toml)`", before)[-1]
+        return str(re.findall(r"`([\w-]+\.toml)`", before)[-1])
     return "test_walk.py" if re.search(r"^def test_", text, re.MULTILINE) else "walk.py"
 
 
