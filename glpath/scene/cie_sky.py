@@ -12,16 +12,15 @@ Source:   ISO 15469:2004 (CIE S 011), table 1 and equations 1 to 6; Darula & Kit
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.scene.sky import Environment
+from glpath.scene.sky_map import horizontal_irradiance, texel_directions
 
 Float64 = NDArray[np.float64]
-
-_WIDTH, _HEIGHT = 512, 256
 
 
 class _Parameters(NamedTuple):
@@ -91,26 +90,13 @@ def cie_sky(
     zenith      : W sr^-1 m^-2, or cd m^-2
     illuminance : W m^-2, or lx, instead of it: that of the map, so it has no error of the raster
     """
-    rows = (np.arange(_HEIGHT) + 0.5) * (np.pi / _HEIGHT)
-    turns = (0.5 - (np.arange(_WIDTH) + 0.5) / _WIDTH) * 2 * np.pi
-    middle, left, up = Environment(np.zeros((1, 1, 3), np.float32), up).frame
-    sine, cosine = np.sin(rows)[:, None, None], np.cos(rows)[:, None, None]
-    around = np.cos(turns)[:, None] * middle + np.sin(turns)[:, None] * left
-    directions = sine * around + cosine * up
+    directions = texel_directions(up)
     sun = up if sun is None else sun
-    seen = relative_luminance(number, directions @ up, directions @ sun, float(sun @ up))
-    seen[rows > np.pi / 2] = 0.0
+    height = directions @ up
+    seen = relative_luminance(number, height, directions @ sun, float(sun @ up))
+    seen[height < 0] = 0.0
     if zenith is None:
         assert illuminance is not None, "one of both"
         # The open sky's, of relative luminance, over the upper hemisphere.
-        zenith = illuminance / _horizontal(seen, rows)
+        zenith = illuminance / horizontal_irradiance(seen)
     return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)
-
-
-def _horizontal(seen: Float64, rows: NDArray[np.floating[Any]]) -> float:
-    """The irradiance of a horizontal surface, of radiance (h, w) in rows at angles (h,) from the zenith."""
-    step = np.pi / len(rows)
-    above = rows < np.pi / 2
-    # The integral of sin cos over each row.
-    weights = 0.5 * (np.sin(rows + step / 2) ** 2 - np.sin(rows - step / 2) ** 2)
-    return float(2 * np.pi * (weights * above) @ seen.mean(axis=1))
