@@ -1,10 +1,10 @@
 """Where the sun stands, and the light of a clear day: pvlib's, which is optional: `pip install "glpath[sky]"`.
 
-Times are UTC. Altitudes are degrees above the horizon, with the refraction of standard air; azimuths degrees from north
-by east.
+Times are UTC. Altitudes are degrees above the horizon, with the refraction of standard air; azimuths degrees from
+north by east.
 
-Source:   Reda & Andreas 2004, Solar position algorithm for solar radiation applications, Solar Energy 76 (5), good to
-          0.0003 degrees from the year -2000 to 6000; Ineichen & Perez 2002 for the clear day.
+Source:   Reda & Andreas 2004, Solar position algorithm for solar radiation applications, Solar Energy 76 (5), good
+          to 0.0003 degrees from the year -2000 to 6000; Ineichen & Perez 2002 for the clear day.
 """
 
 from __future__ import annotations

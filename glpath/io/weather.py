@@ -1,11 +1,12 @@
 """Weather files: the direct and diffuse light of each hour of a year, and where the sun stands: EPW and TMY3.
 
-The numbers of an hour are means over it. So the sun of an hour is that of its middle (`sun_of_hours`). Times are local
-standard time, without summer time, as in the files.
+The numbers of an hour are means over it. So the sun of an hour is that of its middle (`sun_of_hours`). Times are
+local standard time, without summer time, as in the files.
 
 Cost:     half a second for a year; pvlib reads the files (`glpath[sky]`).
 Poor at:  files with several rows an hour, which are refused.
-Source:   EnergyPlus 24.1, Auxiliary programs: EPW data dictionary. Wilcox & Marion 2008, Users manual for TMY3 data sets.
+Source:   EnergyPlus 24.1, Auxiliary programs: EPW data dictionary. Wilcox & Marion 2008, Users manual for TMY3 data
+sets.
 """
 
 from __future__ import annotations
@@ -264,15 +265,16 @@ def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:
     if missing:
         warn(f"{source}: {missing:,} of {hours:,} hours have no irradiance; they count as dark.")
     if abs(15 * weather.time_zone - weather.longitude) > _ZONE:
+        hours_off = abs(weather.time_zone - weather.longitude / 15)
         warn(
-            f"{source}: the time zone {weather.time_zone:+g} is {abs(weather.time_zone - weather.longitude / 15):.1f} "
-            f"hours from the longitude {weather.longitude:g}."
+            f"{source}: the time zone {weather.time_zone:+g} is {hours_off:.1f} hours from the longitude "
+            f"{weather.longitude:g}."
         )
     if off > _CLOSURE:
         warn(
-            f"{source}: the light of sun and sky differs by {off:.0%} from the global light of the file: the sun is not "
-            f"where it shone from. Check the latitude {weather.latitude:g} (south is negative), the longitude "
-            f"{weather.longitude:g} (west is negative) and the time zone {weather.time_zone:+g}."
+            f"{source}: the light of sun and sky differs by {off:.0%} from the global light of the file: the sun "
+            f"is not where it shone from. Check the latitude {weather.latitude:g} (south is negative), the "
+            f"longitude {weather.longitude:g} (west is negative) and the time zone {weather.time_zone:+g}."
         )
 
 

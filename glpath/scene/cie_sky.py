@@ -1,8 +1,8 @@
 """The fifteen skies of the CIE general sky, from overcast to clear and turbid, as environment maps.
 
 A sky's luminance relative to that of the zenith is the product of a gradation, from the zenith to the horizon, and
-an indicatrix, around the sun. The sun's disc is not part of it: add a directional light. The ground is black: add a
-plane.
+an indicatrix, around the sun. The sun's disc is not part of it: add a directional light. The ground is
+black without an albedo.
 
 Cost:     an environment map of 512 x 256 texels.
 Poor at:  colours, which the standard does not know: all skies are white.
@@ -80,7 +80,13 @@ def relative_luminance(number: int, height: ArrayLike, to_sun: ArrayLike, sun_he
 
 
 def cie_sky(
-    number: int, up: Float64, sun: Float64 | None, *, zenith: float | None = None, illuminance: float | None = None
+    number: int,
+    up: Float64,
+    sun: Float64 | None,
+    *,
+    zenith: float | None = None,
+    illuminance: float | None = None,
+    ground: float = 0.0,
 ) -> Environment:
     """Sky `number` with a zenith's radiance, or with an irradiance of what lies under the open sky.
 
@@ -89,14 +95,17 @@ def cie_sky(
     sun         : (3,) unit, towards the sun, not below the horizon; None where the sky has none (`has_sun`)
     zenith      : W sr^-1 m^-2, or cd m^-2
     illuminance : W m^-2, or lx, instead of it: that of the map, so it has no error of the raster
+    ground      : albedo of what lies below the horizon
     """
     directions = texel_directions(up)
     sun = up if sun is None else sun
     height = directions @ up
     seen = relative_luminance(number, height, directions @ sun, float(sun @ up))
     seen[height < 0] = 0.0
+    # The open sky's, of relative luminance, over the upper hemisphere.
+    relative = horizontal_irradiance(seen)
     if zenith is None:
         assert illuminance is not None, "one of both"
-        # The open sky's, of relative luminance, over the upper hemisphere.
-        zenith = illuminance / horizontal_irradiance(seen)
+        zenith = illuminance / relative
+    seen[height < 0] = ground * relative / np.pi
     return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)

@@ -2,16 +2,18 @@
 
 The irradiances and the height of the sun give the clearness and the brightness of a sky. These choose one of eight
 rows of coefficients, and so the five parameters of the sky's luminance relative to that of other directions: a
-gradation from zenith to horizon, and a halo about the sun. What the sky is in all is the diffuse irradiance. The same
-paper's predecessor has the luminous efficacy of daylight, by which watts of the whole spectrum of the sun become lumens.
+gradation from zenith to horizon, and a halo about the sun. What the sky is in all is the diffuse irradiance. The
+same paper's predecessor has the luminous efficacy of daylight, by which watts of the whole spectrum of the sun
+become lumens.
 
 All functions take numbers or arrays, such as the hours of a year.
 
 Poor at:  a sun below the horizon; colours, which the model does not know: all of it is white; single clouds.
 Source:   Perez, Seals & Michalsky 1993, All-weather model for sky luminance distribution, Solar Energy 50 (3), with
-          their erratum in 51 (5); Perez, Ineichen, Seals, Michalsky & Stewart 1990, Modeling daylight availability and
-          irradiance components from direct and global irradiance, Solar Energy 44 (5), tables 1 and 4; Kasten 1966
-          for the air mass. Out of the range of the model a sky is the nearest one within, as in Radiance's gendaylit.
+          their erratum in 51 (5); Perez, Ineichen, Seals, Michalsky & Stewart 1990, Modeling daylight availability
+          and irradiance components from direct and global irradiance, Solar Energy 44 (5), tables 1 and 4; Kasten
+          1966 for the air mass. Out of the range of the model a sky is the nearest one within, as in Radiance's
+          gendaylit.
 """
 
 from __future__ import annotations
@@ -173,7 +175,7 @@ def precipitable_water(dew_point: ArrayLike) -> Float64:
 class Daylight(NamedTuple):
     """A sky and its sun, in W m^-2, or in lx.
 
-    sky     : of one sky, not an array of them
+    sky     : one, not an array of them
     to_sun  : (3,) float64 unit
     direct  : irradiance of a surface that faces the sun; diffuse: of a horizontal surface by the sky alone
     ground  : albedo of what lies below the horizon, in [0, 1]
@@ -185,19 +187,22 @@ class Daylight(NamedTuple):
     diffuse: float
     ground: float
 
-    def environment(self, up: Float64, size: tuple[int, int] = SKY_SIZE) -> Environment:
+    def environment(self, up: Float64, size: tuple[int, int] = SKY_SIZE, solar: bool = False) -> Environment:
         """As an environment map with a sun. The light on open ground is exact: that of the map, filtered as it is.
 
-        up   : (3,) float64 unit
-        size : rows and columns of the map
+        up    : (3,) float64 unit
+        size  : rows and columns of the map
+        solar : as of `Environment`
         """
         directions = texel_directions(up, size)
         height = directions @ up
-        seen = self.sky.relative_luminance(height, directions @ self.to_sun)
         below = height < 0
-        seen[below] = 0.0
-        seen *= self.diffuse / horizontal_irradiance(seen)
+        seen = np.where(below, 0.0, self.sky.relative_luminance(height, directions @ self.to_sun))
+        if self.diffuse > 0:
+            seen *= self.diffuse / horizontal_irradiance(seen)
+        else:
+            seen[:] = 0.0
         direct = self.direct * max(float(self.to_sun @ up), 0.0)
         seen[below] = self.ground * (self.diffuse + direct) / np.pi
         sun = Sun(self.to_sun, np.full(3, self.direct)) if self.direct > 0 else None
-        return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, sun=sun)
+        return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, sun=sun, solar=solar)

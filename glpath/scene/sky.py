@@ -97,6 +97,7 @@ class Environment:
     scale    : multiplies the image, which is then W sr^-1 m^-2
     assumed  : as of `Sky`
     sun      : a disc besides; neither the rotation nor the scale changes it
+    solar    : its watts are of the whole spectrum of the sun: they are not 179 lumens each
 
     Without a rotation the middle of the picture lies along the axis that follows the one nearest to `up` in the
     order x, y, z, x: with y up along +z, as in Mitsuba, with z up along +x, as in Blender. What three.js, and
@@ -114,6 +115,7 @@ class Environment:
     scale: float = 1.0
     assumed: bool = False
     sun: Sun | None = None
+    solar: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))

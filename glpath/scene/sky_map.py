@@ -1,4 +1,4 @@
-"""Skies that are functions, as environment maps: the directions of texels, and the light of the map on open ground."""
+"""Skies that are functions, as environment maps: the directions of texels, and the light on open ground."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The sun's disc: light from a small part of the sky, of the same radiance all over it.
 
-The disc is part of a sky (`glpath.scene.sky.Environment`), beside its map and not a texel of it. So eyes, mirrors and
-panes see it, and light samples are drawn within it, as dense as its share of the sky's light.
+The disc is part of a sky (`glpath.scene.sky.Environment`), beside its map and not a texel of it. So eyes, mirrors
+and panes see it, and light samples are drawn within it, as dense as its share of the sky's light.
 
 Cost:     a comparison for each ray that sees the sky.
 Poor at:  caustics: light of the sun that a mirror or solid glass throws on a diffuse surface is found by few paths.
@@ -31,7 +31,7 @@ class Sun:
     """A disc in the sky.
 
     direction  : (3,) float64 unit, towards its middle
-    irradiance : (3,) float64 >= 0, linear Rec. 709, of a surface that faces it: W m^-2, or lx in a photometric scene
+    irradiance : (3,) float64 >= 0, linear Rec. 709, of a surface that faces it: W m^-2, or lx where photometric
     diameter   : degrees, above 0 and below 180
 
     Raises SceneError for other values.
@@ -57,7 +57,7 @@ class Sun:
 
     @property
     def square_chord(self) -> float:
-        """Of the chord from the middle to the rim, on the unit sphere: in 32 bits it is exact where a cosine is not."""
+        """Of the chord from middle to rim, on the unit sphere: exact in 32 bits, where a cosine is not."""
         return float(4 * np.sin(np.radians(self.diameter) / 4) ** 2)
 
     @property
