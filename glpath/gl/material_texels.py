@@ -73,7 +73,7 @@ MATERIAL_VARIANTS = {
     ),
     "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
-    "HAS_SLABS": MaterialVariant("and reflects at both faces of a pane", lambda m: _rough(m) and m.is_slab),
+    "HAS_SLABS": MaterialVariant("and reflects at both faces of a slab", lambda m: _rough(m) and m.is_slab),
     "HAS_ROUGH_TRANSMISSION": MaterialVariant(
         "and scatters what it transmits", lambda m: _rough(m) and m.transmission > 0 and not m.is_smooth
     ),

@@ -1,4 +1,4 @@
-"""Skies of a scene file that are of a day: of irradiances and a sun, of a place and time, or of a weather file."""
+"""Skies of a scene file that are of a day: of irradiances and a sun, of a site and time, or of a weather file."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ from glpath.scene.source_location import SourceLocation
 _WHERE = ("altitude", "azimuth", "latitude", "longitude", "timezone", "time", "weather", "north")
 #: Fields that a sky of another kind does not have.
 OF_DAYS = ("direct", "diffuse", *_WHERE, "sun_disc", "spectrum")
-_PLACE = ("latitude", "longitude", "timezone")
 _GROUND = {"perez": 0.2, "sun": 0.0}
 # A sun that is brighter than above the atmosphere is a mistake of the unit; eccentricity takes 4 %.
-_BRIGHTEST = 1.05 * SOLAR_CONSTANT
+_MAX_IRRADIANCE = 1.05 * SOLAR_CONSTANT
 
 
 class _Sun(NamedTuple):
@@ -105,17 +104,17 @@ def _given(sky: description.Sky, *names: str) -> list[str]:
 
 def _sun(given: description.Sky, up: Float64, location: SourceLocation, folder: Path) -> _Sun:
     """Raises SceneError for a sun that is not given, is given twice, or is below the horizon."""
-    ways = {
+    methods = {
         "sun": _given(given, "sun"),
         "altitude and azimuth": _given(given, "altitude", "azimuth"),
         "latitude, longitude and time": _given(given, "latitude", "longitude"),
         "weather and time": _given(given, "weather"),
     }
-    chosen = [way for way, names in ways.items() if names]
+    chosen = [method for method, names in methods.items() if names]
     if len(chosen) != 1:
         raise location.error(
-            f"has {' and '.join(name for names in ways.values() for name in names) or 'no sun'}, but where the sun "
-            f"stands is said by one of: {'; '.join(ways)}.",
+            f"has {' and '.join(name for names in methods.values() for name in names) or 'no sun'}, but where the sun "
+            f"stands is given by one of: {'; '.join(methods)}.",
             "For example: altitude = 40 and azimuth = 180, from north by east.",
         )
     missing = [n for n in chosen[0].replace(" and ", ", ").split(", ") if not _given(given, n)]
@@ -138,13 +137,13 @@ def _sun(given: description.Sky, up: Float64, location: SourceLocation, folder: 
         direction = towards(_above(altitude, location.field("altitude")), azimuth, north, up)
         return _Sun(direction, altitude, SOLAR_CONSTANT, None)
     return (
-        _of_place(given, up, north, location)
+        _of_site(given, up, north, location)
         if "latitude" in chosen[0]
         else _of_weather(given, up, north, location, folder)
     )
 
 
-def _of_place(given: description.Sky, up: Float64, north: Float64, location: SourceLocation) -> _Sun:
+def _of_site(given: description.Sky, up: Float64, north: Float64, location: SourceLocation) -> _Sun:
     time = _time(given, None if isinstance(given.timezone, UnsetType) else given.timezone, location)
     latitude, longitude = float(given.latitude), float(given.longitude)  # type: ignore[arg-type]
     times = np.array([np.datetime64(time.astimezone(UTC).replace(tzinfo=None), "s")])
@@ -218,7 +217,7 @@ def _irradiance(given: description.Sky, sun: _Sun, location: SourceLocation, sol
     direct = float(given.direct)  # type: ignore[arg-type]
     diffuse = 0.0 if isinstance(given.diffuse, UnsetType) else float(given.diffuse)
     for name, value in (("direct", direct), ("diffuse", diffuse)):
-        if value > _BRIGHTEST:
+        if value > _MAX_IRRADIANCE:
             raise location.field(name).error(
                 f"is {value:g} W m^-2, but above the atmosphere the sun has {SOLAR_CONSTANT:g}.",
                 "Irradiance in W m^-2, not illuminance in lx.",

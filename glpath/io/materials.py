@@ -113,14 +113,14 @@ def _reflecting(
 def _glazing(name: str, given: Glazing, texture: TextureSlot | None, location: SourceLocation) -> Material:
     if not isinstance(given.reflectance, UnsetType):
         raise location.field("reflectance").error(
-            "is of a pane, which reflects by its index.", "Leave it out, or make it a principled material."
+            "is of glazing, which reflects by its index.", "Leave it out, or make it a principled material."
         )
-    transmittance, most = rgb(given.transmittance), clearest(given.ior)
-    if np.any((transmittance <= 0) | (transmittance > most * (1 + 1e-9))):
+    transmittance, limit = rgb(given.transmittance), clearest(given.ior)
+    if np.any((transmittance <= 0) | (transmittance > limit * (1 + 1e-9))):
         raise location.field("transmittance").wrong(
             given.transmittance,
-            f"above 0 and at most {most:.3f}, what two faces of the index {given.ior:g} leave",
-            "It is that of the whole pane at normal incidence, as makers of glass give it.",
+            f"above 0 and at most {limit:.3f}, what two faces of the index {given.ior:g} leave",
+            "It is that of the whole glazing at normal incidence, as makers of glass give it.",
         )
     inside = np.minimum(inside_of(transmittance, given.ior), 1.0)
     return Material(

@@ -36,14 +36,14 @@ def pvlib_module() -> Any:
         import pvlib
     except ImportError:
         raise GlpathError(
-            "The sun of a place and time, and weather files, need the package pvlib, which is not installed.",
+            "The sun of a site and time, and weather files, need the package pvlib, which is not installed.",
             'pip install "glpath[sky]"; or give the sun by `altitude` and `azimuth`, `direct` and `diffuse`.',
         ) from None
     return pvlib
 
 
 def sun_positions(times: Times, latitude: float, longitude: float, elevation: float = 0.0) -> SunPosition:
-    """At times (N,), UTC, of a place.
+    """At times (N,), UTC, of a site.
 
     latitude, longitude : degrees, north and east
     elevation           : metres above the sea, for refraction

@@ -42,7 +42,7 @@ class Weather:
     """The hours of a year, or of a part of it.
 
     source             : the file
-    place              : its name there
+    site              : its name there
     latitude, longitude : degrees, north and east
     time_zone          : hours east of Greenwich
     elevation          : metres above the sea
@@ -55,7 +55,7 @@ class Weather:
     """
 
     source: str
-    place: str
+    site: str
     latitude: float
     longitude: float
     time_zone: float
@@ -107,8 +107,8 @@ class Weather:
         found = np.flatnonzero((_in_year(self.times) == _in_year(np.array([time], "datetime64[s]"))).all(axis=0))
         if not len(found):
             raise SceneError(
-                f"{self.source}: has no hour at {_said(time)}; it has {len(self.times):,} hours from "
-                f"{_said(self.times[0])} to {_said(self.times[-1])}.",
+                f"{self.source}: has no hour at {_shown(time)}; it has {len(self.times):,} hours from "
+                f"{_shown(self.times[0])} to {_shown(self.times[-1])}.",
                 "Take a time within, in local standard time.",
             )
         return int(found[0])
@@ -133,8 +133,8 @@ def read_weather(path: Path | str) -> Weather:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}.", "Check the name.") from None
     text = raw.decode("utf-8-sig") if _is_utf8(raw) else raw.decode("latin-1")
-    table, place, begin = _epw(text, path) if path.suffix.lower() == ".epw" else _tmy3(text, path)
-    return _checked(table, place, begin, str(path))
+    table, site, begin = _epw(text, path) if path.suffix.lower() == ".epw" else _tmy3(text, path)
+    return _checked(table, site, begin, str(path))
 
 
 def _is_utf8(raw: bytes) -> bool:
@@ -148,8 +148,8 @@ def _is_utf8(raw: bytes) -> bool:
 def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if not text.startswith("LOCATION"):
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
-    table, place = _parsed(pvlib_module().iotools.read_epw, text, path)
-    return table, {**place, "name": place.get("city", "")}, _without_zone(table)
+    table, site = _parsed(pvlib_module().iotools.read_epw, text, path)
+    return table, {**site, "name": site.get("city", "")}, _without_zone(table)
 
 
 def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
@@ -158,32 +158,32 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
             f"{path}: has no column Date (MM/DD/YYYY) in its second line, which a TMY3 file has.",
             "Other tables are not read; EnergyPlus weather has the suffix .epw.",
         )
-    table, place = _parsed(pvlib_module().iotools.read_tmy3, text, path, map_variables=True)
+    table, site = _parsed(pvlib_module().iotools.read_tmy3, text, path, map_variables=True)
     # Its times are the ends of the hours.
-    return table, {**place, "name": place.get("Name", "")}, _without_zone(table) - np.timedelta64(3600, "s")
+    return table, {**site, "name": site.get("Name", "")}, _without_zone(table) - np.timedelta64(3600, "s")
 
 
 def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:
     try:
-        table, place = reader(io.StringIO(text), **how)
+        table, site = reader(io.StringIO(text), **how)
         for name in ("latitude", "longitude", "TZ", "altitude"):
-            place[name] = float(place[name])
+            site[name] = float(site[name])
     # What a broken file makes of pvlib and pandas is of any kind.
     except Exception as error:
         raise SceneError(
             f"{path}: is broken: {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
             "A row an hour, after the head of the format.",
         ) from error
-    return table, place
+    return table, site
 
 
 def _without_zone(table: Any) -> Times:
     return np.asarray(table.index.tz_localize(None).to_numpy().astype("datetime64[s]"))
 
 
-def _checked(table: Any, place: dict[str, Any], begin: Times, source: str) -> Weather:
+def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Weather:
     """Raises SceneError, and warns, as `read_weather` says."""
-    latitude, longitude, zone = place["latitude"], place["longitude"], place["TZ"]
+    latitude, longitude, zone = site["latitude"], site["longitude"], site["TZ"]
     for name, value, limit in (("latitude", latitude, 90), ("longitude", longitude, 180), ("time zone", zone, 14)):
         if not abs(value) <= limit:
             raise SceneError(f"{source}: has the {name} {value:g}, but allowed is from -{limit} to {limit}.")
@@ -194,8 +194,8 @@ def _checked(table: Any, place: dict[str, Any], begin: Times, source: str) -> We
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
         raise SceneError(
-            f"{source}: its row {row + 1} is of {_said(times[row])}, but the row before is not earlier: "
-            f"{_said(times[row - 1])}.",
+            f"{source}: its row {row + 1} is of {_shown(times[row])}, but the row before is not earlier: "
+            f"{_shown(times[row - 1])}.",
             "A row an hour, in the order of time. Files with several rows an hour are not read.",
         )
     direct, diffuse, total = (_irradiance(table, name, source) for name in ("dni", "dhi", "ghi"))
@@ -205,11 +205,11 @@ def _checked(table: Any, place: dict[str, Any], begin: Times, source: str) -> We
     dew = np.where(np.abs(dew) < 90, dew, np.nan)
     weather = Weather(
         source,
-        str(place["name"]).strip(),
+        str(site["name"]).strip(),
         latitude,
         longitude,
         zone,
-        place["altitude"],
+        site["altitude"],
         times,
         direct,
         diffuse,
@@ -261,7 +261,7 @@ def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:
     source, hours = weather.source, len(weather.times)
     if gaps:
         step = int(np.flatnonzero(np.diff(weather.times).astype(np.int64) > 3600)[0])
-        warn(f"{source}: {gaps:,} hours are missing between others, the first after {_said(weather.times[step])}.")
+        warn(f"{source}: {gaps:,} hours are missing between others, the first after {_shown(weather.times[step])}.")
     if missing:
         warn(f"{source}: {missing:,} of {hours:,} hours have no irradiance; they count as dark.")
     if abs(15 * weather.time_zone - weather.longitude) > _ZONE:
@@ -288,5 +288,5 @@ def _in_year(times: Times) -> NDArray[np.int64]:
     ])  # fmt: skip
 
 
-def _said(time: np.datetime64) -> str:
+def _shown(time: np.datetime64) -> str:
     return str(np.datetime64(time, "m"))[5:].replace("T", " ")

@@ -1,7 +1,7 @@
-"""A pane of glass between two faces, with all reflections between them.
+"""A sheet of glass between two faces, with all reflections between them.
 
-Light that meets the pane is reflected at both faces, again and again, and the glass takes its share of each
-crossing. The beams do not interfere, as a pane is thicker than light is coherent.
+Light that meets the sheet is reflected at both faces, again and again, and the glass takes its share of each
+crossing. The beams do not interfere, as a sheet is thicker than light is coherent.
 
 Source:   Hecht 2017, Optics, 4.6 and 9.6.1; Ward, Radiance: the material glass, which has the same formula.
 """
@@ -18,7 +18,7 @@ GLAZING_IOR = 1.52
 
 
 def slab(cosine: ArrayLike, ior: float, inside: ArrayLike) -> tuple[Float64, Float64]:
-    """What a pane reflects and what it lets through; shapes are broadcast. `shaders/bsdf/slab.glsl` is the same.
+    """What a sheet reflects and what it lets through; shapes are broadcast. `shaders/bsdf/slab.glsl` is the same.
 
     cosine : of the angle to the normal, in air
     inside : what the glass lets through once, straight across, in [0, 1]
@@ -36,13 +36,13 @@ def slab(cosine: ArrayLike, ior: float, inside: ArrayLike) -> tuple[Float64, Flo
 
 
 def clearest(ior: float) -> float:
-    """What a pane lets through at normal incidence whose glass takes nothing."""
+    """What a sheet lets through at normal incidence whose glass takes nothing."""
     f = ((ior - 1) / (ior + 1)) ** 2
     return (1 - f) / (1 + f)
 
 
 def inside_of(transmittance: ArrayLike, ior: float) -> Float64:
-    """What the glass lets through once, of a pane's transmittance at normal incidence, at most `clearest`."""
+    """What the glass lets through once, of a transmittance at normal incidence, at most `clearest`."""
     f = ((ior - 1) / (ior + 1)) ** 2
     passed = np.asarray(transmittance, np.float64)
     # The root of f^2 T t^2 + (1 - f)^2 t - T = 0, in the form that cancels nothing.

@@ -1,4 +1,4 @@
-// slab.glsl: a pane of glass between two faces, with all reflections between them: what it reflects, what it lets through.
+// slab.glsl: a sheet of glass between two faces, with all reflections between them: what it reflects, what it lets through.
 // `glpath.scene.slab` is the same on the CPU.
 // Needs:  nothing.
 // Units:  shares; `cosine` is that of the angle in air; `inside` is what the glass lets through once, straight across.

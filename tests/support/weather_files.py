@@ -1,4 +1,4 @@
-"""Weather files for tests: a year of a place whose days are clear and overcast in turns, written as EPW."""
+"""Weather files for tests: a year of a site whose days are clear and overcast in turns, written as EPW."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glpath.io.sun_position import sun_of_hours
 #: Changes one row of the file, a list of its fields, or leaves it out (None).
 Change = Callable[[int, list[str]], list[str] | None]
 
-_HEAD = """LOCATION,{place},-,-,synthetic,000000,{latitude},{longitude},{zone},{elevation}
+_HEAD = """LOCATION,{site},-,-,synthetic,000000,{latitude},{longitude},{zone},{elevation}
 DESIGN CONDITIONS,0
 TYPICAL/EXTREME PERIODS,0
 GROUND TEMPERATURES,0
@@ -33,7 +33,7 @@ def write_epw(
     change: Change | None = None,
     head: dict[str, object] | None = None,
 ) -> Path:
-    """A year of weather of a place. Every third day is overcast, the others are clear.
+    """A year of weather of a site. Every third day is overcast, the others are clear.
 
     change : of each row, before it is written
     head   : what the head says instead of the truth: latitude, longitude, zone
@@ -49,7 +49,7 @@ def write_epw(
     direct = np.where(clear & (height > 0.02), 0.85 * total / np.maximum(height, 0.02), 0.0)
     diffuse = np.where(clear, total - direct * height, total / 6)
     total = direct * height + diffuse
-    known = {"place": "Nowhere", "latitude": latitude, "longitude": longitude, "zone": zone, "elevation": 400}
+    known = {"site": "Nowhere", "latitude": latitude, "longitude": longitude, "zone": zone, "elevation": 400}
     lines = [_HEAD.format(**known | (head or {}))]
     for row, time in enumerate(begin):
         date = time.astype(object)

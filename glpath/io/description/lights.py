@@ -132,7 +132,7 @@ class Portal(Struct, forbid_unknown_fields=True, kw_only=True):
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
     """What rays see that hit nothing: a blend from horizon to zenith, an environment map, a sky of the CIE, or the
-    sky and the sun of irradiances, of a place and time, or of an hour of a weather file."""
+    sky and the sun of irradiances, of a site and time, or of an hour of a weather file."""
 
     type: (
         Annotated[
@@ -253,11 +253,11 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         Annotated[float, Meta(description="Of perez and sun: of the sun, degrees from north by east.")] | UnsetType
     ) = UNSET
     latitude: (
-        Annotated[float, Meta(ge=-90, le=90, description="Of perez and sun: of the place, degrees, north.")]
+        Annotated[float, Meta(ge=-90, le=90, description="Of perez and sun: of the site, degrees, north.")]
         | UnsetType
     ) = UNSET
     longitude: (
-        Annotated[float, Meta(ge=-180, le=180, description="Of perez and sun: of the place, degrees, east.")]
+        Annotated[float, Meta(ge=-180, le=180, description="Of perez and sun: of the site, degrees, east.")]
         | UnsetType
     ) = UNSET
     timezone: (
@@ -281,7 +281,7 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
             str,
             Meta(
                 description="Of perez and sun: a weather file, EPW (.epw) or TMY3 (.csv), relative to this file's "
-                "folder. It has the place, its time zone and the irradiance of the hour of `time`."
+                "folder. It has the site, its time zone and the irradiance of the hour of `time`."
             ),
         ]
         | UnsetType

@@ -245,7 +245,7 @@ class Principled(Surface, tag="principled", kw_only=True):
 
 
 class Glazing(Surface, tag="glazing", kw_only=True):
-    """A pane of window glass, by its transmittance, with all reflections between its two faces."""
+    """Window glass, by its transmittance, with all reflections between its two faces."""
 
     transmittance: Annotated[
         float | Vector,

@@ -181,7 +181,7 @@ class Surfaces:
                 **self._info("transmissionTexture", material.transmission_texture),
             }
             if material.is_slab:
-                self._note(material, "its pane reflects at both faces, which glTF's does once")
+                self._note(material, "it reflects at both faces, which glTF's does at one")
             if not material.thin:
                 extensions[use("KHR_materials_volume")] = _volume(material)
 
