@@ -112,9 +112,9 @@ def _sun(given: description.Sky, up: Float64, location: SourceLocation, folder: 
     }
     chosen = [method for method, names in methods.items() if names]
     if len(chosen) != 1:
+        has = " and ".join(name for names in methods.values() for name in names) or "no sun"
         raise location.error(
-            f"has {' and '.join(name for names in methods.values() for name in names) or 'no sun'}, but where the sun "
-            f"stands is given by one of: {'; '.join(methods)}.",
+            f"has {has}, but where the sun stands is given by one of: {'; '.join(methods)}.",
             "For example: altitude = 40 and azimuth = 180, from north by east.",
         )
     missing = [n for n in chosen[0].replace(" and ", ", ").split(", ") if not _given(given, n)]

@@ -58,7 +58,7 @@ def irradiance(seen: np.ndarray, directions: np.ndarray, weights: np.ndarray, no
 
 
 def scale_of(sky: PerezSky, sun: np.ndarray, diffuse: float) -> float:
-    """Of the relative luminance, exactly: gendaylit takes 145 directions for it, and is off by up to 3 %."""
+    """Of the relative luminance, exactly: gendaylit takes 145 directions for it, and is off by some per cent."""
     directions, weights = upper_half(400)
     return diffuse / irradiance(
         sky.relative_luminance(directions[..., 2], directions @ sun), directions, weights, UP
@@ -76,12 +76,12 @@ def test_parameters_and_efficacies_are_those_of_gendaylit(
     altitude, direct, diffuse = given
     sky = PerezSky.of(direct, diffuse, altitude, JANUARY)
     assert (sky.clearness, sky.brightness) == pytest.approx(indices, abs=5.1e-5)
-    assert (sky.a, sky.b, sky.c, sky.d, sky.e) == pytest.approx(parameters, abs=2e-6)
+    assert (sky.a, sky.b, sky.c, sky.d, sky.e) == pytest.approx(parameters, abs=3e-6)
     assert sky.diffuse_efficacy() == pytest.approx(scales[1] / scales[0], rel=1e-3)
     if direct:
         assert sky.direct_efficacy() == pytest.approx(suns[1] / suns[0], rel=1e-3)
     # Its own sum over the 145 directions of Tregenza's patches is not the integral.
-    assert scale_of(sky, to_sun(altitude), diffuse) == pytest.approx(scales[0], rel=0.03)
+    assert scale_of(sky, to_sun(altitude), diffuse) == pytest.approx(scales[0], rel=0.02)
 
 
 def test_many_skies_at_once_are_as_each_alone() -> None:
