@@ -54,4 +54,4 @@ def hemispherical(ior: float, inside: ArrayLike) -> tuple[Float64, Float64]:
     u, weight = np.polynomial.legendre.leggauss(64)
     cosine = ((u + 1) / 2)[:, None]
     reflected, passed = slab(cosine, ior, inside)
-    return tuple((weight[:, None] * cosine * x).sum(axis=0) for x in (reflected, passed))  # type: ignore[return-value]
+    return tuple((weight[:, None] * cosine * x).sum(axis=0) for x in (reflected, passed))
