@@ -19,7 +19,7 @@ UNSEEN = {
     "Texture": {"name"},
     "Light": {"name"},
     "Sky": {"assumed"},
-    "Environment": {"assumed"},
+    "Environment": {"assumed", "solar"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that
@@ -28,6 +28,7 @@ LATER = {
     "Camera": {"projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"},
     "Shape": {"motion"},
     "Scene": {"portals", "background"},
+    "Material": {"slab"},
 }
 
 _Update = Callable[[bytes], None]
