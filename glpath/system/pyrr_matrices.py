@@ -10,6 +10,7 @@ import warnings
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)
+    warnings.simplefilter("ignore", DeprecationWarning)  # as Python 3.11 calls it
     from pyrr import matrix33, matrix44
 
 __all__ = ["matrix33", "matrix44"]
