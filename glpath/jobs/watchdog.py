@@ -7,7 +7,7 @@ where it hung. What was in memory is lost; a checkpoint is not.
 
 The other process counts seconds in which it ran itself, so that a render that was suspended (Ctrl-Z) is not taken
 for one that hangs. Nor does it count what the kernel says that a thread of this one waited for a processor: on a
-busy machine a kernel's compilation, a matter of seconds, took longer than the limit. It ends when the pipe closes,
+busy machine a kernel's compilation, which takes seconds, took longer than the limit. It ends when the pipe closes,
 however this process ended.
 
 Cost:     a Python process without packages, 20 ms of another core; then nothing to be measured.

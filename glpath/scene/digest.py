@@ -19,7 +19,7 @@ UNSEEN = {
     "Texture": {"name"},
     "Light": {"name"},
     "Sky": {"assumed"},
-    "Environment": {"assumed"},
+    "Environment": {"assumed", "solar"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that
@@ -31,6 +31,7 @@ LATER = {
     },
     "Shape": {"motion"},
     "Scene": {"portals", "background"},
+    "Material": {"slab"},
 }
 
 _Update = Callable[[bytes], None]
