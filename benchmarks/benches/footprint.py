@@ -6,6 +6,7 @@ start, but for the plugin's: pytest itself is loaded before.
 measured:
     packages, megabytes        : that `pip install glpath` brings, without extras, and the size of their files
     numba_megabytes            : of these, numba with llvmlite
+    python_ms                  : an empty Python
     help_ms, render_help_ms    : `glpath --help`, `glpath render --help`
     plugin_ms, plugin_modules  : the entry point of the pytest plugin, and how many modules it loads
 """
@@ -25,6 +26,7 @@ from packaging.utils import canonicalize_name
 from benchmarks.timing import in_turns
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.errors import GlpathError
+from glpath.system.machine import core_count
 from glpath.system.versions import versions
 
 RULE = (
@@ -61,6 +63,7 @@ def bench_footprint(rounds: int = 7, progress: Callable[[str], None] = lambda te
         "packages": float(len(sizes)),
         "megabytes": sum(sizes.values()) / 1e6,
         "numba_megabytes": sum(sizes.get(name, 0) for name in ("numba", "llvmlite")) / 1e6,
+        "python_ms": 1e3 * seconds["python"],
         "help_ms": 1e3 * seconds["glpath --help"],
         "render_help_ms": 1e3 * seconds["glpath render --help"],
         "plugin_ms": 1e3 * seconds["plugin"],
@@ -76,7 +79,14 @@ def bench_footprint(rounds: int = 7, progress: Callable[[str], None] = lambda te
         rows=[{"package": name, "megabytes": size / 1e6} for name, size in largest],
         machine=machine("none"),
         versions=versions("glpath", "numpy", "numba", "typer", "pytest"),
+        notes=_busy(),
     )
+
+
+def _busy() -> list[str]:
+    """A note where other work was running: processor time is longer then, too, as caches are shared."""
+    waiting = os.getloadavg()[0]
+    return [f"the machine was busy: load average {waiting:.0f}"] if waiting > core_count() + 1 else []
 
 
 def core_sizes() -> dict[str, int]:
