@@ -79,6 +79,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("--rounds", "--scale"),
     ),
     "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
+    "footprint": (
+        "packages of the core, and how long the commands' help and the pytest plugin load",
+        ("--rounds",),
+    ),
 }
 
 
@@ -119,8 +123,8 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of "
-            "which the median counts; 7.",
+            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, start-up, footprint: turns of each "
+            "program, of which the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
@@ -250,6 +254,10 @@ def _measure(
         from benchmarks.benches.start_up import bench_start_up
 
         return bench_start_up(rounds, progress)
+    if name == "footprint":
+        from benchmarks.benches.footprint import bench_footprint
+
+        return bench_footprint(rounds, progress)
     from benchmarks.benches.path_buffer import bench_path_buffer
 
     return bench_path_buffer(seeds, reference, scene, progress)

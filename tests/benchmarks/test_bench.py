@@ -77,6 +77,7 @@ def test_list_names_every_bench() -> None:
         "lightmap",
         "jobs",
         "start-up",
+        "footprint",
     ]
 
 
@@ -113,7 +114,7 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, lightmap, jobs, start-up",
+            "shaft-options, viewfactors, measure, lightmap, jobs, start-up, footprint",
         ),
         (
             ["z-buffer"],
