@@ -8,8 +8,8 @@
 
 A row is a file. A line is a column: its title and the key of `measured`, or `name`, `holds` or `claim`, with a
 format; a key with blanks is in quotes. With `:rows:` the rows are the objects of the key `rows` of one file. Below
-the table stands what was measured, on which machine and by which versions. What is missing is an error: no number of
-the documentation is typed by hand.
+the table stands what was measured, on which machine and by which versions. What is missing is an error: no number
+of the documentation is typed by hand.
 """
 
 from __future__ import annotations
