@@ -77,6 +77,8 @@ def summarize(scene: Scene) -> dict[str, Any]:
             "shutter": list(camera.shutter),
             "moves": camera.moves,
             "resolution": list(camera.resolution),
+            "principal_point": list(camera.principal_point),
+            "pixel_aspect": camera.pixel_aspect,
         },
         "shapes": shapes,
         "materials": [_about_material(scene, material) for material in scene.materials],

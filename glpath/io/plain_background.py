@@ -51,6 +51,6 @@ def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
     if sun is None:
         return float(luminance(sky.radiance(directions)).mean())
     assert isinstance(sky, Environment), "it has a sun"
-    # Which no stratum would meet but by chance.
+    # A stratum would hardly ever meet the sun.
     of_map = replace(sky, sun=None).radiance(directions).mean(axis=(0, 1))
     return float(luminance(of_map + sun.irradiance * max(float(sun.direction @ up), 0.0) / np.pi))

@@ -289,4 +289,4 @@ def _in_year(times: Times) -> NDArray[np.int64]:
 
 
 def _shown(time: np.datetime64) -> str:
-    return str(np.datetime64(time, "m"))[5:].replace("T", " ")
+    return str(time.astype("datetime64[m]"))[5:].replace("T", " ")

@@ -103,14 +103,14 @@ class PerezSky(NamedTuple):
         sun_altitude     : degrees above the horizon, from 0 to 90; below it the sky is that of a sun on it
         extraterrestrial : above the atmosphere, facing the sun, on that day
         """
-        direct, diffuse, altitude, extraterrestrial = np.broadcast_arrays(
+        of_sun, of_sky, altitude, above = np.broadcast_arrays(
             *(np.asarray(x, np.float64) for x in (direct, diffuse, sun_altitude, extraterrestrial))
         )
         angle = np.radians(90.0 - np.clip(altitude, 0.0, 90.0))
-        diffuse = np.maximum(diffuse, 1e-6)
+        of_sky = np.maximum(of_sky, 1e-6)
         cube = 1.041 * angle**3
-        clearness = np.clip(((diffuse + direct) / diffuse + cube) / (1 + cube), *_CLEARNESS)
-        brightness = np.clip(diffuse * air_mass(altitude) / extraterrestrial, *_BRIGHTNESS)
+        clearness = np.clip(((of_sky + of_sun) / of_sky + cube) / (1 + cube), *_CLEARNESS)
+        brightness = np.clip(of_sky * air_mass(altitude) / above, *_BRIGHTNESS)
         row = np.searchsorted(_BINS, clearness, side="right")
         # Perez 1993, equations 6 to 9, with the bound that their authors have added for intermediate skies.
         delta = np.where((clearness > 1.065) & (clearness < 2.8), np.maximum(brightness, 0.2), brightness)
@@ -131,7 +131,7 @@ class PerezSky(NamedTuple):
         cosine = np.clip(to_sun, -1.0, 1.0)
         gradation = 1 + self.a * np.exp(self.b / np.maximum(height, 0.01))
         halo = 1 + self.c * np.exp(self.d * np.arccos(cosine)) + self.e * np.square(cosine)
-        return np.maximum(gradation * halo, 0.0)
+        return np.asarray(np.maximum(gradation * halo, 0.0))
 
     def diffuse_efficacy(self, water: ArrayLike = PRECIPITABLE_WATER) -> Float64:
         """lm W^-1 of the sky's light. water : precipitable, in cm."""
@@ -142,7 +142,7 @@ class PerezSky(NamedTuple):
         """lm W^-1 of the sun's light. water : precipitable, in cm."""
         a, b, c, d = np.moveaxis(_DIRECT_EFFICACY[self._row], -1, 0)
         found = a + b * water + c * np.exp(5.73 * self.zenith_angle - 5) + d * self.brightness
-        return np.maximum(found, 0.0)
+        return np.asarray(np.maximum(found, 0.0))
 
     @property
     def _row(self) -> NDArray[np.intp]:

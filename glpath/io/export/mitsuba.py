@@ -282,6 +282,14 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
             "aperture_radius": float(camera.aperture_radius),
             "focus_distance": camera.focus,
         }
+    if camera.pixel_aspect != 1:
+        notes.add("Mitsuba has square pixels: the camera's are made square, of the same height")
+    across, down = camera.principal_point
+    if (across, down) != (0.5, 0.5):
+        if view["type"] == "perspective":
+            view |= {"principal_point_offset_x": 0.5 - across, "principal_point_offset_y": 0.5 - down}
+        else:
+            notes.add("the camera's principal point is left out: the view is to the middle of the picture")
     return view | {
         "near_clip": 1e-4 * size,
         "far_clip": far,
