@@ -48,7 +48,8 @@ def test_where_north_is(up: list[int], north: list[int], east: list[int]) -> Non
         sun = sky_of(up=up, direct=500, diffuse=100, altitude=30, azimuth=azimuth).sun
         assert sun is not None
         np.testing.assert_allclose(sun.direction, 0.5 * np.array(up) + np.sqrt(0.75) * np.array(towards), atol=1e-9)
-    turned = sky_of(up=up, direct=500, diffuse=100, altitude=0, azimuth=0, north=[*(np.array(east) + up)]).sun
+    level = {"altitude": 0, "azimuth": 0, "spectrum": "solar"}
+    turned = sky_of(up=up, direct=500, diffuse=100, north=(np.array(east) + up).tolist(), **level).sun
     np.testing.assert_allclose(turned.direction, east, atol=1e-9)  # type: ignore[union-attr]
 
 
