@@ -59,6 +59,8 @@ class _Writer:
             self.notes.add("glTF has no panorama: the camera is a perspective one of 90 degrees")
         if scene.camera.aperture_radius > 0:
             self.notes.add("the camera's lens is left out: all is sharp")
+        if scene.camera.principal_point != (0.5, 0.5):
+            self.notes.add("the camera's principal point is left out: the view is to the middle of the picture")
         self.file = Glb(scene)
         # Of a mesh with the tangents of a material, or without any.
         self._arrays: dict[tuple[Mesh, int | None], tuple[dict[str, int], int]] = {}
