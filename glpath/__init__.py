@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, lightmap
     from glpath.bake.probes import Probes, probes
     from glpath.compare import relative_mse
+    from glpath.daylight.coefficients import DaylightCoefficients
+    from glpath.daylight.compute import daylight_coefficients
     from glpath.errors import (
         ContextError,
         GlpathError,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 # function in this package whenever somebody imports from it.
 _HOME = {
     "ContextError": "errors",
+    "DaylightCoefficients": "daylight.coefficients",
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
@@ -64,6 +67,7 @@ _HOME = {
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "Views": "rendering.views",
+    "daylight_coefficients": "daylight.compute",
     "element_error": "rendering",
     "export": "io.export",
     "irradiance": "rendering.points",
@@ -81,6 +85,7 @@ _HOME = {
 
 __all__ = [
     "ContextError",
+    "DaylightCoefficients",
     "ElementError",
     "Film",
     "GlpathError",
@@ -102,6 +107,7 @@ __all__ = [
     "ViewFactors",
     "Views",
     "__version__",
+    "daylight_coefficients",
     "element_error",
     "export",
     "irradiance",
