@@ -28,7 +28,7 @@ from glpath.gl.thin_dielectrics import thin_dielectric_variants
 
 #: Directions of a word.
 WORD = 32
-# Points along a square at most; and points of all squares of a draw, each with a word: about a second on two cores.
+# Points along a square at fitting; and points of all squares of a draw, each with a word: about a second on two cores.
 _MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
 
 
@@ -70,8 +70,8 @@ class ParallelRays(Owner):
         self._uniforms = {**scene.uniforms, **bvh.uniforms}
         side = 1 << max(0, (max(1, self.count) - 1).bit_length() + 1) // 2
         self._square = square = min(side, _MAX_SQUARE)
-        most = gl.info["GL_MAX_TEXTURE_SIZE"] // (square * WORD)
-        self._words = max(1, min(_POINTS_A_DRAW // square**2, most))
+        fitting = gl.info["GL_MAX_TEXTURE_SIZE"] // (square * WORD)
+        self._words = max(1, min(_POINTS_A_DRAW // square**2, fitting))
         order = along_z_curve(positions) if sort else np.arange(self.count)
         self._texels = across = _z_curve_texels(square)
         thin = thin_dielectric_variants(scene.scene)

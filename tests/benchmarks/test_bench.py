@@ -74,6 +74,7 @@ def test_list_names_every_bench() -> None:
         "shaft-options",
         "viewfactors",
         "measure",
+        "parallel-rays",
         "lightmap",
         "jobs",
         "start-up",

@@ -10,11 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
+from benchmarks.peers import radiance as radiance_peer
+from benchmarks.scenes.city import City
 from glpath.daylight import compute
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compute import DaylightProgress, daylight_coefficients
 from glpath.daylight.visibility import visible
-from glpath.errors import ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.io import scene_from_dict
 
 Float64 = NDArray[np.float64]
@@ -217,3 +219,23 @@ def test_sensors_inside_of_solids_are_counted() -> None:
     found = daylight_coefficients(closed, [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], samples=1)
     assert found.dark in (0, 1)
     assert found.dark == int(not found.words.any())
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("subdivision", [1, 2])
+def test_radiance_finds_the_same_coefficients(subdivision: int) -> None:
+    try:
+        radiance_peer.version()
+    except GlpathError as error:
+        pytest.skip(str(error))
+    city = City.of(300)
+    up = np.broadcast_to([0.0, 0.0, 1.0], (12, 3))
+    points = city.points(12) + 1e-4 * up
+    _, theirs = radiance_peer.daylight_matrix(city.scene, points, up, subdivision, 1 << 17)
+    found = daylight_coefficients(city.scene, points, up, subdivision=subdivision, samples=64)
+    ours = found.sky()
+    assert ours.shape == theirs.shape
+    assert ours.sum(axis=1) == pytest.approx(theirs.sum(axis=1), rel=0.01)
+    # Of single patches rfluxmtx has some hundred rays: each row's differences are noise, without another order.
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.1 * np.sqrt(np.mean(ours**2))
+    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.99
