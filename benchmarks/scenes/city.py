@@ -56,7 +56,7 @@ class City:
         """Grey, with z up, and without light."""
         return Scene(
             name=f"city of {len(self.lower):,} blocks",
-            camera=Camera(np.array([0.0, 0.0, 9.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, (8, 8)),
+            camera=Camera(np.array([-9.0, -9.0, 9.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (8, 8)),
             shapes=Shapes((Shape("city", Mesh.of_triangles(self.triangles), 0),)),
             materials=(Material("grey", np.full(3, 0.3)),),
         )

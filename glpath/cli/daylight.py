@@ -51,9 +51,7 @@ def daylight(
     scene: SceneArgument,
     out: Annotated[
         Path,
-        typer.Option(
-            "-o", "--out", metavar="FILE", help="Where the coefficients go, .npz (`DaylightCoefficients`)."
-        ),
+        typer.Option("-o", "--out", metavar="FILE", help="Where they go, .npz (`DaylightCoefficients`)."),
     ],
     points: Annotated[
         Path,

@@ -34,6 +34,8 @@ Float64 = NDArray[np.float64]
 FORMAT = 1
 # Floats of a block of rows: 64 MiB.
 _BLOCK = 1 << 24
+# Bytes of words from which on the file is not compressed.
+_PLAIN = 1 << 27
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,8 +217,10 @@ class DaylightCoefficients:
         }
         if self.shares is not None:
             arrays["shares"] = self.shares
+        # Zeros of large files would unfold to more than a reader takes for harmless.
+        write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
-            np.savez_compressed(file, **arrays)
+            write(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> DaylightCoefficients:

@@ -28,7 +28,7 @@ from glpath.gl.thin_dielectrics import thin_dielectric_variants
 
 #: Directions of a word.
 WORD = 32
-# Points along a square at fitting; and points of all squares of a draw, each with a word: about a second on two cores.
+# Points along a square, up to so many; and of all squares of a draw, a word each: half a second on two cores.
 _MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
 
 

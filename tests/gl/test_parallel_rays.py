@@ -18,6 +18,7 @@ from glpath.scene import Scene
 from tests.reference.numpy_path_tracer import nearest_hits
 
 Float64 = NDArray[np.float64]
+GLASS = {"type": "principled", "reflectance": 1, "roughness": 0, "transmission": 1, "thin": True}
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -101,7 +102,7 @@ def test_thin_glass_lets_its_share_through() -> None:
     scene = scene_from_dict(
         {
             "camera": {"position": [0, 0, 9], "target": [0, 0, 0]},
-            "materials": {"glass": {"type": "principled", "roughness": 0, "transmission": 1, "thin": True}},
+            "materials": {"glass": GLASS},
             "shapes": [{"type": "quad", "corners": pane, "material": "glass"}],
             "sky": {"zenith": 1.0, "horizon": 1.0},
         }
