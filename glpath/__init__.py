@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from glpath.rendering.progress import Progress
     from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
+    from glpath.scene.camera_matrices import camera
 
     __version__: str
 
@@ -67,6 +68,7 @@ _HOME = {
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "Views": "rendering.views",
+    "camera": "scene.camera_matrices",
     "daylight_coefficients": "daylight.compute",
     "element_error": "rendering",
     "export": "io.export",
@@ -107,6 +109,7 @@ __all__ = [
     "ViewFactors",
     "Views",
     "__version__",
+    "camera",
     "daylight_coefficients",
     "element_error",
     "export",
