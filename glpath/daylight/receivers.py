@@ -23,6 +23,6 @@ def response(receiver: Receiver, normals: Float64, directions: Float64) -> NDArr
         return np.full((len(normals), len(directions)), 0.25, np.float32)
     cosine = normals.astype(np.float32) @ directions.astype(np.float32).T
     if receiver == "plane":
-        return np.maximum(cosine, np.float32(0.0))
+        return np.asarray(np.maximum(cosine, np.float32(0.0)), np.float32)
     sine = np.sqrt(np.maximum(np.float32(0.0), np.float32(1.0) - cosine * cosine))
     return np.asarray(sine / np.float32(np.pi), np.float32)
