@@ -6,6 +6,7 @@ has ten: it stands on the ground, so it has no bottom.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +39,7 @@ class City:
     @property
     def side(self) -> int:
         """Blocks along the grid."""
-        return round(len(self.lower) ** 0.5)
+        return math.isqrt(len(self.lower))
 
     @property
     def triangles(self) -> Float64:
