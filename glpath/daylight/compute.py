@@ -145,7 +145,7 @@ def daylight_coefficients(
                     shares[done] = seen.share
                 done += 1
         flag = held.enter_context(interrupt_as_flag())
-        for seen in rays.see_out(directions[WORD * done :]):
+        for seen in rays.see_out(directions[WORD * done :], WORD * done):
             found[done] = seen.word
             if shares is not None and seen.share is not None:
                 shares[done] = seen.share

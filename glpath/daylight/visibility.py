@@ -87,10 +87,10 @@ class PointVisibility(Owner):
             self._rays = ParallelRays(gl, device, RayBvh(gl, device), positions, planes)
         self.transmits = self._rays is not None and self._rays.transmits
 
-    def see_out(self, directions: Float64) -> Iterator[Seen]:
-        """What the points see of each word of 32 directions (D, 3), unit, word by word."""
+    def see_out(self, directions: Float64, number: int = 0) -> Iterator[Seen]:
+        """What the points see of each word of 32 directions (D, 3), unit, word by word; number: of the first."""
         if self._rays is not None:
-            yield from self._rays.see_out(directions)
+            yield from self._rays.see_out(directions, number)
             return
         for first in range(0, len(directions), WORD):
             word = np.zeros(self.count, np.uint32)
@@ -134,6 +134,6 @@ def visible(
     context = open_context()
     with context, PointVisibility(context.gl, loaded, positions, facing, receiver) as found:
         for first in range(0, len(toward), WORD):
-            for seen in found.see_out(toward[first : first + WORD]):
+            for seen in found.see_out(toward[first : first + WORD], first):
                 for k in range(min(WORD, len(toward) - first)):
                     yield (seen.word >> np.uint32(k) & np.uint32(1)).astype(np.bool_)

@@ -99,23 +99,26 @@ class ParallelRays(Owner):
                 textures[name].write(texels.tobytes())
             self._squares.append((which, Pass("parallel rays", gl, program, target, textures=textures)))
 
-    def see_out(self, directions: NDArray[np.float64]) -> Iterator[Seen]:
-        """What the points see of each word of 32 directions (D, 3), unit, word by word."""
+    def see_out(self, directions: NDArray[np.float64], number: int = 0) -> Iterator[Seen]:
+        """What the points see of each word of 32 directions (D, 3), unit, word by word.
+
+        number : of the first one: by it and the point, blended surfaces let light through at random
+        """
         words = -(-len(directions) // WORD)
-        texels = np.zeros((words * WORD, 4), np.float32)
-        texels[: len(directions), :3], texels[: len(directions), 3] = directions, 1.0
-        texels = texels.reshape(words, WORD, 4)
+        given = np.zeros((words * WORD, 4), np.float32)
+        given[: len(directions), :3], given[: len(directions), 3] = directions, 1.0
+        texels: NDArray[np.float32] = given.reshape(words, WORD, 4)
         for first in range(0, words, self._words):
             part = texels[first : first + self._words]
             self._directions.write(part.tobytes(), viewport=(0, 0, WORD, len(part)))
             if self.transmits:
-                shares = self._drawn(len(part) * WORD, WORD * first, np.float32)
+                shares = self._drawn(len(part) * WORD, number + WORD * first, np.float32)
                 for share in shares.reshape(len(part), WORD, self.count):
                     bits = np.packbits(share > 0, axis=0, bitorder="little")  # (4, N) bytes
                     word = np.ascontiguousarray(bits.T).view("<u4")[:, 0].astype(np.uint32)
                     yield Seen(word, share.astype(np.float16))
             else:
-                for word in self._drawn(len(part), WORD * first, np.uint32):
+                for word in self._drawn(len(part), number + WORD * first, np.uint32):
                     yield Seen(word, None)
 
     def _drawn(self, rows: int, first: int, dtype: type[np.generic]) -> NDArray[Any]:

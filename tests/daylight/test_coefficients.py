@@ -186,15 +186,39 @@ def test_what_is_interrupted_resumes_with_the_same_bits(tmp_path: Path, monkeypa
     asked: list[int] = []
     see_out = compute.PointVisibility.see_out
 
-    def counted(self: Any, directions: Float64) -> Any:
+    def counted(self: Any, directions: Float64, number: int) -> Any:
         asked.append(len(directions))
-        return see_out(self, directions)
+        return see_out(self, directions, number)
 
     monkeypatch.setattr(compute.PointVisibility, "see_out", counted)
     again = daylight_coefficients(box(), **given, resume=part)
     assert asked == [len(whole.directions) - 96]
     assert np.array_equal(again.words, whole.words)
     assert not part.exists()
+
+
+def test_blended_surfaces_let_the_same_through_after_an_interruption(tmp_path: Path) -> None:
+    """What is seen through them is random, by the number of the direction."""
+    veil = scene_from_dict(
+        {
+            "camera": VIEW,
+            "materials": {"veil": {"reflectance": 0.5, "opacity": 0.5, "alpha": "blend"}},
+            "shapes": [
+                {"type": "quad", "corners": [[-9, -9, 1], [9, -9, 1], [9, 9, 1], [-9, 9, 1]], "material": "veil"}
+            ],
+        }
+    )
+    given: Any = {"points": [[0.0, 0, 0], [1.0, 1, 0]], "normals": [0.0, 0, 1], "samples": 2}
+    whole = daylight_coefficients(veil, **given)
+    assert 0.4 < whole.sky_view.mean() < 0.6
+
+    def stop(progress: DaylightProgress) -> None:
+        if progress.done >= 64:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        daylight_coefficients(veil, **given, resume=tmp_path / "part", on_progress=stop)
+    assert np.array_equal(daylight_coefficients(veil, **given, resume=tmp_path / "part").words, whole.words)
 
 
 def test_the_words_of_other_work_are_refused(tmp_path: Path) -> None:
