@@ -20,7 +20,7 @@ from glpath.cli.values import check_choice, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, is_stream, save_all
-from glpath.system.reporting import ProgressEvent, duration, reporting
+from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
 def _event(progress: DaylightProgress) -> ProgressEvent:
     rays = progress.done * progress.sensors
     speed = f", {rays / progress.elapsed_s / 1e6:,.3g} million rays/s" if progress.elapsed_s > 0 and rays else ""
-    text = f"{progress.done:,} of {progress.total:,} directions, {duration(progress.elapsed_s)}{speed}"
+    text = f"{progress.done:,} of {progress.total:,} directions{speed}"
     return ProgressEvent(
         stage=progress.stage,
         elapsed_s=progress.elapsed_s,
