@@ -111,10 +111,22 @@ def speed() -> str:
     return "\n".join(rows) + "\n"
 
 
+def parallel_rays() -> str:
+    """Of each number of triangles and points: microseconds of the processor for a point and direction."""
+    head = "| triangles | points | ray, us | ray, points unsorted, us | scan, us | scan / ray | agreement |"
+    rows = [head, "|---|---|---|---|---|---|---|"]
+    for row in result("parallel-rays")["rows"]:
+        times = " | ".join(f"{1e6 * row[name]:.2g}" for name in ("ray_s", "unsorted_s", "scan_s"))
+        ratio, agreement = row["scan_s"] / row["ray_s"], 100 * row["agreement"]
+        rows.append(f"| {row['triangles']:,} | {row['points']:,} | {times} | {ratio:.2g} | {agreement:.4g} % |")
+    return "\n".join(rows) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
+    ("docs/explanation/parallel-light.md", "parallel-rays"): parallel_rays,
     ("docs/howto/materials.md", "glazing"): glazing,
     ("README.md", "speed"): speed,
 }

@@ -70,6 +70,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "irradiance at points: a closed form, and the office beside Radiance's rtrace at equal error",
         ("--scale",),
     ),
+    "parallel-rays": (
+        "what points see along shared directions: seconds of a ray and of a scan, by points and triangles",
+        ("--scale",),
+    ),
     "lightmap": (
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
@@ -142,7 +146,7 @@ def bench(
         typer.Option(
             metavar="S",
             help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs, "
-            "standard-scenes: below 1, less work; 1.",
+            "parallel-rays, standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
@@ -262,6 +266,10 @@ def _measure(
         from benchmarks.benches.measure import bench_measure
 
         return bench_measure(scale, progress)
+    if name == "parallel-rays":
+        from benchmarks.benches.parallel_rays import bench_parallel_rays
+
+        return bench_parallel_rays(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 
