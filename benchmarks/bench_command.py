@@ -70,6 +70,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "irradiance at points: a closed form, and the office beside Radiance's rtrace at equal error",
         ("--scale",),
     ),
+    "cie171": (
+        "irradiance at points beside exact values of CIE 171:2006, test cases 5.2 to 5.14",
+        ("--scale",),
+    ),
     "lightmap": (
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
@@ -124,8 +128,8 @@ def bench(
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: "
-            "below 1, less work; 1.",
+            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, cie171, lightmap, "
+            "jobs: below 1, less work; 1.",
         ),
     ] = None,
     output: Annotated[
@@ -226,6 +230,10 @@ def _measure(
         from benchmarks.benches.measure import bench_measure
 
         return bench_measure(scale, progress)
+    if name == "cie171":
+        from benchmarks.benches.cie171 import bench_cie171
+
+        return bench_cie171(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 
@@ -275,7 +283,7 @@ def _print(console: Console, measured: dict[str, float], rows: list[dict[str, ob
         table.add_row(key, f"{value:.4g}")
     console.print(table)
     if rows:
-        columns = list(dict.fromkeys(name for row in rows for name in row))
+        columns = list(dict.fromkeys(name for row in rows for name, of in row.items() if not isinstance(of, list)))
         table = Table(*columns, box=None)
         for row in rows:
             values = [row.get(name, "") for name in columns]

@@ -22,6 +22,8 @@ from glpath.scene.sky import Environment
 Float64 = NDArray[np.float64]
 
 _WIDTH, _HEIGHT = 512, 256
+# Of Gauss' quadrature between two rows.
+_POINTS = 8
 
 
 class _Parameters(NamedTuple):
@@ -104,13 +106,17 @@ def cie_sky(
         assert illuminance is not None, "one of both"
         # The open sky's, of relative luminance, over the upper hemisphere.
         zenith = illuminance / _horizontal(seen, rows)
-    return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)
+    return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith, cut=True)
 
 
 def _horizontal(seen: Float64, rows: NDArray[np.floating[Any]]) -> float:
     """The irradiance of a horizontal surface, of radiance (h, w) in rows at angles (h,) from the zenith."""
     step = np.pi / len(rows)
-    above = rows < np.pi / 2
-    # The integral of sin cos over each row.
-    weights = 0.5 * (np.sin(rows + step / 2) ** 2 - np.sin(rows - step / 2) ** 2)
-    return float(2 * np.pi * (weights * above) @ seen.mean(axis=1))
+    mean = seen[rows < np.pi / 2].mean(axis=1)
+    # Gauss between the middles of rows, where the filtered map is linear; flat beyond the first and the last.
+    u, weight = np.polynomial.legendre.leggauss(_POINTS)
+    ends = np.concatenate([[0.0], rows[rows < np.pi / 2], [np.pi / 2]])
+    half = 0.5 * np.diff(ends)[:, None]
+    angle = ends[:-1, None] + half * (1 + u)
+    between = np.interp(angle / step - 0.5, np.arange(len(mean)), mean)
+    return float(2 * np.pi * np.sum(half * weight * between * np.sin(angle) * np.cos(angle)))

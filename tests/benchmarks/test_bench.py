@@ -74,6 +74,7 @@ def test_list_names_every_bench() -> None:
         "shaft-options",
         "viewfactors",
         "measure",
+        "cie171",
         "lightmap",
         "jobs",
         "start-up",
