@@ -1,7 +1,7 @@
 """CIE 171:2006, its analytical test cases: what `glpath.irradiance` finds beside exact values.
 
-Each value passes within 1 % of what is true, or within three of its standard errors where these are 1 % at most. Paths
-are added to a case until its largest standard error is 0.3 %, or until there are enough. `measured`:
+Each value passes within 1 % of what is true, or within three of its standard errors where these are 1 % at most.
+Paths are added to a case until its largest standard error is 0.3 %, or until there are enough. `measured`:
 
     values        : how many
     missed        : of these, which do not pass
@@ -59,7 +59,13 @@ def bench_cie171(scale: float = 1.0, say: Say = lambda text: None) -> Report:
         for case in cases(Path(folder), which):
             found.append(case.measured(target))
             say(f"{case.name}: off by {100 * np.abs(found[-1].off).max():.2f} %")
-    numbers = summary(found) | {"seconds": time.perf_counter() - start}
+    notes = [] if scale >= 1 else [f"at scale {scale:g}"]
+    return report(found, machine(context.info.renderer), time.perf_counter() - start, notes)
+
+
+def report(found: list[Measured], on: dict[str, Any], seconds: float, notes: list[str]) -> Report:
+    """Of cases that were measured on a machine."""
+    numbers = summary(found) | {"seconds": seconds}
     claim, holds = judge(CLAIM, RULE, numbers)
     return Report(
         name="cie171",
@@ -67,9 +73,9 @@ def bench_cie171(scale: float = 1.0, say: Say = lambda text: None) -> Report:
         measured=numbers,
         holds=holds,
         rows=[each.row() for each in found],
-        machine=machine(context.info.renderer),
+        machine=on,
         versions=versions("glpath", "moderngl", "numpy"),
-        notes=[] if scale >= 1 else [f"at scale {scale:g}"],
+        notes=notes,
     )
 
 

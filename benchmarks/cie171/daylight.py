@@ -1,13 +1,13 @@
 """Cases 5.9 to 5.14: the light of the sky, the ground and a mask, through an opening into a black room.
 
-All values are per cent of the illuminance of open ground. The ground reflects 0.3 of that. It is as bright all over,
-and has no end. A mask is as bright all over as well. The report leaves open what light it has, so this is said here:
+All values are per cent of the illuminance of open ground. The ground reflects 0.3 of that. It is bright all over,
+and has no end. A mask is as bright all over, too. The report leaves its luminance open, so it is chosen here:
 
 - 5.13, an overhang at the height of the ceiling: 0.05 of what open ground has, which the printed tables imply;
 - 5.14, a wall 6 m before the room: 0.3 of what an upright wall in the open has under a uniform sky.
 
-A mask is measured twice, as what hides the sky and as what is bright. These are the sky component and the externally
-reflected component, which the printed tables add. Both masks are as long as what the points see of them.
+A mask is measured twice, as what hides the sky and as what is bright: the sky component and the one reflected from
+outside, which the printed tables add. Both masks are as long as what the points see of them.
 
 Source: ISO 15469:2004 for the skies.
 """

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from benchmarks.cie171.exact import Float64, Rectangle
 
 UP, DOWN, NORTH, SOUTH = [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]
-#: Width, depth and height of the room of most cases, in metres, from the origin on. Openings are in the ceiling or in
-#: the wall at y = 0.
+#: Width, depth and height of the room of most cases, in metres, from the origin on. Openings are in the ceiling, or
+#: in the wall at y = 0.
 ROOM = (4.0, 4.0, 3.0)
 #: Where points are, in the middle plane x = 2: heights of A to F, and depths of eight points along the room.
 HEIGHTS, DEPTHS = np.arange(2.75, 0.0, -0.5), np.arange(0.25, 4.0, 0.5)
