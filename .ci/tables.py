@@ -1,6 +1,6 @@
 """Write tables of the documentation that are made from code and measurements: python .ci/tables.py [--check].
 
-The variants of shaders, the options of shafts, and the README's speeds, from `benchmarks/results`.
+The variants of shaders, the options of shafts, CIE 171, and the README's speeds, from `benchmarks/results`.
 """
 
 from __future__ import annotations
@@ -84,10 +84,28 @@ def speed() -> str:
     return "\n".join(rows) + "\n"
 
 
+def cie171() -> str:
+    """Of the page on CIE 171: by case, how far the values are off, and which do not pass."""
+    rows = [
+        "| case | scenes | skies | values | off by at most, % | standard error at most, % | do not pass |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    of_cases: dict[str, list[dict[str, Any]]] = {}
+    for row in result("cie171")["rows"]:
+        of_cases.setdefault(row["case"], []).append(row)
+    for case, found in of_cases.items():
+        scenes, skies = (len({row[key] for row in found} - {""}) for key in ("variant", "sky"))
+        values, missed = (sum(row[key] for row in found) for key in ("values", "missed"))
+        off, error = (max(row[key] for row in found) for key in ("off, %", "error, %"))
+        rows.append(f"| {case} | {scenes} | {skies or ''} | {values} | {off:.2f} | {error:.2f} | {missed} |")
+    return "\n".join(rows) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
+    ("docs/explanation/cie171.md", "cie171"): cie171,
     ("README.md", "speed"): speed,
 }
 
