@@ -36,7 +36,7 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "denoise": (
         "time to an error with Open Image Denoise: the gather and path tracing, beside Mitsuba 3 with the same",
-        ("--scene", "--resolution", "--seeds", "--reference"),
+        ("--scene", "--resolution", "--seeds", "--reference", "--target"),
     ),
     "textures": (
         "a path set of 100,000 triangles with textures and smooth normals, beside the same plain",
@@ -83,6 +83,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("--rounds", "--scale"),
     ),
     "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
+    "footprint": (
+        "packages of the core, and how long the commands' help and the pytest plugin load",
+        ("--rounds",),
+    ),
 }
 
 
@@ -116,12 +120,15 @@ def bench(
             metavar="FILE", help="path-buffer, gather, denoise: a converged picture, to take errors against."
         ),
     ] = None,
+    target: Annotated[
+        float | None, typer.Option(metavar="E", help="denoise: the error to come to, a relMSE; 5e-4.")
+    ] = None,
     rounds: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of "
-            "which the median counts; 7.",
+            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, start-up, footprint: turns of each "
+            "program, of which the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
@@ -156,6 +163,7 @@ def bench(
         "--resolution": resolution,
         "--seeds": seeds,
         "--reference": reference,
+        "--target": target,
         "--rounds": rounds,
         "--scale": scale,
     }
@@ -168,13 +176,15 @@ def bench(
             raise UsageError(f"{option} {number}: must be at least 1")
     if scale is not None and not (math.isfinite(scale) and 0 < scale <= 1):
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
+    if target is not None and not (math.isfinite(target) and target > 0):
+        raise UsageError(f"--target {target:g}: must be above 0")
     if output is not None:
         check_writable(output)
     measured = None
     if scene is not None or resolution is not None:
         size = None if resolution is None else read_resolution(resolution)
         measured = seen(read_scene(scene or "cornell-box-36", []), size, {})
-    report = result_of(lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0))
+    report = result_of(lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0, target))
     _show(report, output)
     if report.faults:
         raise GlpathError(
@@ -185,7 +195,13 @@ def bench(
 
 
 def _measure(
-    name: str, scene: Scene | None, seeds: int, reference: Path | None, rounds: int, scale: float
+    name: str,
+    scene: Scene | None,
+    seeds: int,
+    reference: Path | None,
+    rounds: int,
+    scale: float,
+    target: float | None,
 ) -> Report:
     def progress(text: str) -> None:
         say(text, err=True)
@@ -195,9 +211,9 @@ def _measure(
 
         return bench_gather(seeds, reference, scale, scene, progress)
     if name == "denoise":
-        from benchmarks.benches.denoise import bench_denoise
+        from benchmarks.benches.denoise import TARGET, bench_denoise
 
-        return bench_denoise(seeds, reference, scene, progress)
+        return bench_denoise(seeds, reference, scene, progress, target=target or TARGET)
     if name == "materials":
         from benchmarks.benches.materials import bench_materials
 
@@ -246,6 +262,10 @@ def _measure(
         from benchmarks.benches.start_up import bench_start_up
 
         return bench_start_up(rounds, progress)
+    if name == "footprint":
+        from benchmarks.benches.footprint import bench_footprint
+
+        return bench_footprint(rounds, progress)
     from benchmarks.benches.path_buffer import bench_path_buffer
 
     return bench_path_buffer(seeds, reference, scene, progress)

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from glpath.rendering.progress import Progress
     from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
+    from glpath.scene.camera_matrices import camera
 
     __version__: str
 
@@ -64,6 +65,7 @@ _HOME = {
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "Views": "rendering.views",
+    "camera": "scene.camera_matrices",
     "element_error": "rendering",
     "export": "io.export",
     "irradiance": "rendering.points",
@@ -102,6 +104,7 @@ __all__ = [
     "ViewFactors",
     "Views",
     "__version__",
+    "camera",
     "element_error",
     "export",
     "irradiance",

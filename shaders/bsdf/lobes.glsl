@@ -29,7 +29,7 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     q.mirror = mean(b.mirror);
 #ifdef HAS_MICROFACETS
     q.coat = coat_takes(b, cosine);
-    float through = mean(b.transmission) * base_transmittance(b, cosine);
+    float through = mean(glass_transmittance(b, cosine));
     q.microfacets = (mean(microfacet_reflects(b, cosine)) + through) * under_layers(b, cosine);
 #endif
     if (!others_continue) q.microfacets = q.coat = q.mirror = 0.0;
@@ -151,10 +151,10 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         if (d.through) {
 #ifdef HAS_GLASS
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
-            d.weight = b.transmission * base_transmittance(b, cosine) / (1.0 - part);
+            d.weight = glass_transmittance(b, cosine) / (1.0 - part);
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
-            d.straight = b.eta == THIN_DIELECTRIC;
+            d.straight = b.eta <= THIN_DIELECTRIC;
 #ifdef HAS_ROUGH_TRANSMISSION
             if (!smooth_one && !unbent) d.pdf = chance * through_lobe(b, wo, wi).pdf;
 #endif
@@ -195,7 +195,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #endif
     see_along(b, s, front, wo);
     float cosine = dot(shading_normal(s, front, wo), wo);
-    if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
-    return b.transmission * (base_transmittance(b, cosine) * under_layers(b, cosine));
+    if (b.eta > THIN_DIELECTRIC) return vec3(0.0);
+    return glass_transmittance(b, cosine) * under_layers(b, cosine);
 }
 #endif

@@ -1,6 +1,6 @@
 // sky.glsl: what rays see that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the
-// elevation, or an environment map, filtered bilinearly. `glpath.scene.sky` is the same on the CPU.
-// Needs:  <SCENE> where HAS_ENVIRONMENT is set
+// elevation, or an environment map, filtered bilinearly, and the sun. `glpath.scene.sky` is the same on the CPU.
+// Needs:  <SCENE> where HAS_ENVIRONMENT is set; HAS_SUN: the map has a disc besides
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #include "sampling/angles.glsl"
 #ifdef HAS_ENVIRONMENT
@@ -8,6 +8,17 @@ uniform ivec2 sky_size;
 uniform vec3 sky_middle;  // unit, to the middle of the picture
 uniform vec3 sky_up;
 uniform int sky_rows_above;  // the horizon, of a map whose rows are not blended there; 0 of others
+#ifdef HAS_SUN
+uniform vec3 sun_direction;  // unit
+uniform float sun_square_chord;  // from its middle to the rim, on the unit sphere
+uniform vec3 sun_radiance;
+
+vec3 sun(vec3 direction)
+{
+    vec3 apart = direction - sun_direction;
+    return dot(apart, apart) < sun_square_chord ? sun_radiance : vec3(0.0);
+}
+#endif
 
 // row: clamped to those that are blended, from the first to the last
 vec3 sky_row(int row, ivec2 blended, ivec2 columns, float share)
@@ -28,7 +39,11 @@ vec3 sky(vec3 direction)
     bool is_above = d.z > 0.0;
     ivec2 blended = ivec2(is_above ? 0 : sky_rows_above, (is_above && sky_rows_above > 0 ? sky_rows_above : sky_size.y) - 1);
     vec3 upper = sky_row(texel_at.y, blended, columns, share.x);
-    return mix(upper, sky_row(texel_at.y + 1, blended, columns, share.x), share.y);
+    vec3 seen = mix(upper, sky_row(texel_at.y + 1, blended, columns, share.x), share.y);
+#ifdef HAS_SUN
+    seen += sun(direction);
+#endif
+    return seen;
 }
 #else
 uniform vec3 sky_zenith;

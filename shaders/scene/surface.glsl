@@ -432,7 +432,7 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 #ifdef HAS_MULTIPLE_SCATTERING
         b.glass_share = transmission / max(1.0 - metal, 1e-6);
 #endif
-        b.eta = glass.w != 0.0 ? THIN_DIELECTRIC : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+        b.eta = glass.w != 0.0 ? -glass.w : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
 #endif
 #ifdef HAS_SPECULAR_TEXTURES
         uvec4 specular_slots = slots_texel(s.material, SLOTS_SPECULAR);

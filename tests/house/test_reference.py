@@ -258,7 +258,7 @@ def test_a_table_has_the_numbers_of_the_result_and_its_machine(results: Path) ->
     ("name", "columns", "words"),
     [
         ("absent", "s: ours_s", "absent.json: is not in"),
-        ("speed", "s: other_s", "has no 'other_s'. It has: claim, holds, name, ours_s, theirs_s"),
+        ("speed", "s: other_s", "has no 'other_s'. It has: claim, cpu, holds, name, ours_s, theirs_s"),
         ("speed", "s ours_s", "each line is"),
     ],
 )

@@ -10,6 +10,7 @@ from pathlib import Path
 import trimesh
 
 import glpath
+from benchmarks.walks import LAMP
 from tests.support.repository import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -31,6 +32,7 @@ ELSEWHERE = {
 NOT_RUN = {
     ("dockerfile", "FROM debian"): "needs Docker and a network",
     ("yaml", "kind: Job"): "needs Kubernetes",
+    ("yaml", "upload-artifact"): "needs GitHub",
     ("sh", "#SBATCH"): "needs Slurm",
     ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
 }
@@ -45,6 +47,7 @@ LINES_NOT_RUN = {
     r"--cluster (?!local)": "needs a cluster",
     r"(^|\s)/data/": "a folder of a cluster",
     r"^pytest\b": "tests of the README run it",
+    r"^jupyter lab\b": "waits for a person; `make test` runs the notebooks",
     r"--install-completion": "changes the shell's own files",
 }
 
@@ -95,9 +98,6 @@ def blocks_of(page: Path) -> list[Block]:
 
 
 # ---- the files that pages name -----------------------------------------------------------------------------------
-
-#: Candela by angle from straight down, LM-63.
-LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
 
 #: 16 x 8 pixels of radiance 1, RGBE.
 WHITE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + bytes([128, 128, 128, 129]) * 128

@@ -90,7 +90,13 @@ def records(name: str, found: Mapping[str, Any], rows: bool) -> list[dict[str, A
     """The rows of a result: its own, or one of all that was measured."""
     if not rows:
         return [
-            {"name": name, "holds": found.get("holds"), "claim": found.get("claim"), **found.get("measured", {})}
+            {
+                "name": name,
+                "holds": found.get("holds"),
+                "claim": found.get("claim"),
+                "cpu": (found.get("machine") or {}).get("cpu"),
+                **found.get("measured", {}),
+            }
         ]
     made = found.get("rows")
     if not isinstance(made, list) or not made:

@@ -58,6 +58,8 @@ class _Writer:
             self.notes.add("glTF has no panorama: the camera is a perspective one of 90 degrees")
         if scene.camera.aperture_radius > 0:
             self.notes.add("the camera's lens is left out: all is sharp")
+        if scene.camera.principal_point != (0.5, 0.5):
+            self.notes.add("the camera's principal point is left out: the view is to the middle of the picture")
         self.file = Glb(scene)
         self._attributes: dict[Mesh, dict[str, int]] = {}
         self._indices: dict[Mesh, int] = {}
