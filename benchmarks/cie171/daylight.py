@@ -16,12 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import glpath
-from benchmarks.cie171 import skies
+from benchmarks.cie171 import glass, skies
 from benchmarks.cie171.case import Case
 from benchmarks.cie171.exact import Float64, Radiance, Rectangle, lambert, through
 from benchmarks.cie171.rooms import (
@@ -59,8 +60,11 @@ _BEFORE = np.array([0.0, -skies.SUN[1], skies.SUN[0]])
 _ROWS = 256
 
 
-def roof_light(side: float, sky: int) -> Case:
-    """5.9: points of the wall that faces the sun and of the floor, under an opening amid the ceiling."""
+def roof_light(side: float, sky: int, glazed: bool = False) -> Case:
+    """5.9: points of the wall that faces the sun and of the floor, under an opening amid the ceiling.
+
+    glazed : 5.10, with clear glass in it
+    """
     low, high = 2 - side / 2, 2 + side / 2
     opening = Rectangle.of([low, low, 3], [[side, 0, 0], [0, side, 0]])
     hole = (low / 4, high / 4, low / 4, high / 4)
@@ -68,23 +72,36 @@ def roof_light(side: float, sky: int) -> Case:
     portal = Rectangle.of(opening.corner, opening.edges[::-1])
     points, normals = facing((upright(), NORTH), (level(), UP))
     radiance = skies.radiance(sky, _BEHIND)
+    if glazed:
+        radiance = behind_glass(radiance, 2)
     exact = [through(at, normal, opening, radiance) for at, normal in zip(points, normals, strict=True)]
-    there = under(scene(shapes), sky, _BEHIND, [portal])
+    there = under(with_glass(scene(shapes), opening if glazed else None), sky, _BEHIND, [portal])
+    number = "5.10" if glazed else "5.9"
     names = letters("A", 14)
-    return Case("5.9", f"{side:g} x {side:g} m", there, points, normals, names, np.array(exact), "%", sky=sky)
+    return Case(number, f"{side:g} x {side:g} m", there, points, normals, names, np.array(exact), "%", sky=sky)
 
 
-def window(size: tuple[float, float, float], sky: int) -> Case:
-    """5.11: points of the wall opposite, the floor and the ceiling; these are lit by the ground alone."""
+def window(size: tuple[float, float, float], sky: int, glazed: bool = False) -> Case:
+    """5.11: points of the wall opposite, the floor and the ceiling; these are lit by the ground alone.
+
+    glazed : 5.12, with clear glass in it
+    """
     opening = opening_of(size)
     points, normals = facing((upright(4.0), SOUTH), (level(depths=_INWARDS), UP), (level(3.0, _INWARDS), DOWN))
-    radiance = skies.radiance(sky, _BEFORE)
+    of_sky = skies.radiance(sky, _BEFORE)
+
+    def radiance(directions: Float64) -> Float64:
+        return np.where(directions[:, 2] > 0, of_sky(directions), GROUND * 100 / np.pi)
+
+    outside = behind_glass(radiance, 1) if glazed else radiance
     pairs = zip(points, normals, strict=True)
-    exact = [sum(strip(at, normal, part, radiance) for part in seen(at, opening)) for at, normal in pairs]
-    there = under(scene(room_with(opening)), sky, _BEFORE, [opening], GROUND)
+    exact = [sum(through(at, normal, part, outside) for part in seen(at, opening)) for at, normal in pairs]
+    described = with_glass(scene(room_with(opening)), opening if glazed else None)
+    there = under(described, sky, _BEFORE, [opening], GROUND)
+    number = "5.12" if glazed else "5.11"
     names = (*letters("A", 14), *letters("G", 8, "'"))
     return Case(
-        "5.11", f"{size[0]:g} x {size[2]:g} m", there, points, normals, names, np.array(exact), "%", sky=sky
+        number, f"{size[0]:g} x {size[2]:g} m", there, points, normals, names, np.array(exact), "%", sky=sky
     )
 
 
@@ -146,6 +163,19 @@ def room_with(opening: Rectangle) -> list[Shape]:
     hole = (sill / height, (sill + opening.edges[1, 2]) / height, left / width, opening.corner[0] / width)
     south = Rectangle.of([0, depth, 0], [[0, 0, height], [width, 0, 0]])
     return [*walls(without=["south"]), *around(south, hole)]
+
+
+def with_glass(described: dict[str, Any], opening: Rectangle | None) -> dict[str, Any]:
+    """The same with clear glass in an opening."""
+    if opening is None:
+        return described
+    materials = described["materials"] | {"glass": glass.MATERIAL}
+    return described | {"materials": materials, "shapes": [*described["shapes"], quad(opening, "glass")]}
+
+
+def behind_glass(radiance: Radiance, axis: int) -> Radiance:
+    """What is seen through glass across an axis."""
+    return lambda directions: radiance(directions) * glass.transmittance(np.abs(directions[:, axis]))
 
 
 def seen(at: Float64, opening: Rectangle, *heights: float) -> list[Rectangle]:
@@ -219,7 +249,9 @@ def _masked(
 #: What makes a case, its variants, and whether a mask in it has light of its own.
 _FAMILIES: tuple[tuple[Callable[[Any, int], Case], tuple[Any, ...], bool], ...] = (
     (roof_light, ROOF_LIGHTS, False),
+    (partial(roof_light, glazed=True), ROOF_LIGHTS, False),
     (window, WINDOWS, False),
+    (partial(window, glazed=True), WINDOWS, False),
     (overhang, OVERHANGS, True),
     (wall, WALLS, True),
 )

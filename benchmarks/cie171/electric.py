@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from benchmarks.cie171 import daylight, skies
+from benchmarks.cie171 import daylight, glass, skies
 from benchmarks.cie171.case import Case
 from benchmarks.cie171.exact import Float64, Rectangle, lambert
 from benchmarks.cie171.rooms import (
@@ -57,6 +57,7 @@ def cases(folder: Path) -> Iterator[Case]:
         yield flux_of_a_lamp(folder, diffuse)
     for side in (1.0, 2.0):
         yield flux_through_the_roof(side)
+    yield glass.directional()
     for side in (0.5, 4.0, 500.0):
         yield reflected(side)
     yield obstructed()

@@ -27,7 +27,7 @@ def texel_directions(up: Float64, size: tuple[int, int] = SKY_SIZE) -> Float64:
 
 
 def horizontal_irradiance(seen: Float64) -> float:
-    """Of a surface that faces up, by the upper half of a map of one channel (h, w), filtered as maps that are cut."""
+    """Of a surface that faces up, by the upper half of a map of one channel (h, w), filtered as if it were cut."""
     step = np.pi / len(seen)
     above = seen[: len(seen) // 2].mean(axis=1)
     u, weight = np.polynomial.legendre.leggauss(_POINTS)
