@@ -20,7 +20,7 @@ TOLERANCE, ERRORS = 0.01, 3.0
 _FIRST = 64
 #: What counts as 0, in truth and as measured: shares of the largest true value of the case. A shadow ray ends
 #: a little before the lamp, so that a lamp's edge shines through a wall that it touches.
-_DARK, _MEASURED_DARK = 1e-6, 1e-4
+_DARK, _MEASURED_DARK = 1e-6, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
