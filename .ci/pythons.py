@@ -21,6 +21,11 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.verdict import machine  # noqa: E402
+from glpath.system.versions import versions  # noqa: E402
+
 #: What runs in minutes, and touches each dependency.
 TESTS = ("cli", "film", "io", "pytest_plugin", "radiosity", "rendering", "scene", "system")
 #: What the tests cannot do without; of the rest what has no wheel is left out.
@@ -87,6 +92,7 @@ def row(python: str, wheel: Path, lowest_releases: bool, folder: Path, tests: li
     return {
         "python": told,
         "packages": "oldest that are allowed" if lowest_releases else "newest",
+        "tests": ", ".join(tests),
         "passed": counts["passed"],
         "failed": counts.get("failed", 0) + counts.get("error", 0),
         "skipped": counts.get("skipped", 0),
@@ -115,7 +121,13 @@ def main() -> int:
                 each for each in rows if (each["python"], each["packages"]) != (found["python"], found["packages"])
             ]
             rows = sorted([*rows, found], key=lambda each: (each["python"], each["packages"]))
-            report = {"name": "pythons", "rows": rows}
+            report = {
+                "name": "pythons",
+                "rows": rows,
+                "machine": machine(""),
+                "versions": versions("glpath"),
+                "date": datetime.date.today().isoformat(),
+            }
             given.output.write_text(json.dumps(report, indent=2) + "\n")
     return int(any(each["failed"] for each in rows))
 

@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pyrr import matrix33
 
 from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
+from glpath.system.pyrr_matrices import matrix33
 
 # Of `framing`: degrees from the front to the right, and upwards, each of what is as wide and high as deep, and of
 # what is thin or flat; below which share of width over depth, of height over width, it begins to be so.

@@ -69,7 +69,8 @@ mat3 mirroring_axes(PathVertex v)
 void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);
-    diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
+    diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
+         * shading_cosine(v.n, v.normal, v.vertex_cosine, direct.wi)
          * mis_weight(direct.pdf, q.diffuse * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
@@ -110,7 +111,8 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 {
     float cosine = -dot(v.normal, direct.wi);
-    return diffuse_transmittance(v.bsdf, dot(v.n, v.wo)) * direct.light * shading_cosine(-v.n, -v.normal, direct.wi)
+    return diffuse_transmittance(v.bsdf, dot(v.n, v.wo)) * direct.light
+         * shading_cosine(-v.n, -v.normal, v.vertex_cosine, direct.wi)
          * mis_weight(direct.pdf, q.through * cosine / PI);
 }
 #endif

@@ -6,6 +6,7 @@ import functools
 import io
 import json
 import re
+import subprocess
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,8 @@ from PIL import Image
 from scipy.ndimage import binary_dilation
 
 import glpath
-from glpath.film.image import encode_srgb
+from benchmarks.peers import other_python
+from glpath.film.image import encode_srgb, read_image
 from tests.support import babylon_js, three_js
 from tests.support.gltf_files import ReadGlb
 from tests.support.gltf_validator import judged
@@ -83,6 +85,39 @@ def check_it_is_our_own(seen: np.ndarray) -> None:
     assert abs(seen.mean() / own.mean() - 1) < 0.01
     blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
     assert np.abs(blocks[0] - blocks[1]).mean() < 0.02 * own.mean()
+
+
+@pytest.mark.evidence
+def test_blender_shows_kept_materials_in_their_light(baked: glpath.Lightmap, tmp_path: Path) -> None:
+    """By the lines of the guide, which put the .exr on the second texture coordinates of the .glb."""
+    interpreter = other_python.python()
+    try:
+        other_python.find_package("bpy", interpreter)
+    except glpath.GlpathError as error:
+        pytest.skip(str(error))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glpath.SceneWarning)
+        baked.save(tmp_path / "kept.glb", materials="keep")
+    page = (ROOT / "docs/howto/lightmap-engines.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(import bpy\n.*?)```", page, re.DOTALL)
+    camera = glpath.load_scene("cornell-box").camera
+    right, up, forward = camera.frame()
+    pose = np.vstack([np.stack([right, up, -forward, camera.position], axis=1), [0, 0, 0, 1]])
+    asked = {
+        "file": str(tmp_path / "kept.glb"),
+        "light": str(tmp_path / "kept-0.lightmap.exr"),
+        "code": code,
+        "picture": str(tmp_path / "seen.exr"),
+        "camera": pose.tolist(),
+        "fov": camera.fov,
+        "side": 128,
+    }
+    worker = ROOT / "tests/support/lightmap_in_blender.py"
+    done = subprocess.run(
+        [interpreter, str(worker)], input=json.dumps(asked), text=True, capture_output=True, timeout=900
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    check_it_is_our_own(read_image(tmp_path / "seen.exr")[..., :3])
 
 
 class TestInThree:

@@ -77,6 +77,8 @@ def test_list_names_every_bench() -> None:
         "cie171",
         "lightmap",
         "jobs",
+        "standard-scenes",
+        "image-tests",
         "start-up",
         "footprint",
     ]
@@ -115,7 +117,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, lightmap, jobs, start-up, footprint",
+            "shaft-options, viewfactors, measure, lightmap, jobs, standard-scenes, image-tests, start-up, "
+            "footprint",
         ),
         (
             ["z-buffer"],
@@ -133,6 +136,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (["t-buffer", "--rounds", "0"], "--rounds 0: must be at least 1"),
         (["path-buffer", "--seeds", "0"], "--seeds 0: must be at least 1"),
         (["t-buffer", "--scale", "0"], "--scale 0: must be above 0 and at most 1"),
+        (["standard-scenes"], "bench standard-scenes: needs a folder of scenes"),
+        (["gather", "--folder", "a"], "--folder does not apply to bench gather"),
         (["denoise", "--target", "0"], "--target 0: must be above 0"),
         (["gather", "--target", "1e-3"], "--target does not apply to bench gather"),
     ],

@@ -48,7 +48,8 @@ def test_where_north_is(up: list[int], north: list[int], east: list[int]) -> Non
         sun = sky_of(up=up, direct=500, diffuse=100, altitude=30, azimuth=azimuth).sun
         assert sun is not None
         np.testing.assert_allclose(sun.direction, 0.5 * np.array(up) + np.sqrt(0.75) * np.array(towards), atol=1e-9)
-    turned = sky_of(up=up, direct=500, diffuse=100, altitude=0, azimuth=0, north=[*(np.array(east) + up)]).sun
+    level = {"altitude": 0, "azimuth": 0, "spectrum": "solar"}
+    turned = sky_of(up=up, direct=500, diffuse=100, north=(np.array(east) + up).tolist(), **level).sun
     np.testing.assert_allclose(turned.direction, east, atol=1e-9)  # type: ignore[union-attr]
 
 
@@ -97,7 +98,7 @@ def test_parts_of_the_light() -> None:
     assert cie.radiance([[0.1, 0.2, -0.3]])[0, 0] == pytest.approx(20 / np.pi, rel=1e-3)
 
 
-def test_of_a_place_and_time() -> None:
+def test_of_a_site_and_time() -> None:
     pytest.importorskip("pvlib")
     clear = sky_of(spectrum="solar", **NOON).sun
     assert clear is not None
@@ -132,7 +133,7 @@ def test_of_an_hour_of_a_weather_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sky", "message"),
     [
-        ({}, "has no sun, but where the sun stands is said by one of"),
+        ({}, "has no sun, but where the sun stands is given by one of"),
         ({"direct": 600, **SUN}, "lacks the field `diffuse`, which a sky of type perez needs"),
         ({"type": "sun", "direct": 600, **SUN}, "`diffuse`, which a sky of type sun needs to know the lumens"),
         ({"direct": 600, "diffuse": 100, "altitude": 30}, "lacks the field `azimuth`"),

@@ -119,7 +119,7 @@ def test_diffuse_transmittance_of_a_window(integrator: str) -> None:
 
 def test_gltf_panes_keep_their_formula() -> None:
     """One face, by Schlick's formula: light from everywhere passes by (1 - f0) (1 - 1/21)."""
-    pane = {"type": "principled", "transmission": 1, "roughness": 0, "reflectance": 1, "ior": 1.52}
+    pane = {"type": "principled", "thin": True, "transmission": 1, "roughness": 0, "reflectance": 1, "ior": 1.52}
     values, errors = window(pane, "path", 1024)
     f0 = (0.52 / 2.52) ** 2
     expected = (1 - f0) * (1 - 1 / 21)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.errors import SceneError
+from glpath.errors import SceneError, SceneWarning
 from glpath.scene.perez_sky import Daylight, PerezSky
 from glpath.scene.sky import Environment
 from glpath.scene.sun import Sun
@@ -113,7 +113,8 @@ def test_the_eye_sees_the_disc() -> None:
         scene.camera, position=np.array([3.0, 0, 3]), target=np.array([3.0, 0, 3]) + sun.direction, fov=12.0,
         resolution=(32, 32),
     )  # fmt: skip
-    film = glpath.render(replace(scene, camera=camera), integrator="path", spp=16, max_depth=1)
+    with pytest.warns(SceneWarning, match="no shape is in view"):
+        film = glpath.render(replace(scene, camera=camera), integrator="path", spp=16, max_depth=1)
     # The disc's part of the picture, by its radius on a flat film.
     covered = np.pi * (np.tan(np.radians(4)) / np.tan(np.radians(6))) ** 2 / 4
     assert film.mean[..., 0].mean() == pytest.approx(covered * sun.radiance_of_disc[0], rel=0.02)

@@ -11,6 +11,8 @@ import trimesh
 
 import glpath
 from benchmarks.walks import LAMP
+from tests.support.honeybee_model import two_rooms
+from tests.support.honeybee_model import write as write_honeybee
 from tests.support.repository import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -24,6 +26,7 @@ PROSE = ("", "text")
 ELSEWHERE = {
     ("js", "light.channel = 1"): "tests/bake/test_lightmap_seen.py",
     ("js", "new BABYLON.Texture"): "tests/bake/test_lightmap_seen.py",
+    ("python", "import bpy\n"): "tests/bake/test_lightmap_seen.py",
     ("python", "render_regression("): "tests/pytest_plugin/test_pytest_suite.py",
     ("ini", "[pytest]"): "tests/pytest_plugin/test_pytest_suite.py",
 }
@@ -34,6 +37,8 @@ NOT_RUN = {
     ("yaml", "kind: Job"): "needs Kubernetes",
     ("yaml", "upload-artifact"): "needs GitHub",
     ("sh", "#SBATCH"): "needs Slurm",
+    ("glsl", "shader_type spatial"): "needs Godot",
+    ("python", "mpl_image_compare"): "is of pytest-mpl; benchmarks/image_suite has such a test",
     ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
 }
 
@@ -112,6 +117,7 @@ def write_models(folder: Path) -> None:
     corners = ["v {} {} {}".format(*vertex) for vertex in box.vertices]
     (folder / "zone.obj").write_text("\n".join([*corners, *walls]) + "\n")
     (folder / "lamp.ies").write_text(LAMP)
+    write_honeybee(two_rooms(), folder / "room.hbjson")
     (folder / "studio.hdr").write_bytes(WHITE)
     seat = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "Seat"}
     scene = {

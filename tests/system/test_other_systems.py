@@ -104,7 +104,7 @@ def test_doctor_starts_without_opengl_and_says_what_is_missing(tmp_path: Path) -
 
 DRAWS = {
     "render": ["cornell-box-36", "-o", "a.png"],
-    "measure": ["cornell-box-36", "-o", "a.csv", "--plane", "y=50", "--spacing", "200"],
+    "measure": ["cornell-box-36", "-o", "a.csv", "--plane", "y=0", "--spacing", "0.5"],
     "lightmap": ["cornell-box-36", "-o", "a.glb"],
     "probes": ["cornell-box-36", "-o", "a.json"],
 }

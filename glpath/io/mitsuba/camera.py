@@ -56,6 +56,8 @@ def camera_of(plugin: Plugin) -> Camera:
             aperture_radius=plugin.number("aperture_radius", 0.0, 0.0),
             focus_distance=plugin.number("focus_distance", 1.0, 1e-12),
         )
+    else:
+        plugin.number("focus_distance", 1.0)  # which all of Mitsuba's cameras have, and no pinhole needs
     if plugin.nested("sampler"):
         pass  # how many samples, and which, is asked of `glpath render`
     plugin.check_all_read()
