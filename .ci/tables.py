@@ -1,6 +1,6 @@
 """Write tables of the documentation that are made from code and measurements: python .ci/tables.py [--check].
 
-The variants of shaders, options of shafts, curves of glass, CIE 171, and the README's speeds, from `benchmarks/results`.
+The variants of shaders, options of shafts, curves of glass, CIE 171 and speeds, from `benchmarks/results`.
 """
 
 from __future__ import annotations
