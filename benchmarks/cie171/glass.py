@@ -42,7 +42,7 @@ def directional() -> Case:
     for k, angle in enumerate(ANGLES):
         across = np.array([0.0, np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         corner = np.array([3.0 * k, 0.0, 2.0]) - [0.5, 0, 0] - 0.5 * across
-        panes.append(quad(Rectangle.of(corner, [[1, 0, 0], across]), "glass"))
+        panes.append(quad(Rectangle.of(corner, [np.array([1.0, 0.0, 0.0]), across]), "glass"))
         points.append([3.0 * k, 0.0, 0.0])
     sun = {"type": "directional", "direction": [0, 0, -1], "irradiance": 100}
     there = scene(panes, [sun])
