@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from glpath.rendering.progress import Progress
     from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
+    from glpath.terrain.height_field import HeightField
+    from glpath.terrain.horizon import Horizon, horizon
+    from glpath.terrain.reading import load_height_field, load_point_cloud
 
     __version__: str
 
@@ -47,6 +50,8 @@ _HOME = {
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
+    "HeightField": "terrain.height_field",
+    "Horizon": "terrain.horizon",
     "ImageError": "errors",
     "Irradiance": "rendering.points",
     "Lightmap": "bake.lightmap",
@@ -66,8 +71,11 @@ _HOME = {
     "Views": "rendering.views",
     "element_error": "rendering",
     "export": "io.export",
+    "horizon": "terrain.horizon",
     "irradiance": "rendering.points",
     "lightmap": "bake.lightmap",
+    "load_height_field": "terrain.reading",
+    "load_point_cloud": "terrain.reading",
     "load_scene": "io",
     "probes": "bake.probes",
     "read_image": "film.film",
@@ -84,6 +92,8 @@ __all__ = [
     "ElementError",
     "Film",
     "GlpathError",
+    "HeightField",
+    "Horizon",
     "ImageError",
     "Irradiance",
     "Lightmap",
@@ -104,8 +114,11 @@ __all__ = [
     "__version__",
     "element_error",
     "export",
+    "horizon",
     "irradiance",
     "lightmap",
+    "load_height_field",
+    "load_point_cloud",
     "load_scene",
     "probes",
     "read_image",

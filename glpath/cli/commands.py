@@ -16,6 +16,7 @@ COMMANDS = {
     "probes": Part("glpath.cli.probes", LIGHT, "Light in a grid of points, for objects that move there."),
     "measure": Part("glpath.cli.measure", LIGHT, "Irradiance and illuminance at points, with their errors."),
     "viewfactors": Part("glpath.cli.viewfactors", LIGHT, "The matrix of view factors between faces."),
+    "horizon": Part("glpath.cli.horizon", LIGHT, "Sky view factors and sun hours of terrain."),
     "info": Part("glpath.cli.scenes", SCENES, "What is in a scene."),
     "validate": Part("glpath.cli.scenes", SCENES, "What is wrong with a scene."),
     "schema": Part("glpath.cli.scenes", SCENES, "The scene format as JSON schema, for editors."),
