@@ -70,6 +70,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "irradiance at points: a closed form, and the office beside Radiance's rtrace at equal error",
         ("--scale",),
     ),
+    "height-field": (
+        "sky view factors and sun hours: a million points of 20 million triangles, beside Embree's rays",
+        ("--scale",),
+    ),
     "lightmap": (
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
@@ -124,8 +128,8 @@ def bench(
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, lightmap, jobs: "
-            "below 1, less work; 1.",
+            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, "
+            "height-field, lightmap, jobs: below 1, less work; 1.",
         ),
     ] = None,
     output: Annotated[
@@ -226,6 +230,10 @@ def _measure(
         from benchmarks.benches.measure import bench_measure
 
         return bench_measure(scale, progress)
+    if name == "height-field":
+        from benchmarks.benches.height_field import bench_height_field
+
+        return bench_height_field(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 

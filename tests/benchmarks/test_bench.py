@@ -74,6 +74,7 @@ def test_list_names_every_bench() -> None:
         "shaft-options",
         "viewfactors",
         "measure",
+        "height-field",
         "lightmap",
         "jobs",
         "start-up",
@@ -113,7 +114,7 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, lightmap, jobs, start-up",
+            "shaft-options, viewfactors, measure, height-field, lightmap, jobs, start-up",
         ),
         (
             ["z-buffer"],

@@ -120,7 +120,7 @@ def test_sky_view_factors_of_samples_and_of_points_there_agree() -> None:
 
 
 def test_any_normal_sees_its_half_of_the_sky() -> None:
-    """Over an open plane: (1 + cos s) / 2 for all tilts, overhanging ones too; a wall sees a half, a ceiling none."""
+    """Over an open plane: (1 + cos s) / 2 for all tilts; a wall sees a half, a ceiling nothing."""
     tilt = np.radians([0, 30, 60, 90, 120, 150, 180])
     normals = np.column_stack([np.sin(tilt) * 0.6, np.sin(tilt) * 0.8, np.cos(tilt)])
     points = np.tile([10.0, -10.0, 1.0], (len(tilt), 1))
