@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,12 +123,12 @@ class HeightField:
     def coordinates(self) -> tuple[Float64, Float64]:
         """x of the columns, and y of the rows."""
         rows, columns = self.shape
-        x = self.origin[0] + self.spacing[0] * np.arange(columns)
-        return x, self.origin[1] - self.spacing[1] * np.arange(rows)
+        x = self.origin[0] + self.spacing[0] * np.arange(columns, dtype=np.float64)
+        return x, self.origin[1] - self.spacing[1] * np.arange(rows, dtype=np.float64)
 
     def grid_positions(self, points: Float64) -> Float64:
         """(N, 2) column and row, not whole, of points (N, 2 or 3)."""
-        return (points[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1])
+        return np.asarray((points[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
 
     def heights_at(self, points: ArrayLike) -> Float64:
         """(N,) heights of the surface at points (N, 2 or 3); NaN outside the field and in holes."""
@@ -141,14 +140,14 @@ class HeightField:
         slopes = [-east / self.spacing[0], south / self.spacing[1], np.ones_like(east)]
         normals = np.stack(slopes, axis=1)
         normals[np.isnan(normals).any(axis=1)] = 0.0, 0.0, 1.0
-        return (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True), np.float32)
 
     def _planes_at(self, points: Float64) -> tuple[Float64, Float64, Float64]:
         """(N,) each: the height, and the rise of the triangle by a column and by a row."""
         at = self.grid_positions(points)
         rows, columns = self.shape
         edge = 1e-9 * max(rows, columns)
-        inside = ((at >= -edge) & (at <= np.array([columns - 1, rows - 1]) + edge)).all(axis=1)
+        inside = np.all((at >= -edge) & (at <= np.array([columns - 1, rows - 1]) + edge), axis=1)
         at = np.where(inside[:, None], at, 0.0)
         c = np.clip(np.floor(at[:, 0]).astype(int), 0, columns - 2)
         r = np.clip(np.floor(at[:, 1]).astype(int), 0, rows - 2)
@@ -182,15 +181,3 @@ class HeightField:
             np.negative(np.nan_to_num(slope, copy=False), out=result[..., component])
         result /= np.linalg.norm(result, axis=2, keepdims=True)
         return result
-
-
-def info_of(field: HeightField) -> dict[str, Any]:
-    """What it is, for people and for metadata of results."""
-    finite = field.heights[np.isfinite(field.heights)]
-    return {
-        "rows": field.shape[0],
-        "columns": field.shape[1],
-        "spacing": field.spacing,
-        "lowest": float(finite.min()),
-        "highest": float(finite.max()),
-    }

@@ -142,7 +142,7 @@ class Horizon:
 
     def _gradient(self, azimuth: float) -> tuple[float, float]:
         """Columns and rows for a unit of distance; rows count southwards."""
-        return math.sin(azimuth) / self.field.spacing[0], -math.cos(azimuth) / self.field.spacing[1]
+        return _along(math.sin(azimuth)) / self.field.spacing[0], -_along(math.cos(azimuth)) / self.field.spacing[1]
 
     def _on_grid(self, begin: int, end: int) -> Float64:
         """(n, 3): column, row, height of some receivers. Holes are at height 0."""
@@ -231,8 +231,8 @@ class Horizon:
         across = np.cos(up)
         return np.stack(
             [
-                np.sin(around) / self.field.spacing[0],
-                -np.cos(around) / self.field.spacing[1],
+                _along(np.sin(around)) / self.field.spacing[0],
+                -_along(np.cos(around)) / self.field.spacing[1],
                 np.sin(up) / np.maximum(across, 1e-9),
                 across * np.sin(around),
                 -across * np.cos(around),
@@ -347,6 +347,11 @@ def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
         count = int(below.sum())
         warn(f"points: {count:,} of {len(given):,} are below ground by more than half a spacing; they get NaN.")
     return given
+
+
+def _along(component: Any) -> Any:
+    """0 for the rounding of a direction along an axis, so that a ray along the field's border stays in it."""
+    return np.where(np.abs(component) < 1e-12, 0.0, component)[()]
 
 
 def _extent(terrain: HeightField) -> str:

@@ -87,9 +87,8 @@ def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-d
             return best
     beyond_x = x + (_BEYOND if gx > 0.0 else -_BEYOND)
     beyond_y = y + (_BEYOND if gy > 0.0 else -_BEYOND)
-    # To a far away border where a direction is along the other axis, so that nothing is infinite.
-    per_column = 1.0 / gx if gx != 0.0 else 1e30
-    per_row = 1.0 / gy if gy != 0.0 else 1e30
+    per_column = 1.0 / gx if gx != 0.0 else 0.0
+    per_row = 1.0 / gy if gy != 0.0 else 0.0
     ahead_x, ahead_y = 1 if gx >= 0.0 else 0, 1 if gy >= 0.0 else 0
     nearest = _NEAREST / max(abs(gx), abs(gy))
     level = 0
@@ -98,8 +97,8 @@ def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-d
         row = min(max(int(np.floor(beyond_y + gy * distance)), 0), rows - 2)
         shift = level + 1
         c, r = column >> shift, row >> shift
-        exit_x = ((c + ahead_x << shift) - x) * per_column
-        exit_y = ((r + ahead_y << shift) - y) * per_row
+        exit_x = ((c + ahead_x << shift) - x) * per_column if gx != 0.0 else np.inf
+        exit_y = ((r + ahead_y << shift) - y) * per_row if gy != 0.0 else np.inf
         after = min(exit_x, exit_y)
         if level >= 0:
             # No terrain of the block is steeper than its highest sample at its near side.
@@ -133,7 +132,8 @@ def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-d
                 best = found
                 if best > enough:
                     return best
-        distance = max(after, distance)
+        # Rounding must not keep it on a border.
+        distance = after if after > distance else distance + nearest
         level = min(level + 1, top)
     return best
 

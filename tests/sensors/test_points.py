@@ -365,7 +365,12 @@ def hills_scene(streamed: bool, **more: Any) -> glpath.Scene:
     corners = np.concatenate([vertices[faces] for vertices, faces in map(HILLS.chunk, range(len(HILLS)))])
     mesh = {"vertices": corners.reshape(-1, 3).astype(float), "faces": np.arange(3 * len(corners)).reshape(-1, 3)}
     hills = {"type": "stream", "stream": HILLS} if streamed else mesh
-    shapes = [LAMP, {"type": "box", "min": [-0.4, 0.5, -0.3], "max": [0.3, 1.2, 0.3]}, hills]
+    lamp = {
+        "type": "quad",
+        "corners": [[-1, 3, -1], [1, 3, -1], [1, 3, 1], [-1, 3, 1]],
+        "emission": {"radiance": 9},
+    }
+    shapes = [lamp, {"type": "box", "min": [-0.4, 0.5, -0.3], "max": [0.3, 1.2, 0.3]}, hills]
     return scene_of(**{"shapes": shapes, **more})
 
 

@@ -58,20 +58,19 @@ def test_a_long_wall_leaves_half_of_one_plus_a_cosine(height: float, away: float
 def test_in_the_bottom_of_a_v_shaped_valley_the_sky_is_what_both_slopes_leave() -> None:
     """Endless slopes of an angle s on both sides leave cos s to a receiver in the middle that is level."""
     slope = math.radians(40)
-    x = np.abs(np.arange(-300, 301)) * math.tan(slope)
-    field = np.tile(x, (601, 1))
+    field = np.tile(np.abs(np.arange(-20, 21)) * math.tan(slope), (41, 1))
     # Towards the ends the horizon of azimuth a has the tangent of the slope times sin a.
-    assert horizon(field, azimuths=256).sky_view_factor()[300, 300] == pytest.approx(math.cos(slope), abs=1e-3)
+    assert horizon(field, azimuths=128).sky_view_factor()[20, 20] == pytest.approx(math.cos(slope), abs=1e-3)
 
 
-def test_the_bottom_of_a_hemispherical_pit_sees_no_sky_but_half_at_its_rim() -> None:
+def test_the_bottom_of_a_bowl_sees_the_sky_within_its_rim() -> None:
     """In a bowl with its rim at the angle b above the bottom, the bottom sees cos^2 b."""
     radius, rim = 50.0, 35.0
     y, x = np.mgrid[-60:61, -60:61].astype(float)
     r = np.hypot(x, y)
     depth = np.where(r < rim, -np.sqrt(np.maximum(radius**2 - r**2, 0)), -math.sqrt(radius**2 - rim**2))
     b = math.atan2(radius - math.sqrt(radius**2 - rim**2), rim)
-    assert horizon(depth).sky_view_factor()[60, 60] == pytest.approx(math.cos(b) ** 2, abs=2e-3)
+    assert horizon(depth).sky_view_factor()[60, 60] == pytest.approx(math.cos(b) ** 2, abs=4e-3)  # by samples
 
 
 def test_a_single_tower_stands_at_its_angle() -> None:
@@ -241,17 +240,21 @@ def cosine_rays(count: int, normal: NDArray[np.float64], seed: int) -> NDArray[n
 @pytest.mark.evidence
 @pytest.mark.parametrize("surface", [None, "surface"])
 def test_sky_view_factors_are_those_of_rays_to_the_triangles(surface: Any) -> None:
-    """Embree's rays to the same triangles, 90,000 a point, within 1e-3."""
+    """Embree's rays to the same triangles, 90,000 a point, within 1e-3.
+
+    Rays begin a little above the surface, so the points lie off the edges of its triangles.
+    """
     from benchmarks.peers.embree import embreex_triangles
 
     field = HeightField.of(rough(97, 89, 8.0), 5.0)
     vertices, faces = field.triangles()
     cast = embreex_triangles(vertices[faces])
     rng = np.random.default_rng(2)
-    at = np.column_stack([440 * rng.random(30), -480 * rng.random(30)])
+    cells = rng.integers([1, 1], [87, 95], (20, 2))
+    at = 5.0 * (cells + [0.65, 0.35] + 0.1 * rng.random((20, 2))) * [1, -1]
     found = horizon(field, at, surface, azimuths=360)
     factors = found.sky_view_factor()
-    normals = np.broadcast_to(found.normals, (30, 3)).astype(float)
+    normals = np.broadcast_to(found.normals, (20, 3)).astype(float)
     assert found.points is not None
     for point, normal, factor in zip(found.points, normals, factors, strict=True):
         rays = cosine_rays(300, normal, 4)
