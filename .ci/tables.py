@@ -1,6 +1,6 @@
 """Write tables of the documentation that are made from code and measurements: python .ci/tables.py [--check].
 
-The variants of shaders, the options of shafts, and the README's speeds, from `benchmarks/results`.
+The variants of shaders, the options of shafts, curves of glass, and the README's speeds, from `benchmarks/results`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from glpath.gl.variants import VALUES, VARIANTS  # noqa: E402
 from glpath.radiosity.shafts.options import ShaftOptions  # noqa: E402
+from glpath.scene.slab import GLAZING_IOR, Float64, inside_of, slab  # noqa: E402
 
 _ASKED = re.compile(r"^\s*#\s*(?:ifdef|ifndef)\s+(\w+)|defined\s*\(?\s*(\w+)", re.MULTILINE)
 
@@ -57,6 +60,30 @@ def shaft_options() -> str:
     return "\n".join(rows) + "\n"
 
 
+def glazing() -> str:
+    """What window glass and glTF's thin glass let through by the angle, both 0.8 at normal incidence."""
+    transmittance, inside = 0.8, inside_of(0.8, GLAZING_IOR)
+
+    def schlick(cosine: Float64) -> Float64:
+        return transmittance * (1 - (1 - cosine) ** 5)  # one face: 1 - F over 1 - F0
+
+    u, weight = np.polynomial.legendre.leggauss(64)
+    cosine = (u + 1) / 2
+    rows = ["| angle to the normal | `glazing` | thin `principled` | ratio |", "|---|---|---|---|"]
+    for angle in (0, 40, 60, 70, 80):
+        at = np.array(np.cos(np.radians(angle)))
+        rows.append(_compared(str(angle), float(slab(at, GLAZING_IOR, inside)[1]), float(schlick(at))))
+    everywhere = [
+        float((weight * cosine * curve).sum()) for curve in (slab(cosine, GLAZING_IOR, inside)[1], schlick(cosine))
+    ]
+    rows.append(_compared("from everywhere", *everywhere))
+    return "\n".join(rows) + "\n"
+
+
+def _compared(what: str, ours: float, other: float) -> str:
+    return f"| {what} | {ours:.3f} | {other:.3f} | {other / ours:.2f} |"
+
+
 RESULTS = ROOT / "benchmarks" / "results"
 
 #: By the file in `benchmarks/results`: what was rendered.
@@ -88,6 +115,7 @@ def speed() -> str:
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
+    ("docs/howto/materials.md", "glazing"): glazing,
     ("README.md", "speed"): speed,
 }
 

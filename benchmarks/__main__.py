@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench NAME`, and figure, gallery, khronos, look and scene.
+"""`python -m benchmarks bench NAME`, and figure, gallery, khronos, look, scene and walks.
 
 `make bench` and `make figure` call it. Errors, warnings and exit codes are those of the `glpath` command.
 """
@@ -33,6 +33,9 @@ app = program(
             "benchmarks.look_command",
             GROUP,
             "Show models without an option, beside a viewer of the web.",
+        ),
+        "walks": Part(
+            "benchmarks.walks_command", GROUP, "Follow the documentation as six readers would, to a result each."
         ),
         "gallery": Part("benchmarks.gallery_command", GROUP, "Render the pictures of the documentation's gallery."),
     },

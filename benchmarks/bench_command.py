@@ -36,7 +36,7 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "denoise": (
         "time to an error with Open Image Denoise: the gather and path tracing, beside Mitsuba 3 with the same",
-        ("--scene", "--resolution", "--seeds", "--reference"),
+        ("--scene", "--resolution", "--seeds", "--reference", "--target"),
     ),
     "textures": (
         "a path set of 100,000 triangles with textures and smooth normals, beside the same plain",
@@ -82,7 +82,19 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "one render by 1, 2 and 4 worker processes: speed-up, cost of merging",
         ("--rounds", "--scale"),
     ),
+    "standard-scenes": (
+        "scenes of a folder in Mitsuba's format, by glpath and by Mitsuba itself, at equal error",
+        ("--folder", "--seeds", "--scale"),
+    ),
+    "image-tests": (
+        "one project of image tests beside pytest-mpl: what each finds, and seconds of a run",
+        ("--rounds",),
+    ),
     "start-up": ("a small picture from the shell, the whole process, beside Mitsuba 3", ("--rounds",)),
+    "footprint": (
+        "packages of the core, and how long the commands' help and the pytest plugin load",
+        ("--rounds",),
+    ),
 }
 
 
@@ -107,7 +119,9 @@ def bench(
     seeds: Annotated[
         int | None,
         typer.Option(
-            metavar="N", help="path-buffer, gather, denoise, materials: independent renders to take errors over; 3."
+            metavar="N",
+            help="path-buffer, gather, denoise, materials, standard-scenes: independent renders to take errors "
+            "over; 3.",
         ),
     ] = None,
     reference: Annotated[
@@ -116,21 +130,28 @@ def bench(
             metavar="FILE", help="path-buffer, gather, denoise: a converged picture, to take errors against."
         ),
     ] = None,
+    target: Annotated[
+        float | None, typer.Option(metavar="E", help="denoise: the error to come to, a relMSE; 5e-4.")
+    ] = None,
     rounds: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, start-up: turns of each program, of "
-            "which the median counts; 7.",
+            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, image-tests, start-up, footprint: turns "
+            "of each program, of which the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, "
-            "height-field, lightmap, jobs: below 1, less work; 1.",
+            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, height-field, "
+            "lightmap, jobs, standard-scenes: below 1, less work; 1.",
         ),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="standard-scenes: where the scenes are, such as Bitterli's collection."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -156,8 +177,10 @@ def bench(
         "--resolution": resolution,
         "--seeds": seeds,
         "--reference": reference,
+        "--target": target,
         "--rounds": rounds,
         "--scale": scale,
+        "--folder": folder,
     }
     allowed = BENCHES[name][1]
     for option, value in given.items():
@@ -168,13 +191,19 @@ def bench(
             raise UsageError(f"{option} {number}: must be at least 1")
     if scale is not None and not (math.isfinite(scale) and 0 < scale <= 1):
         raise UsageError(f"--scale {scale:g}: must be above 0 and at most 1")
+    if "--folder" in allowed and folder is None:
+        raise UsageError(f"bench {name}: needs a folder of scenes", "Give it one: --folder DIR.")
+    if target is not None and not (math.isfinite(target) and target > 0):
+        raise UsageError(f"--target {target:g}: must be above 0")
     if output is not None:
         check_writable(output)
     measured = None
     if scene is not None or resolution is not None:
         size = None if resolution is None else read_resolution(resolution)
         measured = seen(read_scene(scene or "cornell-box-36", []), size, {})
-    report = result_of(lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0))
+    report = result_of(
+        lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0, target, folder)
+    )
     _show(report, output)
     if report.faults:
         raise GlpathError(
@@ -185,7 +214,14 @@ def bench(
 
 
 def _measure(
-    name: str, scene: Scene | None, seeds: int, reference: Path | None, rounds: int, scale: float
+    name: str,
+    scene: Scene | None,
+    seeds: int,
+    reference: Path | None,
+    rounds: int,
+    scale: float,
+    target: float | None,
+    folder: Path | None,
 ) -> Report:
     def progress(text: str) -> None:
         say(text, err=True)
@@ -195,9 +231,9 @@ def _measure(
 
         return bench_gather(seeds, reference, scale, scene, progress)
     if name == "denoise":
-        from benchmarks.benches.denoise import bench_denoise
+        from benchmarks.benches.denoise import TARGET, bench_denoise
 
-        return bench_denoise(seeds, reference, scene, progress)
+        return bench_denoise(seeds, reference, scene, progress, target=target or TARGET)
     if name == "materials":
         from benchmarks.benches.materials import bench_materials
 
@@ -242,10 +278,22 @@ def _measure(
         from benchmarks.benches.jobs import bench_jobs
 
         return bench_jobs(scale, rounds, progress)
+    if name == "standard-scenes" and folder is not None:
+        from benchmarks.benches.standard_scenes import bench_standard_scenes
+
+        return bench_standard_scenes(folder, seeds, scale, progress)
+    if name == "image-tests":
+        from benchmarks.benches.image_tests import bench_image_tests
+
+        return bench_image_tests(rounds, progress)
     if name == "start-up":
         from benchmarks.benches.start_up import bench_start_up
 
         return bench_start_up(rounds, progress)
+    if name == "footprint":
+        from benchmarks.benches.footprint import bench_footprint
+
+        return bench_footprint(rounds, progress)
     from benchmarks.benches.path_buffer import bench_path_buffer
 
     return bench_path_buffer(seeds, reference, scene, progress)

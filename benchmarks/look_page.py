@@ -1,12 +1,13 @@
 """Pairs of pictures of models without an option: glpath's, and <model-viewer>'s, on a page of HTML.
 
-What <model-viewer> does not read, trimesh writes as .glb for it.
+What <model-viewer> does not read, trimesh writes as .glb for it. The seconds alone need no viewer.
 """
 
 from __future__ import annotations
 
 import io
 import math
+import resource
 import subprocess
 import sys
 import tempfile
@@ -19,7 +20,8 @@ from typing import Any
 
 from PIL import Image
 
-from benchmarks.peers.model_viewer import Shown, browser, package, shown_by_model_viewer
+from benchmarks.khronos.models import find_models
+from benchmarks.peers.model_viewer import Shown, shown_by_model_viewer
 from glpath.io.gltf.document import SUFFIXES
 from glpath.io.models import FORMATS
 
@@ -42,27 +44,33 @@ whole process for the one, and of loading and drawing, without the browser's sta
 
 @dataclass(frozen=True)
 class Rendered:
-    """A picture by `glpath render`, what the command printed, and its seconds."""
+    """A picture by `glpath render`, what the command printed, and seconds of the whole process."""
 
     png: bytes
     seconds: float
     printed: str
+    processor_seconds: float = 0.0
 
 
 def models_in(folder: Path) -> list[Path]:
-    """The models right in a folder, by their names."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in FORMATS and path.is_file())
+    """The models right in a folder, by their names; where it has none but a folder Models, Khronos' samples."""
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in FORMATS and path.is_file())
+    return [model.file for model in find_models(folder)] if not found and (folder / "Models").is_dir() else found
 
 
-def write_page(models: Sequence[Path], output: Path, side: int, say: Say) -> Path:
-    """Write index.html, sheet.jpg and the pictures into a folder. Raises GlpathError for what is not installed."""
-    browser(), package()  # before minutes are spent
+def render_models(models: Sequence[Path], output: Path, side: int, say: Say) -> list[Rendered]:
+    """Render each model without an option, one after the other; the pictures go into a folder."""
     output.mkdir(parents=True, exist_ok=True)
-    ours = []
+    found = []
     for path in models:
-        ours.append(_rendered(path, side))
-        (output / f"{path.name}.glpath.png").write_bytes(ours[-1].png)
-        say(f"{path.name}: {ours[-1].seconds:.1f} s")
+        found.append(_rendered(path, side))
+        (output / f"{path.name}.glpath.png").write_bytes(found[-1].png)
+        say(f"{path.name}: {found[-1].seconds:.1f} s, {found[-1].processor_seconds:.1f} s of processors")
+    return found
+
+
+def write_page(models: Sequence[Path], ours: Sequence[Rendered], output: Path, side: int) -> Path:
+    """Write index.html, sheet.jpg and the viewer's pictures into the folder of glpath's."""
     with tempfile.TemporaryDirectory() as folder:
         theirs = shown_by_model_viewer([_as_gltf(path, Path(folder)) for path in models], side)
     rows = []
@@ -82,11 +90,17 @@ def _rendered(path: Path, side: int) -> Rendered:
         picture = Path(folder, "a.png")
         command = [sys.executable, "-m", "glpath", "render", str(path), "-o", str(picture)]
         size = [] if side == 512 else ["--resolution", f"{side}x{side}"]
-        start = time.perf_counter()
+        before, start = _processor_seconds(), time.perf_counter()
         done = subprocess.run([*command, *size], stdin=subprocess.DEVNULL, capture_output=True)
-        seconds = time.perf_counter() - start
+        seconds, processor = time.perf_counter() - start, _processor_seconds() - before
         png = picture.read_bytes() if picture.exists() else b""
-    return Rendered(png, seconds, done.stderr.decode(errors="replace").strip())
+    return Rendered(png, seconds, done.stderr.decode(errors="replace").strip(), processor)
+
+
+def _processor_seconds() -> float:
+    """Of all children that have ended, user and system."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _as_gltf(path: Path, folder: Path) -> Path:

@@ -18,7 +18,7 @@ author = "the authors of glpath"
 project_copyright = "the authors of glpath, MIT licence"
 version = release = glpath.__version__
 
-extensions = ["sphinx.ext.autodoc", "myst_nb", "sphinx_copybutton", "glpath_docs.results"]
+extensions = ["sphinx.ext.autodoc", "myst_nb", "sphinx_copybutton", "glpath_docs.results", "glpath_docs.reading"]
 root_doc = "index"
 exclude_patterns = ["_ext"]
 templates_path: list[str] = []

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from glpath.rendering.progress import Progress
     from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
+    from glpath.scene.camera_matrices import camera
     from glpath.terrain.height_field import HeightField
     from glpath.terrain.horizon import Horizon, horizon
     from glpath.terrain.reading import load_height_field, load_point_cloud
@@ -69,6 +70,7 @@ _HOME = {
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "Views": "rendering.views",
+    "camera": "scene.camera_matrices",
     "element_error": "rendering",
     "export": "io.export",
     "horizon": "terrain.horizon",
@@ -112,6 +114,7 @@ __all__ = [
     "ViewFactors",
     "Views",
     "__version__",
+    "camera",
     "element_error",
     "export",
     "horizon",

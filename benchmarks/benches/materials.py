@@ -42,7 +42,7 @@ _Steps = Callable[[int, int], tuple[float, Float64]]
 
 
 @dataclass
-class _Program:
+class Program:
     """A program: `draw(samples, seed)` gives milliseconds a sample, and the picture."""
 
     samples: int
@@ -104,16 +104,16 @@ def bench_materials(
 
     (sets,), (samples,) = scaled((_SETS,), scale), scaled((_SAMPLES,), scale)
     programs = {
-        "gather": _Program(sets, gather),
-        "path": _Program(sets, path),
-        "mitsuba": _Program(samples, mitsuba),
+        "gather": Program(sets, gather),
+        "path": Program(sets, path),
+        "mitsuba": Program(samples, mitsuba),
     }
     for seed in range(max(seeds, 2)):
         progress(f"render {seed + 1} of {max(seeds, 2)}")
         for program in programs.values():
             program.run(seed)
     measured = {"solver_s": solver_s}
-    bias = _bias(programs["gather"], programs["path"])
+    bias = bias_of(programs["gather"], programs["path"])
     measured["gather_bias_relmse"] = bias
     for name, program in programs.items():
         left = TARGET - (bias if name == "gather" else 0.0)
@@ -146,7 +146,7 @@ def bench_materials(
     )
 
 
-def _bias(biased: _Program, unbiased: _Program) -> float:
+def bias_of(biased: Program, unbiased: Program) -> float:
     """relMSE of the mean of one beside that of the other, without the noise of both."""
     noise = sum(np.var(each.pictures, axis=0, ddof=1) / len(each.pictures) for each in (biased, unbiased))
     squares = (biased.mean - unbiased.mean) ** 2 - noise

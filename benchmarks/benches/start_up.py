@@ -7,6 +7,9 @@ the CPU; the quicker one is the peer.
 measured:
     python_s, glpath_s, mitsuba_s : seconds of a process: an empty Python, ours, the peer
     vs_mitsuba                    : how many times as fast as the peer
+    default_s                     : of `glpath render cornell-box`, as small, which is denoised
+    cold_s                        : of the same on a machine that has compiled neither shaders nor kernels
+    cold_512_s                    : of the same at 512 x 512, which needs a radiosity solution and its kernels
 """
 
 from __future__ import annotations
@@ -27,8 +30,11 @@ from glpath.errors import GlpathError
 from glpath.gl.context import get_context
 from glpath.system.versions import versions
 
-RULE = (Condition("glpath_s", "<=", 1.2),)
+RULE = (Condition("glpath_s", "<=", 1.2), Condition("cold_s", "<=", 6.0))
 _SIZE = 64
+_DEFAULT = ("-m", "glpath", "render", "cornell-box", "--quiet")
+# What is rendered with empty caches; the larger one has a radiosity solution, whose kernels are compiled.
+_COLD = {"cold_s": (_SIZE, _SIZE), "cold_512_s": (512, 512)}
 
 _MITSUBA = """
 import sys
@@ -45,7 +51,8 @@ def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda tex
     with tempfile.TemporaryDirectory() as folder:
         picture = str(Path(folder, "a.png"))
         ours = ["-m", "glpath", "render", "cornell-box-36", "--spp", "1", "--resolution", f"{_SIZE}x{_SIZE}"]
-        programs = {"python": ["-c", "pass"], "glpath": [*ours, "--quiet", "-o", picture]}
+        default = [*_DEFAULT, "-o", picture, "--resolution", f"{_SIZE}x{_SIZE}"]
+        programs = {"python": ["-c", "pass"], "glpath": [*ours, "--quiet", "-o", picture], "default": default}
         if importlib.util.find_spec("mitsuba") is not None:
             for variant in ("scalar_rgb", "llvm_ad_rgb"):
                 programs[f"mitsuba {variant}"] = ["-c", _MITSUBA, variant, str(_SIZE), picture]
@@ -64,11 +71,14 @@ def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda tex
             if name not in failed
         }
         seconds = in_turns(contestants, rounds)
-    measured = {"python_s": seconds["python"], "glpath_s": seconds["glpath"]}
+        progress("with empty caches")
+        cold = {key: _cold([*default[:-1], f"{width}x{height}"]) for key, (width, height) in _COLD.items()}
+    measured = {f"{name.replace(' ', '_')}_s": s for name, s in seconds.items() if "mitsuba" not in name} | cold
     peers = [s for name, s in seconds.items() if name.startswith("mitsuba")]
     if peers:
         measured |= {"mitsuba_s": min(peers), "vs_mitsuba": min(peers) / seconds["glpath"]}
-    claim, holds = judge(f"a picture of {_SIZE} x {_SIZE} and one path set within 1.2 s", RULE, measured)
+    claim = f"a picture of {_SIZE} x {_SIZE} and one path set within 1.2 s, the first one of a machine within 6 s"
+    claim, holds = judge(claim, RULE, measured)
     return Report(
         "start-up",
         claim,
@@ -81,9 +91,20 @@ def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda tex
     )
 
 
-def _run(arguments: list[str]) -> subprocess.CompletedProcess[bytes]:
+def _cold(arguments: list[str]) -> float:
+    """Seconds of a process whose caches are empty: of Mesa's shaders, and of numba's kernels."""
+    with tempfile.TemporaryDirectory() as home:
+        caches = {
+            "HOME": home,
+            "XDG_CACHE_HOME": str(Path(home, ".cache")),
+            "NUMBA_CACHE_DIR": str(Path(home, "numba")),
+        }
+        return seconds_of(partial(_run, arguments, caches))
+
+
+def _run(arguments: list[str], more: dict[str, str] | None = None) -> subprocess.CompletedProcess[bytes]:
     llvm = find_llvm()
-    environment = os.environ | ({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {})
+    environment = os.environ | ({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {}) | (more or {})
     return subprocess.run(
         [sys.executable, *arguments], env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False
     )

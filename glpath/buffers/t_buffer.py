@@ -278,15 +278,15 @@ class _Squares:
             np.asarray(eye[key], np.float32).astype(float) for key in ("eye_position", "eye_forward")
         )
         to_centre, radius = self._centres - position, self._radii
-        depth = to_centre @ forward
+        depth, focal = to_centre @ forward, max(eye["eye_focal"])  # type: ignore[call-overload]
         square = depth**2 - radius**2
         tangent = np.sqrt(np.maximum(np.einsum("ij,ij->i", to_centre, to_centre) - radius**2, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            extent = 2.0 * float(eye["eye_focal"]) * radius * tangent / square  # type: ignore[arg-type]
+            extent = 2.0 * focal * radius * tangent / square
         # The image of a sphere that nears the plane of the eye has no bounds.
         bounded = depth > 1.01 * radius
         if self._parallel:
-            extent, bounded = 2.0 * float(eye["eye_focal"]) * radius, np.ones(len(radius), np.bool_)  # type: ignore[arg-type]
+            extent, bounded = 2.0 * focal * radius, np.ones(len(radius), np.bool_)
         max_extent = np.where(bounded, np.minimum(1.01 * extent + 4.0, 1e6), 1e6)
         across, down = (
             np.ceil(np.minimum(max_extent, length) / self.side).astype(np.int64) for length in self._size

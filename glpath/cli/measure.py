@@ -100,7 +100,8 @@ def measure(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Points of a CSV file: columns x, y, z and nx, ny, nz; - for stdin.",
+            help="Points of a CSV file: columns x, y, z and nx, ny, nz; - for stdin. Or honeybee's sensors: "
+            "FILE.hbjson#GRID.",
             rich_help_panel=_POINTS,
         ),
     ] = None,

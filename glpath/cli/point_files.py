@@ -229,7 +229,16 @@ def read_points(path: Path, normal: Vector | None) -> Points:
     normal : where the file has none
 
     Raises UsageError with the line of what is wrong.
+
+    FILE.hbjson#GRID is a sensor grid of honeybee's, FILE.hbjson all of them.
     """
+    file, _, grid = str(path).partition("#")
+    if file.lower().endswith(".hbjson"):
+        from glpath.io.honeybee import sensor_points
+
+        if normal is not None:
+            raise UsageError(f"--normal beside the directions of {file}.", "Leave it out.")
+        return Points(*sensor_points(Path(file), grid or None))
     text = _text(path)
     names: list[str] | None = None
     rows: list[list[float]] = []

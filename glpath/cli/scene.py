@@ -102,6 +102,7 @@ def light_of(scene: Scene) -> str:
     if isinstance(scene.sky, Environment):
         studio = "a studio, as the scene has no light of its own"
         parts.append(studio if scene.sky.assumed else "an environment map")
+        parts += ["a sun"] * (scene.sky.sun is not None)
     elif scene.sky is not None:
         added = ", as the scene has no light of its own" if scene.sky.assumed else ""
         white = bool(np.all(scene.sky.zenith == 1) and np.all(scene.sky.horizon == 1))

@@ -77,6 +77,8 @@ def summarize(scene: Scene) -> dict[str, Any]:
             "shutter": list(camera.shutter),
             "moves": camera.moves,
             "resolution": list(camera.resolution),
+            "principal_point": list(camera.principal_point),
+            "pixel_aspect": camera.pixel_aspect,
         },
         "shapes": shapes,
         "materials": [_about_material(scene, material) for material in scene.materials],
@@ -129,7 +131,15 @@ def _plain(value: Any) -> Any:
 def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
     if isinstance(sky, Environment):
         size, up, integral = list(sky.image.shape[1::-1]), sky.up.tolist(), sky.integral.tolist()
-        return {"size": size, "scale": sky.scale, "rotation": sky.rotation, "up": up, "integral": integral}
+        about = {"size": size, "scale": sky.scale, "rotation": sky.rotation, "up": up, "integral": integral}
+        if sky.sun is not None:
+            sun = sky.sun
+            about["sun"] = {
+                "direction": sun.direction.tolist(),
+                "irradiance": sun.irradiance.tolist(),
+                "diameter": sun.diameter,
+            }
+        return about
     return None if sky is None else {name: getattr(sky, name).tolist() for name in ("zenith", "horizon", "up")}
 
 

@@ -25,6 +25,7 @@ from glpath.system.terminal import say
 if TYPE_CHECKING:
     from glpath.radiosity.view_factors.compute import ViewFactorProgress
     from glpath.radiosity.view_factors.result import ViewFactors
+    from glpath.scene import Scene
 
 _GROUPS = ("faces", "planar", "shapes")
 _PROPERTIES = ("reciprocity", "closure")
@@ -90,6 +91,7 @@ def viewfactors(
     faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing occludes two
     faces from each other, exact visibility from points elsewhere.
     """
+    from glpath.io.meshes import FORMATS
     from glpath.radiosity.view_factors.faces import geometry_alone
     from glpath.radiosity.view_factors.formats import check_names, file_kind
 
@@ -104,8 +106,11 @@ def viewfactors(
         raise UsageError(f"--error {error:g}: must be from 1e-7 to 0.1.")
     if run.resume and is_stream(out[0]):
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
-    with geometry_alone():
-        loaded = read_scene(scene, parameters)
+    faces: Path | Scene = Path(scene)
+    # A mesh file is read as it is, so that row i is its face i: a scene leaves out triangles without area.
+    if parameters or groups == "shapes" or faces.suffix.lower() not in FORMATS:
+        with geometry_alone():
+            faces = read_scene(scene, parameters)
     for path in out:
         check_writable(path)
     part = out[0].with_name(out[0].name + ".part") if run.resume else None
@@ -114,7 +119,7 @@ def viewfactors(
         from glpath.radiosity.view_factors.compute import view_factors
 
         with reporting(run.mode, sys.stderr, _event) as report:
-            return view_factors(loaded, groups=groups, error=error, flip=flip, resume=part, on_progress=report)
+            return view_factors(faces, groups=groups, error=error, flip=flip, resume=part, on_progress=report)
 
     try:
         found = result_of(compute)

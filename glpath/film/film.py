@@ -21,6 +21,7 @@ from glpath.film import image
 from glpath.film.aovs import guides_denoiser
 from glpath.film.cryptomatte import Kind
 from glpath.film.film_errors import FilmErrors
+from glpath.film.film_frames import film_data_set, stats_frame
 from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
 from glpath.film.image import tonemap as tonemapped
 from glpath.film.npz_file import FilmParts, read_parts, write_parts
@@ -163,6 +164,24 @@ class Film(FilmErrors):
     def load(cls, path: str | Path) -> Film:
         """Read a film written as .npz. Raises ImageError, also for one whose parts contradict each other."""
         return cls(*read_parts(path))
+
+    def to_pandas(self) -> Any:
+        """What the render took, as a `pandas.DataFrame` of one row, by the scene's name.
+
+        `pandas.concat` joins those of several. Columns: integrator, seed, max_depth, path_sets, width and height
+        (pixels), elapsed_s, relative_error (of the picture as it is), stop_rule, error_bound, unit, device,
+        scene_hash, and each of `metadata.statistics`, such as `paths_cast` and `stage_ms.trace`. Raises GlpathError
+        where pandas is missing.
+        """
+        return stats_frame(self)
+
+    def to_xarray(self) -> Any:
+        """The picture as an `xarray.Dataset`: `radiance` (y, x, channel), linear Rec. 709, and each AOV.
+
+        x and y are the numbers of pixels in the whole image, y from the top; the attributes are the columns of
+        `to_pandas`. Raises GlpathError where xarray is missing.
+        """
+        return film_data_set(self)
 
     def __repr__(self) -> str:
         m = self.metadata

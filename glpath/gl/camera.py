@@ -48,19 +48,20 @@ def eye_uniforms(
     x, y, w, h = window or (0, 0, width, height)
     right, up, forward = camera.frame()
     position = np.asarray(camera.position, np.float64)
-    centre = np.array(eye_centre(camera.resolution, pixel))
+    centre = np.array(eye_centre(camera, pixel))
+    focal = np.array(camera.focal_lengths)
     if lens is not None and camera.aperture_radius > 0:
         # Points in focus stay where they are: a pinhole whose image is shifted.
         beside = camera.aperture_radius * concentric_disk(np.asarray(lens, np.float64))
         position = position + beside[0] * right + beside[1] * up
-        centre = centre + camera.focal / camera.focus * beside
+        centre = centre + focal / camera.focus * beside
     return {
         "eye_position": tuple(position + ahead * forward),
         "eye_ahead": ahead,
         "eye_right": tuple(right),
         "eye_up": tuple(up),
         "eye_forward": tuple(forward),
-        "eye_focal": camera.focal,
+        "eye_focal": (float(focal[0]), float(focal[1])),
         "eye_angle": (2.0 * np.pi / width, np.pi / height),
         "eye_centre": (float(centre[0]), float(centre[1])),
         "eye_corner": (x, height - y - h),
@@ -79,10 +80,10 @@ def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
     return max(0.0, float(to_centre @ camera.frame()[2]) - 2.0 * radius)
 
 
-def eye_centre(resolution: tuple[int, int], pixel: tuple[float, float]) -> tuple[float, float]:
+def eye_centre(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
     """The uniform that changes with the position in each pixel."""
-    width, height = resolution
-    return width / 2.0 + 0.5 - pixel[0], height / 2.0 - 0.5 + pixel[1]
+    across, down = camera.centre
+    return across + 0.5 - pixel[0], camera.resolution[1] - down - 0.5 + pixel[1]
 
 
 def of_every_second(eye: dict[str, Any], offset: tuple[int, int], size: tuple[int, int]) -> dict[str, Any]:
@@ -98,7 +99,7 @@ def of_every_second(eye: dict[str, Any], offset: tuple[int, int], size: tuple[in
     )
     across, up = eye["eye_angle"]
     return eye | {
-        "eye_focal": eye["eye_focal"] / 2.0,
+        "eye_focal": tuple(focal / 2.0 for focal in eye["eye_focal"]),
         "eye_angle": (2.0 * across, 2.0 * up),
         "eye_centre": centre,
         "eye_corner": (0, 0),
@@ -128,7 +129,8 @@ def view_volume(camera: Camera, eye: dict[str, Any]) -> tuple[Float64, Float64]:
     normals, offsets = [forward], [forward @ position]
     for axis, along in enumerate((right, up)):
         first = eye["eye_corner"][axis] + 0.5 - eye["eye_centre"][axis]
-        low, high = (first - 1.5) / eye["eye_focal"], (first + eye["eye_size"][axis] + 0.5) / eye["eye_focal"]
+        focal = eye["eye_focal"][axis]
+        low, high = (first - 1.5) / focal, (first + eye["eye_size"][axis] + 0.5) / focal
         both = [along, -along] if parallel else [along - low * forward, high * forward - along]
         normals += both
         offsets += [

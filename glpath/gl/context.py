@@ -41,9 +41,17 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
-import moderngl
-
 from glpath.errors import ContextError
+
+try:
+    import moderngl
+except ImportError as missing:  # there is no wheel for each system and processor
+    raise ContextError(
+        f"OpenGL cannot be reached: moderngl cannot be imported ({missing}).",
+        "pip install moderngl, for which some systems need a compiler; `glpath doctor` lists what else is missing. "
+        "info, validate, diff, export, radiosity and viewfactors need no OpenGL.",
+    ) from missing
+
 from glpath.gl.devices import DeviceInfo, chosen
 from glpath.gl.fences import HeldFences
 from glpath.gl.opening import CollectingContext, Opened, no_gpu, open_best

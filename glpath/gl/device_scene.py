@@ -116,6 +116,7 @@ class DeviceScene(Owner):
             **{f"HAS_{kind.upper()}S": len(of) > 0 for kind, of in numbers.kinds.items()},
             **material_variants(scene.materials),
             HAS_ENVIRONMENT=isinstance(scene.sky, Environment),
+            HAS_SUN=isinstance(scene.sky, Environment) and scene.sky.sun is not None,
             HAS_BACKGROUND=scene.background is not None,
             HAS_DIRECTIONAL_LIGHTS=any(light.kind == "directional" for light in lights),
             HAS_PROFILES=bool(profiled_lights(scene)),

@@ -111,6 +111,7 @@ class LightDraws:
             **bases,
             "light_parts": parts.astype(np.uint32).tobytes(),
             "sky_halves": len(halves),
+            "sun_share": lighting.sky.sun_share if isinstance(lighting.sky, Environment) else 0.0,
             **_portal_uniforms(others(lighting) if samples else lighting),
             **_rectangle_uniforms(rectangles),
         }

@@ -31,6 +31,12 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
     if isinstance(sky, Environment):
         middle, _, up = sky.frame
         uniforms = {"sky_size": sky.image.shape[1::-1], "sky_middle": tuple(middle), "sky_up": tuple(up)}
+        if sky.sun is not None:
+            uniforms |= {
+                "sun_direction": tuple(sky.sun.direction),
+                "sun_square_chord": sky.sun.square_chord,
+                "sun_radiance": tuple(sky.sun.radiance_of_disc),
+            }
     else:
         dark = np.zeros(3)
         uniforms = {

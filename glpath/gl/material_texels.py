@@ -73,6 +73,7 @@ MATERIAL_VARIANTS = {
     ),
     "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
+    "HAS_SLABS": MaterialVariant("and reflects at both faces of a slab", lambda m: _rough(m) and m.is_slab),
     "HAS_ROUGH_TRANSMISSION": MaterialVariant(
         "and scatters what it transmits", lambda m: _rough(m) and m.transmission > 0 and not m.is_smooth
     ),
@@ -150,7 +151,13 @@ def material_table(materials: Sequence[Material]) -> Float64:
             _dielectric(m),
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
             # What lets nothing through is no solid of glass, by whose formula it would reflect then.
-            [m.transmission, m.ior, m.transmission > 0 and not m.thin, m.is_thin_dielectric],
+            # Of a slab its index stands where another thin dielectric has 1.
+            [
+                m.transmission,
+                m.ior,
+                m.transmission > 0 and not m.thin,
+                m.is_thin_dielectric * (m.ior if m.slab else 1.0),
+            ],
             [*m.attenuation, 0],
             *_sheen(m),
             [m.iridescence, m.iridescence_thickness_min, m.iridescence_thickness, m.iridescence_ior],

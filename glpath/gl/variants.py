@@ -46,6 +46,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_COLOURED_LIGHT": Variant("vertex colours shine", _SCENE),
     "HAS_TRIANGLE_DENSITIES": Variant("lamps' triangles have densities of their own", _SCENE),
     "HAS_ENVIRONMENT": Variant("the sky is an image", _SCENE),
+    "HAS_SUN": Variant("and has the sun's disc besides", _SCENE),
     "HAS_BACKGROUND": Variant("the eye sees another background than the sky", _SCENE),
     "HAS_GROUND": Variant("and a ground there, which catches shadows", "integrators.ground"),
     "HAS_DIRECTIONAL_LIGHTS": Variant("there are directional lights", _SCENE),

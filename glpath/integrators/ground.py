@@ -9,6 +9,8 @@ Poor at:  light from lamps of the model itself, which the ground does not show.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,6 +67,10 @@ def _light_from_above(sky: Sky | Environment, up: Float64) -> Environment:
     local = np.stack(
         [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + np.zeros_like(phi)], axis=2
     )
-    light = sky.radiance(local @ empty.frame) * np.maximum(np.cos(theta), 0.0)[..., None]
+    sun = None if isinstance(sky, Sky) else sky.sun
+    of_map = sky if isinstance(sky, Sky) else replace(sky, sun=None)
+    light = of_map.radiance(local @ empty.frame) * np.maximum(np.cos(theta), 0.0)[..., None]
+    if sun is not None:
+        sun = replace(sun, irradiance=sun.irradiance * max(float(sun.direction @ up), 0.0))
     # A tent of the row below the horizon would reach above it.
-    return Environment(light.astype(np.float32), up)
+    return Environment(light.astype(np.float32), up, sun=sun)

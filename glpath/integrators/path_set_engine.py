@@ -184,7 +184,7 @@ class PathSetEngine(Engine):
             self._eye = self._seen_by(self._camera.at())
         camera = self._camera
         if not (camera.moves or camera.aperture_radius > 0):
-            return self._eye | own | {"eye_centre": eye_centre(self.sensor.resolution, sample)}
+            return self._eye | own | {"eye_centre": eye_centre(camera, sample)}
         lens = self._sampler.eye(index)[:2]
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         if self.own_lens:

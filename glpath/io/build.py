@@ -140,11 +140,11 @@ def _camera(file: SceneFile) -> Camera:
         shutter=given.shutter,
         motion=motion.camera_keys(given),
     )
-    match given:
-        case description.Orthographic():
-            return replace(camera, projection="orthographic", height=given.height)
-        case description.Panorama():
-            return replace(camera, projection="panorama")
+    if isinstance(given, description.Panorama):
+        return replace(camera, projection="panorama")
+    camera = replace(camera, principal_point=given.principal_point, pixel_aspect=given.pixel_aspect)
+    if isinstance(given, description.Orthographic):
+        return replace(camera, projection="orthographic", height=given.height)
     focus = None if isinstance(given.focus_distance, UnsetType) else given.focus_distance
     return replace(camera, fov=float(given.fov), aperture_radius=given.aperture_radius, focus_distance=focus)
 

@@ -45,7 +45,7 @@ from glpath.system.files import shipped_folder
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
-SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml")
+SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml", ".hbjson")
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
@@ -54,7 +54,8 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     Parameters
     ----------
     scene      : one of
-                 the path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), or of a model:
+                 the path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), of a model of
+                 honeybee (.hbjson, see `glpath.io.honeybee`), or of a model:
                  glTF (.glb, .gltf), OBJ with its MTL, or one of `glpath.io.meshes.FORMATS`. A path has a folder
                  or such a suffix; `./furnace` is always a file;
                  the name of a shipped scene (`shipped_scenes()`);
@@ -64,8 +65,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  and its lights and camera where it has them;
                  a `Scene`, which is given back as it is.
     parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
-                 `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, or for one of Mitsuba's:
-                 its `<default>`s (`scene_parameters`); as text (`-D key=value`) or of the parameter's type
+                 `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, for honeybee's: `overcast`,
+                 `ground` and `view`, or for one of Mitsuba's: its `<default>`s (`scene_parameters`); as text
+                 (`-D key=value`) or of the parameter's type
 
     Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
     instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
@@ -114,6 +116,10 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
         from glpath.io.mitsuba import read_mitsuba  # which takes from the exporters, which load scenes
 
         return read_mitsuba(path, parameters)
+    if path.suffix.lower() == ".hbjson":
+        from glpath.io.honeybee import read_honeybee  # which few scenes need
+
+        return _made(read_honeybee, SourceLocation(text), parameters, path)
     return _made(_read_as_asked, SourceLocation(text), parameters, path)
 
 
@@ -136,6 +142,10 @@ def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
         return {key: (value, "as the file has it") for key, value in mitsuba_parameters(Path(name)).items()}
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)
+    if name.lower().endswith(".hbjson"):
+        from glpath.io.honeybee import read_honeybee
+
+        return _parameters_of(read_honeybee)
     is_toml = name in _scene_files() or name.lower().endswith(".toml")
     return _parameters_of(_read_as_asked) if is_toml else {}
 

@@ -13,6 +13,7 @@ from glpath.errors import warn
 from glpath.film.image import read_image
 from glpath.film.units import Unit, conversion
 from glpath.io import description
+from glpath.io.day_sky import OF_DAYS, day_sky
 from glpath.io.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
 from glpath.io.ies import read_ies
 from glpath.io.scene_pictures import stored_picture
@@ -23,6 +24,8 @@ from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
+# What a sky of irradiances does not have.
+_NOT_OF_DAYS = ("cie_type", "illuminance", "zenith", "horizon", "file", "scale", "rotation", "unit")
 
 
 def lights(
@@ -245,9 +248,15 @@ def sky(
         return None
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
     up = unit(camera_up if isinstance(given.up, UnsetType) else given.up, location.field("up"), "up = [0, 1, 0]")
+    if given.type in ("perez", "sun"):
+        _check_names(given, _NOT_OF_DAYS, location, "Such a sky is of irradiances, W m^-2.")
+        return day_sky(given, up, location, folder, scene_unit)
+    _check_names(given, OF_DAYS, location, 'Of a sky with type = "perez" or "sun" there is one.')
     if given.type == "cie":
         return _cie_sky(given, up, factor, location)
-    _check_names(given, ("cie_type", "sun", "illuminance"), location, 'Of a sky with type = "cie" there is one.')
+    _check_names(
+        given, ("cie_type", "sun", "illuminance", "ground"), location, 'Of a sky with type = "cie" there is one.'
+    )
     others = ("scale", "rotation") if isinstance(given.file, UnsetType) else ("zenith", "horizon")
     found = [name for name in others if not isinstance(getattr(given, name), UnsetType)]
     if not isinstance(given.file, UnsetType) and not found:
@@ -311,7 +320,8 @@ def _cie_sky(given: description.Sky, up: Float64, factor: float, location: Sourc
         )
     if sun is not None and sun @ up < 0:
         raise location.field("sun").error("lies below the horizon.", "Its elevation must be from 0 to 90 degrees.")
-    return cie_sky(given.cie_type, up, sun, zenith=zenith, illuminance=illuminance)
+    ground = 0.0 if isinstance(given.ground, UnsetType) else given.ground
+    return cie_sky(given.cie_type, up, sun, zenith=zenith, illuminance=illuminance, ground=ground)
 
 
 def _check_names(given: description.Sky, names: tuple[str, ...], location: SourceLocation, remedy: str) -> None:

@@ -22,6 +22,7 @@ from glpath.io.description import (
     MAX_TEXTURE_PIXELS,
     AnyMaterial,
     AnyTexture,
+    Glazing,
     Phong,
     Principled,
 )
@@ -30,6 +31,7 @@ from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import rgb, share, unknown
 from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
+from glpath.scene.slab import clearest, inside_of
 from glpath.scene.source_location import SourceLocation
 
 _COLOURS = (
@@ -65,7 +67,8 @@ def materials(
 def _material(
     name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
 ) -> Material:
-    if given.culled and (given.two_sided or (isinstance(given, Principled) and given.transmission > 0)):
+    glass = isinstance(given, Glazing) or (isinstance(given, Principled) and given.transmission > 0)
+    if given.culled and (given.two_sided or glass):
         raise location.field("culled").error(
             "is true of a material that has a back: it is two-sided, or glass.",
             "Say two_sided = false, or leave it out.",
@@ -86,6 +89,8 @@ def _reflecting(
     name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
 ) -> Material:
     texture = _slot(given.texture, texture_number, location.field("texture"))
+    if isinstance(given, Glazing):
+        return _glazing(name, given, texture, location)
     reflectance = given.reflectance
     if isinstance(reflectance, UnsetType):
         reflectance = 0.5 if texture is None else 1.0
@@ -103,6 +108,24 @@ def _reflecting(
         raise location.field("specular").wrong(given.specular, "0 or more", "0 is without a highlight.")
     mirror = share(given.mirror, location.field("mirror"), "1 is a perfect mirror, 0 none.")
     return Material(name, diffuse, given.two_sided, specular, given.exponent, mirror, texture)
+
+
+def _glazing(name: str, given: Glazing, texture: TextureSlot | None, location: SourceLocation) -> Material:
+    if not isinstance(given.reflectance, UnsetType):
+        raise location.field("reflectance").error(
+            "is of glazing, which reflects by its index.", "Leave it out, or make it a principled material."
+        )
+    transmittance, limit = rgb(given.transmittance), clearest(given.ior)
+    if np.any((transmittance <= 0) | (transmittance > limit * (1 + 1e-9))):
+        raise location.field("transmittance").wrong(
+            given.transmittance,
+            f"above 0 and at most {limit:.3f}, what two faces of the index {given.ior:g} leave",
+            "It is that of the whole glazing at normal incidence, as makers of glass give it.",
+        )
+    inside = np.minimum(inside_of(transmittance, given.ior), 1.0)
+    return Material(
+        name, inside, texture=texture, roughness=0.0, ior=given.ior, transmission=1.0, thin=True, slab=True
+    )
 
 
 def _principled(

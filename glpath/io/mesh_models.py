@@ -50,10 +50,8 @@ class _Reader:
             library.add(name)
         shapes: list[Shape] = []
         uses_colours = False
-        for loaded in sorted(
-            self.file.meshes, key=self._number
-        ):  # which trimesh hands out from the last to the first
-            number, mesh = self._number(loaded), mesh_of_loaded(loaded, self.path)
+        for loaded in self.file.in_order:
+            number, mesh = self.file.material_number(loaded), mesh_of_loaded(loaded, self.path)
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
                 prefix = which(self.path, self.location)
                 raise self.location.error(
@@ -86,11 +84,6 @@ class _Reader:
             camera=None,
             notes=tuple(self.notes),
         )
-
-    def _number(self, loaded: Any) -> int:
-        """The number of its material in an OBJ; -1 without."""
-        name = str(getattr(getattr(loaded.visual, "material", None), "name", ""))
-        return int(name) if self.file.obj is not None and name.isdecimal() else -1
 
     def _index(self, surface: Surface) -> int:
         for index, known in enumerate(self.surfaces):

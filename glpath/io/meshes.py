@@ -193,6 +193,16 @@ class MeshFile:
     coloured: bool = False
     single: bool = False
 
+    def material_number(self, loaded: Any) -> int:
+        """The number of the material of one of `meshes` in an OBJ; -1 without."""
+        name = str(getattr(getattr(loaded.visual, "material", None), "name", ""))
+        return int(name) if self.obj is not None and name.isdecimal() else -1
+
+    @property
+    def in_order(self) -> list[Any]:
+        """`meshes` in the order in which the file first uses their materials; trimesh has the last first."""
+        return sorted(self.meshes, key=self.material_number)
+
 
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
     """The contents of a file. `location` and errors as of `read_mesh`.

@@ -47,4 +47,10 @@ def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
     across /= np.linalg.norm(across)
     level = np.cos(phi)[:, None] * across + np.sin(phi)[:, None] * np.cross(up, across)
     directions = np.sqrt(sine2)[..., None] * level + np.sqrt(1 - sine2)[..., None] * up
-    return float(luminance(sky.radiance(directions)).mean())
+    sun = sky.sun if isinstance(sky, Environment) else None
+    if sun is None:
+        return float(luminance(sky.radiance(directions)).mean())
+    assert isinstance(sky, Environment), "it has a sun"
+    # A stratum would hardly ever meet the sun.
+    of_map = replace(sky, sun=None).radiance(directions).mean(axis=(0, 1))
+    return float(luminance(of_map + sun.irradiance * max(float(sun.direction @ up), 0.0) / np.pi))

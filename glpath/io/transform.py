@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import UnsetType
-from pyrr import matrix44
 
 from glpath.io.description import Step
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.pyrr_matrices import matrix44
 
 
 def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64:

@@ -6,7 +6,9 @@ nothing came for too long it prints a line, and aborts this one (SIGABRT, exit c
 where it hung. What was in memory is lost; a checkpoint is not.
 
 The other process counts seconds in which it ran itself, so that a render that was suspended (Ctrl-Z) is not taken
-for one that hangs. It ends when the pipe closes, however this process ended.
+for one that hangs. Nor does it count what the kernel says that a thread of this one waited for a processor: on a
+busy machine a kernel's compilation, which takes seconds, took longer than the limit. It ends when the pipe closes,
+however this process ended.
 
 Cost:     a Python process without packages, 20 ms of another core; then nothing to be measured.
 Poor at:  path sets, or steps of a solver, that take longer than the limit, on slow machines: raise it.
@@ -26,14 +28,28 @@ from glpath.system.machine import posix_module
 
 _resource = posix_module("resource")
 
+_PROC = "/proc"
 # Between two bytes through the pipe.
 _INTERVAL = 0.5
 
 _CODE = """
 import os, select, signal, sys, time
-watched, limit, message = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
+watched, limit, message, proc = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3], sys.argv[4]
 tick = min(1.0, limit / 4)
 silent = 0.0
+
+def waits():
+    # Seconds for which each thread could have run, but had no processor; nothing where the kernel does not count.
+    found = {}
+    try:
+        for thread in os.listdir(f"{proc}/{watched}/task"):
+            with open(f"{proc}/{watched}/task/{thread}/schedstat") as file:
+                found[thread] = int(file.read().split()[1]) / 1e9
+    except (OSError, IndexError, ValueError):
+        pass
+    return found
+
+before = waits()
 for name in ("SIGINT", "SIGTERM", "SIGUSR1"):
     if hasattr(signal, name):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -43,7 +59,10 @@ while silent < limit:
             sys.exit()
         silent = 0.0
     else:
-        silent += tick
+        now = waits()
+        starved = max((now[each] - before.get(each, now[each]) for each in now), default=0.0)
+        silent += max(0.0, tick - starved)
+        before = now
 os.write(2, message.encode(errors="replace"))
 os.kill(watched, signal.SIGABRT)
 until = time.monotonic() + 10
@@ -70,7 +89,7 @@ class Watchdog:
         self._core_limit: tuple[int, int] | None = None
 
     def __enter__(self) -> Watchdog:
-        arguments = [str(os.getpid()), str(self._limit), self._message]
+        arguments = [str(os.getpid()), str(self._limit), self._message, _PROC]
         with contextlib.suppress(OSError):  # no process to be had: nobody watches
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _CODE, *arguments], stdin=subprocess.PIPE, bufsize=0

@@ -62,8 +62,9 @@ def render(
     crop           : (x, y, width, height): only these pixels of the whole image, y from the top
     camera         : what to replace of the camera: position, target, up, fov (vertical, degrees); type
                      ("perspective", "orthographic" with a height, "panorama"), aperture_radius and
-                     focus_distance of a lens, shutter (opens, closes; seconds). A new position ends its motion. Or
-                     a whole `glpath.scene.Camera`, instead of the scene's
+                     focus_distance of a lens, shutter (opens, closes; seconds), principal_point, pixel_aspect. A
+                     new position ends its motion. Or a whole `glpath.scene.Camera`, instead of the scene's, as
+                     `glpath.camera` makes of matrices
     parameters     : of a generated scene
     {run_options}
     {options}

@@ -266,6 +266,8 @@ class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
     focus_distance: float | None = None
     shutter: tuple[float, float] = (0.0, 0.0)
     motion: tuple[SensorKey, ...] = ()
+    principal_point: tuple[float, float] = (0.5, 0.5)
+    pixel_aspect: float = 1.0
 
 
 class PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
@@ -372,6 +374,8 @@ _CAMERA_NUMBERS = {
     "aperture_radius": 1,
     "focus_distance": 1,
     "shutter": 2,
+    "principal_point": 2,
+    "pixel_aspect": 1,
 }
 
 

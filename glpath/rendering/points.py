@@ -30,7 +30,7 @@ from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
-from glpath.scene import Scene
+from glpath.scene import Environment, Scene
 from glpath.sensors.sensor import PointSensor
 from glpath.system.frames import data_frame, data_set
 
@@ -244,6 +244,11 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
                 "Leave it out, or write a sky in its file.",
             )
         return replace(scene, sky=uniform_sky(), background=None)
+    if isinstance(own.sky, Environment) and own.sky.solar:
+        warn(
+            f"{source}: the watts of its sky are of the whole spectrum of the sun: irradiance is right, and "
+            "illuminance is not, which counts 179 lumens a watt."
+        )
     if assumed and glows:
         text = f"{source}: what glows in it is its only light: measured without the studio that pictures have."
         warn(text)

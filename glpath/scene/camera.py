@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pyrr import matrix33
 
 from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
+from glpath.system.pyrr_matrices import matrix33
 
 # Of `framing`: degrees from the front to the right, and upwards, each of what is as wide and high as deep, and of
 # what is thin or flat; below which share of width over depth, of height over width, it begins to be so.
@@ -62,6 +62,9 @@ class Camera:
     shutter              : when it opens and when it closes, seconds; equal for one moment
     motion               : where it moves: held before the first and after the last, linear between them; they stand
                            for position, target and up. () where it stands still
+    principal_point      : where the view goes through the picture, in its widths and heights from the upper left
+                           corner: (0.5, 0.5) is the middle, a shifted lens has others. Not of a panorama
+    pixel_aspect         : width of a pixel over its height. Not of a panorama
     """
 
     position: Float64
@@ -75,10 +78,12 @@ class Camera:
     focus_distance: float | None = None
     shutter: tuple[float, float] = (0.0, 0.0)
     motion: tuple[CameraKey, ...] = ()
+    principal_point: tuple[float, float] = (0.5, 0.5)
+    pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
         _hold_arrays(self)
-        for name in ("resolution", "shutter", "motion"):
+        for name in ("resolution", "shutter", "motion", "principal_point"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
 
     def frame(self) -> tuple[Float64, Float64, Float64]:
@@ -142,10 +147,21 @@ class Camera:
 
     @property
     def focal(self) -> float:
-        """Pixels of what is one scene unit wide: at distance 1, by parallel rays at any."""
+        """Pixels of what is one scene unit high: at distance 1, by parallel rays at any."""
         if self.projection == "orthographic":
             return float(self.resolution[1] / self.height)
         return float(self.resolution[1] / (2.0 * np.tan(np.radians(self.fov) / 2.0)))
+
+    @property
+    def focal_lengths(self) -> tuple[float, float]:
+        """Pixels of what is one scene unit wide and high: fx and fy of an intrinsic matrix."""
+        return self.focal / self.pixel_aspect, self.focal
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """The position in the image that the view goes through: cx and cy of an intrinsic matrix."""
+        (width, height), (across, down) = self.resolution, self.principal_point
+        return width * across, height * down
 
     @property
     def focus(self) -> float:
@@ -157,8 +173,14 @@ class Camera:
     @property
     def extent(self) -> tuple[float, float]:
         """Half the width and half the height of the image that lies at distance 1, or is seen by parallel rays."""
-        width, height = self.resolution
-        return 0.5 * width / self.focal, 0.5 * height / self.focal
+        (width, height), (fx, fy) = self.resolution, self.focal_lengths
+        return 0.5 * width / fx, 0.5 * height / fy
+
+    @property
+    def offset(self) -> tuple[float, float]:
+        """How far the middle of that image is to the right of the view, and above it."""
+        (wide, high), (across, down) = self.extent, self.principal_point
+        return wide * (1.0 - 2.0 * across), high * (2.0 * down - 1.0)
 
     def pixel_centres(self) -> Float64:
         """(H, W, 2) float64 positions in the image."""
@@ -179,7 +201,8 @@ class Camera:
             longitude, latitude = 2.0 * np.pi / width * x[..., None], np.pi / height * y[..., None]
             level = np.cos(longitude) * forward + np.sin(longitude) * right
             return np.asarray(np.cos(latitude) * level + np.sin(latitude) * up)
-        across, above = x / self.focal, y / self.focal
+        fx, fy = self.focal_lengths
+        across, above = x / fx, y / fy
         directions = forward + across[..., None] * right + above[..., None] * up
         return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
 
@@ -188,8 +211,8 @@ class Camera:
         x, y = self._from_middle(at)
         if self.projection != "orthographic":
             return np.broadcast_to(np.asarray(self.position, np.float64), (*x.shape, 3)).copy()
-        right, up, _ = self.frame()
-        return np.asarray(self.position + (x / self.focal)[..., None] * right + (y / self.focal)[..., None] * up)
+        (right, up, _), (fx, fy) = self.frame(), self.focal_lengths
+        return np.asarray(self.position + (x / fx)[..., None] * right + (y / fy)[..., None] * up)
 
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Where points (..., 3) appear: (..., 2) positions in the image, and (...) depth along the view.
@@ -200,29 +223,29 @@ class Camera:
         right, up, forward = self.frame()
         seen = np.asarray(points, np.float64) - self.position
         across, above, depth = seen @ right, seen @ up, seen @ forward
-        width, height = self.resolution
+        (width, height), (fx, fy), (middle_x, middle_y) = self.resolution, self.focal_lengths, self.centre
         with np.errstate(divide="ignore", invalid="ignore"):
             if self.projection == "panorama":
                 longitude, latitude = np.arctan2(across, depth), np.arctan2(above, np.hypot(across, depth))
                 x, y = width / (2 * np.pi) * longitude, height / np.pi * latitude
                 depth = np.linalg.norm(seen, axis=-1)
             elif self.projection == "orthographic":
-                x, y = self.focal * across, self.focal * above
+                x, y = fx * across, fy * above
             else:
-                x, y = self.focal * across / depth, self.focal * above / depth
-        return np.stack([width / 2 + x, height / 2 - y], axis=-1), depth
+                x, y = fx * across / depth, fy * above / depth
+        return np.stack([middle_x + x, middle_y - y], axis=-1), depth
 
     def corner_rays(self) -> Float64:
         """(4, 3) float64 directions through the corners of the image of a perspective, around it; not unit."""
-        (right, up, forward), (wide, high) = self.frame(), self.extent
+        (right, up, forward), (wide, high), (across, above) = self.frame(), self.extent, self.offset
         corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        return np.array([forward + a * wide * right + b * high * up for a, b in corners])
+        return np.array([forward + (across + a * wide) * right + (above + b * high) * up for a, b in corners])
 
     def _from_middle(self, at: ArrayLike | None) -> tuple[Float64, Float64]:
-        """Pixels to the right of the image's middle, and above it."""
+        """Pixels to the right of where the view goes through the image, and above it."""
         x, y = np.moveaxis(self.pixel_centres() if at is None else np.asarray(at, np.float64), -1, 0)
-        width, height = self.resolution
-        return x - width / 2, height / 2 - y
+        middle_x, middle_y = self.centre
+        return x - middle_x, middle_y - y
 
 
 def _hold_arrays(of: Camera | CameraKey) -> None:

@@ -59,6 +59,18 @@ def _check_lens(camera: Camera, location: SourceLocation) -> None:
         value = getattr(camera, name)
         if value is not None and not (np.isfinite(value) and value > min_value and value >= 0):
             raise location.field(name).wrong(float(value), "0 or more" if min_value < 0 else "above 0")
+    if not (0 < camera.pixel_aspect < np.inf):
+        raise location.field("pixel_aspect").wrong(
+            float(camera.pixel_aspect), "above 0", "It is the width of a pixel over its height."
+        )
+    if len(camera.principal_point) != 2 or not np.isfinite(camera.principal_point).all():
+        raise location.field("principal_point").wrong(list(camera.principal_point), "two finite numbers")
+    for name, usual in (("pixel_aspect", 1.0), ("principal_point", (0.5, 0.5))):
+        if camera.projection == "panorama" and getattr(camera, name) != usual:
+            raise location.field(name).error(
+                "is given, but a camera of type panorama sees all around.",
+                'Leave it out, or take type = "perspective".',
+            )
     if camera.aperture_radius > 0 and camera.projection != "perspective":
         raise location.field("aperture_radius").error(
             f"is {camera.aperture_radius:g}, but a camera of type {camera.projection} has no lens.",

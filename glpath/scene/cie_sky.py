@@ -1,8 +1,8 @@
 """The fifteen skies of the CIE general sky, from overcast to clear and turbid, as environment maps.
 
 A sky's luminance relative to that of the zenith is the product of a gradation, from the zenith to the horizon, and
-an indicatrix, around the sun. The sun's disc is not part of it: add a directional light. The ground is black: add a
-plane.
+an indicatrix, around the sun. The sun's disc is not part of it: add a directional light. The ground is
+black without an albedo.
 
 Cost:     an environment map of 512 x 256 texels.
 Poor at:  colours, which the standard does not know: all skies are white.
@@ -12,16 +12,15 @@ Source:   ISO 15469:2004 (CIE S 011), table 1 and equations 1 to 6; Darula & Kit
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.scene.sky import Environment
+from glpath.scene.sky_map import horizontal_irradiance, texel_directions
 
 Float64 = NDArray[np.float64]
-
-_WIDTH, _HEIGHT = 512, 256
 
 
 class _Parameters(NamedTuple):
@@ -81,7 +80,13 @@ def relative_luminance(number: int, height: ArrayLike, to_sun: ArrayLike, sun_he
 
 
 def cie_sky(
-    number: int, up: Float64, sun: Float64 | None, *, zenith: float | None = None, illuminance: float | None = None
+    number: int,
+    up: Float64,
+    sun: Float64 | None,
+    *,
+    zenith: float | None = None,
+    illuminance: float | None = None,
+    ground: float = 0.0,
 ) -> Environment:
     """Sky `number` with a zenith's radiance, or with an irradiance of what lies under the open sky.
 
@@ -90,27 +95,17 @@ def cie_sky(
     sun         : (3,) unit, towards the sun, not below the horizon; None where the sky has none (`has_sun`)
     zenith      : W sr^-1 m^-2, or cd m^-2
     illuminance : W m^-2, or lx, instead of it: that of the map, so it has no error of the raster
+    ground      : albedo of what lies below the horizon
     """
-    rows = (np.arange(_HEIGHT) + 0.5) * (np.pi / _HEIGHT)
-    turns = (0.5 - (np.arange(_WIDTH) + 0.5) / _WIDTH) * 2 * np.pi
-    middle, left, up = Environment(np.zeros((1, 1, 3), np.float32), up).frame
-    sine, cosine = np.sin(rows)[:, None, None], np.cos(rows)[:, None, None]
-    around = np.cos(turns)[:, None] * middle + np.sin(turns)[:, None] * left
-    directions = sine * around + cosine * up
+    directions = texel_directions(up)
     sun = up if sun is None else sun
-    seen = relative_luminance(number, directions @ up, directions @ sun, float(sun @ up))
-    seen[rows > np.pi / 2] = 0.0
+    height = directions @ up
+    seen = relative_luminance(number, height, directions @ sun, float(sun @ up))
+    seen[height < 0] = 0.0
+    # The open sky's, of relative luminance, over the upper hemisphere.
+    relative = horizontal_irradiance(seen)
     if zenith is None:
         assert illuminance is not None, "one of both"
-        # The open sky's, of relative luminance, over the upper hemisphere.
-        zenith = illuminance / _horizontal(seen, rows)
+        zenith = illuminance / relative
+    seen[height < 0] = ground * relative / np.pi
     return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)
-
-
-def _horizontal(seen: Float64, rows: NDArray[np.floating[Any]]) -> float:
-    """The irradiance of a horizontal surface, of radiance (h, w) in rows at angles (h,) from the zenith."""
-    step = np.pi / len(rows)
-    above = rows < np.pi / 2
-    # The integral of sin cos over each row.
-    weights = 0.5 * (np.sin(rows + step / 2) ** 2 - np.sin(rows - step / 2) ** 2)
-    return float(2 * np.pi * (weights * above) @ seen.mean(axis=1))

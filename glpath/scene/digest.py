@@ -19,15 +19,19 @@ UNSEEN = {
     "Texture": {"name"},
     "Light": {"name"},
     "Sky": {"assumed"},
-    "Environment": {"assumed"},
+    "Environment": {"assumed", "solar"},
 }
 
 #: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that
 #: do without have the digest that they had.
 LATER = {
-    "Camera": {"projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"},
+    "Camera": {
+        *("projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"),
+        *("principal_point", "pixel_aspect"),
+    },
     "Shape": {"motion"},
     "Scene": {"portals", "background"},
+    "Material": {"slab"},
 }
 
 _Update = Callable[[bytes], None]

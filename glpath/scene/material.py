@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64
 from glpath.scene.iridescence import film_reflects
+from glpath.scene.slab import hemispherical
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 #: GGX's alpha below which microfacets are a mirror.
@@ -140,6 +141,9 @@ class Material:
     specular_weight  : in [0, 1], of the dielectric's reflection, and specular_colour (3,) of it at normal incidence
     transmission     : in [0, 1], share of the base that is glass instead of diffuse
     thin             : thin dielectric, which does not refract; False: the surface of a solid that does
+    slab             : a smooth thin dielectric reflects at both faces, with all reflections between them, and its
+                       reflectance is what its glass lets through once (`glpath.scene.slab`). False: at one face,
+                       and by Schlick's formula, as in glTF
     attenuation      : (3,) float64 >= 0, per scene unit, of a solid's inside (Beer's law)
     clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
     sheen            : (3,) float64 in [0, 1], colour of the sheen over all but the clearcoat, and
@@ -190,6 +194,7 @@ class Material:
     specular_colour: Float64 = field(default_factory=lambda: np.ones(3))
     transmission: float = 0.0
     thin: bool = True
+    slab: bool = False
     attenuation: Float64 = field(default_factory=lambda: np.zeros(3))
     clearcoat: float = 0.0
     clearcoat_roughness: float = 0.0
@@ -258,6 +263,11 @@ class Material:
         return self.is_smooth and self.transmission > 0 and self.thin
 
     @property
+    def is_slab(self) -> bool:
+        """Glass that light goes straight through, and that reflects at both faces."""
+        return self.slab and self.is_thin_dielectric
+
+    @property
     def dielectric(self) -> tuple[Float64, float]:
         """The reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
 
@@ -292,6 +302,9 @@ class Material:
             return base
         if self.roughness is None:
             return np.asarray(np.minimum(base + self.mirror, _MAX_REFLECTED))
+        if self.is_slab:
+            reflected, through = hemispherical(self.ior, base)
+            return np.asarray(np.minimum(reflected + (1.0 - clear) * through, _MAX_REFLECTED))
         layer, sheen, coat = self._layers()
         kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
         under = layer + (1.0 - layer.max()) * base * kept
@@ -343,7 +356,7 @@ class Material:
             words.append(f"roughness {self.roughness:g}")
             words += [f"metal {self.metallic:g}"] * (self.metallic > 0)
             words += [f"glass {self.transmission:g}, index {self.ior:g}"] * (self.transmission > 0)
-            words += ["thin dielectric"] * (self.transmission > 0 and self.thin)
+            words += ["thin dielectric"] * (self.transmission > 0 and self.thin) + ["both faces"] * self.is_slab
             words += [f"clearcoat {self.clearcoat:g}"] * (self.clearcoat > 0)
             words += [f"diffuse transmission {self.diffuse_transmission:g}"] * (self.diffuse_transmission > 0)
             words += [f"iridescence {self.iridescence:g}"] * (self.iridescence > 0)

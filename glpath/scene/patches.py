@@ -92,7 +92,7 @@ class Patches:
         curve = _in_one_order(self.edges)[0]
         length = np.linalg.norm(np.diff(curve, axis=2), axis=3).sum(axis=2)
         distance = np.linalg.norm(curve - camera.position, axis=3).min(axis=2)
-        wanted = length * camera.focal / (pixels * np.maximum(distance, 1e-6 * length + 1e-30))
+        wanted = length * max(camera.focal_lengths) / (pixels * np.maximum(distance, 1e-6 * length + 1e-30))
         exponent = np.ceil(np.log2(np.clip(wanted, 1.0, MAX_LEVEL)))
         return np.asarray((2**exponent).astype(np.int64))
 

@@ -133,10 +133,10 @@ class _View:
         width, height = camera.resolution
         self.eye = camera.position
         self.right, self.up, self.forward = camera.frame()
-        self.focal = camera.focal
+        self.focal, self.middle = camera.focal_lengths, camera.centre
         self.size = width, height
-        self.x = (np.arange(width) + 0.5 - width / 2) / self.focal
-        self.y = (height / 2 - 0.5 - np.arange(height)) / self.focal
+        self.x = (np.arange(width) + 0.5 - self.middle[0]) / self.focal[0]
+        self.y = (self.middle[1] - 0.5 - np.arange(height)) / self.focal[1]
         self.nearest = np.full((height, width), np.inf)
         self.stretch = np.sqrt(1 + self.x**2 + self.y[:, None] ** 2)
 
@@ -146,8 +146,8 @@ class _View:
         at = corners - self.eye
         depth = at @ self.forward
         safe = np.where(depth > 1e-9 * np.abs(at).max(axis=2), depth, 1.0)
-        column = at @ self.right / safe * self.focal + width / 2
-        row = height / 2 - at @ self.up / safe * self.focal
+        column = at @ self.right / safe * self.focal[0] + self.middle[0]
+        row = self.middle[1] - at @ self.up / safe * self.focal[1]
         edges = np.stack([column.min(axis=1), column.max(axis=1), row.min(axis=1), row.max(axis=1)], axis=1)
         # The image of what reaches through the plane of the eye has no bounds.
         edges[(depth <= 1e-9 * np.abs(at).max(axis=2)).any(axis=1)] = (-np.inf, np.inf, -np.inf, np.inf)

@@ -50,14 +50,13 @@ def _sees_anything(scene: Scene) -> bool:
 def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
     """Planes exactly, triangles and spheres by the boxes around them in the camera's axes."""
     axes = np.stack(camera.frame())
-    wide, high = camera.extent
+    wide_high, middle = np.array(camera.extent), np.array(camera.offset)
     centre, extent = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
     spheres = (centre - camera.position) @ axes.T
-    limit = np.array([wide, high])
 
     def is_within(lower: Float64, upper: Float64) -> bool:
-        within = (lower[:, :2] <= limit).all(axis=1) & (upper[:, :2] >= -limit).all(axis=1) & (upper[:, 2] >= 0)
-        return bool(within.any())
+        within = (lower[:, :2] <= middle + wide_high).all(axis=1) & (upper[:, :2] >= middle - wide_high).all(axis=1)
+        return bool((within & (upper[:, 2] >= 0)).any())
 
     if is_within(spheres - extent, spheres + extent):
         return True
@@ -164,9 +163,10 @@ def _chunks(triangles: Float64) -> Iterator[Float64]:
 
 def _sees_some(camera: Camera, triangles: Float64) -> bool:
     right, up, forward = camera.frame()
-    tan_right, tan_up = camera.extent
+    (tan_right, tan_up), (across, above) = camera.extent, camera.offset
     points = triangles - camera.position
-    x, y, z = points @ right, points @ up, points @ forward
+    z = points @ forward
+    x, y = points @ right - across * z, points @ up - above * z
     # (T, 3 corners, 4 sides), above 0 inside; together they imply z >= 0
     inside = np.stack([tan_right * z - x, tan_right * z + x, tan_up * z - y, tan_up * z + y], axis=2)
     if (inside > 0).all(axis=2).any():

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import SceneError
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import perpendicular
+from glpath.scene.sun import Sun
 
 Float64 = NDArray[np.float64]
 
@@ -95,14 +96,15 @@ class Environment:
     rotation : degrees, counter-clockwise seen from above
     scale    : multiplies the image, which is then W sr^-1 m^-2
     assumed  : as of `Sky`
+    sun      : a disc besides; neither the rotation nor the scale changes it
+    solar    : its watts are of the whole spectrum of the sun: they are not 179 lumens each
 
     Without a rotation the middle of the picture lies along the axis that follows the one nearest to `up` in the
     order x, y, z, x: with y up along +z, as in Mitsuba, with z up along +x, as in Blender. What three.js, and
     Blender's exports, make of a map with y up, the middle along +x, is a rotation of 90.
 
     Cost:     16 bytes a texel on the device, 20 here.
-    Poor at:  suns much smaller than a texel, whose shadows are as soft as the texel is large: add a directional
-              light.
+    Poor at:  suns much smaller than a texel, whose shadows are as soft as the texel is large: give it a `sun`.
 
     Raises SceneError for values that are no radiance.
     """
@@ -112,6 +114,8 @@ class Environment:
     rotation: float = 0.0
     scale: float = 1.0
     assumed: bool = False
+    sun: Sun | None = None
+    solar: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))
@@ -134,7 +138,9 @@ class Environment:
     @cached_property
     def digest(self) -> str:
         """Of all that changes the picture; see `glpath.scene.digest`."""
-        return digest_of(self.image, self.up, self.rotation, self.scale)
+        # A sky without a sun has the digest that it had before there were suns.
+        sun = () if self.sun is None else (self.sun,)
+        return digest_of(self.image, self.up, self.rotation, self.scale, *sun)
 
     @cached_property
     def frame(self) -> Float64:
@@ -165,14 +171,23 @@ class Environment:
         upper, lower = (
             self.image[r, columns[0]] * (1 - right_share) + self.image[r, columns[1]] * right_share for r in rows
         )
-        return np.asarray((self.scale * (upper * (1 - below_share) + lower * below_share)).reshape(wi.shape))
+        seen = (self.scale * (upper * (1 - below_share) + lower * below_share)).reshape(wi.shape)
+        return np.asarray(seen if self.sun is None else seen + self.sun.radiance(wi))
 
     @cached_property
     def integral(self) -> Float64:
         """(3,) W m^-2, the radiance over all directions."""
         rows = self.image.sum(axis=1, dtype=np.float64)
         masses = self._halves.mass.reshape(-1, 2).sum(axis=1)
-        return np.asarray(self.scale * (masses @ rows) * (2 * np.pi / self.image.shape[1]))
+        of_map = self.scale * (masses @ rows) * (2 * np.pi / self.image.shape[1])
+        return np.asarray(of_map if self.sun is None else of_map + self.sun.integral)
+
+    @cached_property
+    def sun_share(self) -> float:
+        """Of `mean_integral`: so many of `directions` are within the sun."""
+        if self.sun is None or not self.mean_integral > 0:
+            return 0.0
+        return float(self.sun.integral.mean()) / self.mean_integral
 
     @property
     def mean_integral(self) -> float:
@@ -182,7 +197,8 @@ class Environment:
     @cached_property
     def max_radiance(self) -> float:
         """The greatest of any channel."""
-        return self.scale * float(self.image.max())
+        of_map = self.scale * float(self.image.max())
+        return of_map if self.sun is None else of_map + float(self.sun.radiance_of_disc.max())
 
     @property
     def typical_radiance(self) -> float:
@@ -195,7 +211,22 @@ class Environment:
         return max(min(self.max_radiance, white), self.max_radiance / _SUMS_HOLD)
 
     def directions(self, u: Float64) -> Float64:
-        """(N, 3) unit, as dense as the radiance, mean of the channels, from u (N, 3): the first chooses the row."""
+        """(N, 3) unit, as dense as the radiance, mean of the channels, from u (N, 3): the first chooses the row.
+
+        The first numbers, `sun_share` of all, are of the sun.
+        """
+        share = self.sun_share
+        if self.sun is None or share == 0:
+            return self._directions_of_map(u)
+        found = np.empty((len(u), 3))
+        of_sun = u[:, 0] < share
+        found[of_sun] = self.sun.directions(u[of_sun, 1:])
+        rest = u[~of_sun]
+        left = np.clip((rest[:, :1] - share) / max(1 - share, 1e-15), 0.0, np.nextafter(1.0, 0.0))
+        found[~of_sun] = self._directions_of_map(np.concatenate([left, rest[:, 1:]], axis=1))
+        return found
+
+    def _directions_of_map(self, u: Float64) -> Float64:
         height, width = self.image.shape[:2]
         tables = self._tables
         half = tables.order[np.searchsorted(tables.rows[:-1], u[:, 0], side="right") - 1]
@@ -209,12 +240,12 @@ class Environment:
     @property
     def split(self) -> float:
         """The first of `directions`' numbers that divides the map into two lights: suns and the rest, or halves."""
-        bright = self._tables.bright
+        bright = self.sun_share or self._tables.bright
         return bright if 0 < bright < 1 else 0.5
 
     @property
     def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
-        """The tables of `directions`, for shaders that do the same.
+        """The tables of `directions` but for the sun, for shaders that do the same.
 
         Returns (2 h + 1,) the cumulated probability of halves of rows, (2 h,) which halves these are (the upper one
         of row i is 2 i), (2 h,) the integral of each half's tent over the angle, sine included, in rows, and

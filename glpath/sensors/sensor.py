@@ -57,6 +57,8 @@ class CameraSensor:
     focus_distance: float | None = None
     shutter: tuple[float, float] = (0.0, 0.0)
     motion: tuple[SensorKey, ...] = ()
+    principal_point: tuple[float, float] = (0.5, 0.5)
+    pixel_aspect: float = 1.0
 
     @classmethod
     def of(cls, camera: Camera) -> CameraSensor:
@@ -77,6 +79,8 @@ class CameraSensor:
             motion=tuple(
                 SensorKey(float(k.time), _plain(k.position), _plain(k.target), _plain(k.up)) for k in camera.motion
             ),
+            principal_point=(float(camera.principal_point[0]), float(camera.principal_point[1])),
+            pixel_aspect=float(camera.pixel_aspect),
         )
 
     @property

@@ -12,6 +12,9 @@
 #ifdef HAS_IRIDESCENCE
 #include "bsdf/iridescence.glsl"
 #endif
+#ifdef HAS_SLABS
+#include "bsdf/slab.glsl"
+#endif
 #endif
 
 struct Bsdf
@@ -54,7 +57,9 @@ struct Bsdf
 #ifdef HAS_DIFFUSE_TRANSMISSION
     vec3 diffuse_through;  // what Lambert's base sends to the other side
 #endif
-    float eta;        // index of the far side over that of the near one; 0: thin, which does not refract; or THIN_DIELECTRIC
+    // Index of the far side over that of the near one; 0: thin, which does not refract; THIN_DIELECTRIC; or, below that, less
+    // the index of a slab, whose transmission is what its glass lets through once.
+    float eta;
 #endif
 };
 
@@ -127,6 +132,13 @@ vec3 dielectric_reflects(Bsdf b, float cosine)
         return b.eta > 1.0 ? under_film(b, cosine, plain, 1.0, b.dielectric) : plain;
     }
 #endif
+#ifdef HAS_SLABS
+    if (b.eta < THIN_DIELECTRIC) {
+        vec3 reflected;
+        slab(cosine, -b.eta, b.transmission, reflected);
+        return reflected;
+    }
+#endif
     return under_film(b, cosine, b.dielectric + (b.grazing - b.dielectric) * schlick(cosine), b.grazing, b.dielectric);
 }
 
@@ -145,6 +157,16 @@ float base_transmittance(Bsdf b, float cosine)
 {
     vec3 F = dielectric_reflects(b, cosine);
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
+}
+
+// What glass lets through.
+vec3 glass_transmittance(Bsdf b, float cosine)
+{
+#ifdef HAS_SLABS
+    vec3 reflected;
+    if (b.eta < THIN_DIELECTRIC) return slab(cosine, -b.eta, b.transmission, reflected);
+#endif
+    return b.transmission * base_transmittance(b, cosine);
 }
 
 float coat_reflects(Bsdf b, float cosine)
@@ -331,7 +353,7 @@ mat3 surface_axes(Bsdf b, vec3 n)
 // Of the share that microfacets reflect or let through, the part that is reflected.
 float reflected_part(Bsdf b, float cosine)
 {
-    float reflected = mean(microfacet_reflects(b, cosine)), through = mean(b.transmission) * base_transmittance(b, cosine);
+    float reflected = mean(microfacet_reflects(b, cosine)), through = mean(glass_transmittance(b, cosine));
     return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
 }
 
@@ -373,7 +395,7 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
     float pdf = visible_normal_pdf(wo, m, b.alpha) * spread;
-    vec3 T = b.transmission * (base_transmittance(b, o) * under_layers(b, wo.z));
+    vec3 T = glass_transmittance(b, o) * under_layers(b, wo.z);
     return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif

@@ -29,7 +29,7 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     q.mirror = mean(b.mirror);
 #ifdef HAS_MICROFACETS
     q.coat = coat_takes(b, cosine);
-    float through = mean(b.transmission) * base_transmittance(b, cosine);
+    float through = mean(glass_transmittance(b, cosine));
     q.microfacets = (mean(microfacet_reflects(b, cosine)) + through) * under_layers(b, cosine);
 #endif
     if (!others_continue) q.microfacets = q.coat = q.mirror = 0.0;
@@ -69,7 +69,8 @@ mat3 mirroring_axes(PathVertex v)
 void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);
-    diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi)
+    diffuse = diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
+         * shading_cosine(v.n, v.normal, v.vertex_cosine, direct.wi)
          * mis_weight(direct.pdf, q.diffuse * cosine / PI);
     others = vec3(0.0);
 #ifdef HAS_MICROFACETS
@@ -110,7 +111,8 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 {
     float cosine = -dot(v.normal, direct.wi);
-    return diffuse_transmittance(v.bsdf, dot(v.n, v.wo)) * direct.light * shading_cosine(-v.n, -v.normal, direct.wi)
+    return diffuse_transmittance(v.bsdf, dot(v.n, v.wo)) * direct.light
+         * shading_cosine(-v.n, -v.normal, v.vertex_cosine, direct.wi)
          * mis_weight(direct.pdf, q.through * cosine / PI);
 }
 #endif
@@ -151,10 +153,10 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         if (d.through) {
 #ifdef HAS_GLASS
             // Radiance over the square of the index is kept, and both ends of a path lie in air.
-            d.weight = b.transmission * base_transmittance(b, cosine) / (1.0 - part);
+            d.weight = glass_transmittance(b, cosine) / (1.0 - part);
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
-            d.straight = b.eta == THIN_DIELECTRIC;
+            d.straight = b.eta <= THIN_DIELECTRIC;
 #ifdef HAS_ROUGH_TRANSMISSION
             if (!smooth_one && !unbent) d.pdf = chance * through_lobe(b, wo, wi).pdf;
 #endif
@@ -195,7 +197,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #endif
     see_along(b, s, front, wo);
     float cosine = dot(shading_normal(s, front, wo), wo);
-    if (b.eta != THIN_DIELECTRIC) return vec3(0.0);
-    return b.transmission * (base_transmittance(b, cosine) * under_layers(b, cosine));
+    if (b.eta > THIN_DIELECTRIC) return vec3(0.0);
+    return glass_transmittance(b, cosine) * under_layers(b, cosine);
 }
 #endif

@@ -10,7 +10,7 @@ uniform vec3 eye_up;
 uniform vec3 eye_forward;
 uniform float eye_ahead;   // how far ahead of the eye its position is: rays start in the plane there, since those of a
                            // distant eye would lose the digits of what they meet. 0: at the eye
-uniform float eye_focal;   // pixels at distance 1, or of what is 1 wide
+uniform vec2 eye_focal;    // pixels at distance 1, or of what is 1 wide and high
 uniform vec2 eye_centre;   // the pixel position that eye_forward goes through, the sub-pixel position taken off
 uniform ivec2 eye_corner;  // of the window in the image, pixels
 uniform ivec2 eye_size;    // of the window, pixels

@@ -46,6 +46,6 @@ PathVertex start_vertex(ivec2 pixel, int triangle)
 #else
     vec3 n = normal;
 #endif
-    return PathVertex(s, triangle, plane, front, normal, normal, n, lambertian(vec3(1.0)));
+    return PathVertex(s, triangle, plane, front, normal, normal, n, dot(n, normal), lambertian(vec3(1.0)));
 }
 #endif

@@ -8,6 +8,9 @@ uniform uvec4 light_parts[PARTS];  // the first of its numbers, how many these a
 #endif
 #ifdef HAS_ENVIRONMENT
 uniform int sky_halves;            // of the rows of the map
+#ifdef HAS_SUN
+uniform float sun_share;           // of the sky's light
+#endif
 #endif
 
 float fraction(uint number) { return float(number >> 8u) * (1.0 / 16777216.0); }
@@ -23,6 +26,16 @@ float fraction(uint number) { return float(number >> 8u) * (1.0 / 16777216.0); }
 
 uint piece_begins(int piece) { return light_piece_texel(piece, LIGHT_PIECE_CHOICE).x; }
 
+#ifdef HAS_SKY
+vec3 perpendicular_to(vec3 unit)
+{
+    vec3 size = abs(unit), axis = vec3(0.0, 0.0, 1.0);
+    if (size.x <= size.y && size.x <= size.z) axis = vec3(1.0, 0.0, 0.0);
+    else if (size.y <= size.z) axis = vec3(0.0, 1.0, 0.0);
+    return normalize(cross(unit, axis));
+}
+#endif
+
 #ifdef HAS_ENVIRONMENT
 uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE).x; }
 
@@ -30,7 +43,7 @@ uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)
 
 // A direction of the map, of the density of its radiance but for `weight`: `Environment.directions`, where a tent's angle
 // from up has the sine in it, which here is in the weight.
-vec3 sky_drawn(vec3 u, out float weight)
+vec3 map_drawn(vec3 u, out float weight)
 {
     uint number = uint(u.x * 16777216.0) << 8u;
     int first = 0, last = sky_halves - 1;
@@ -59,6 +72,21 @@ vec3 sky_drawn(vec3 u, out float weight)
     vec3 local = vec3(sin(theta) * vec2(cos(phi), sin(phi)), cos(theta));
     return local.x * sky_middle + local.y * cross(sky_up, sky_middle) + local.z * sky_up;
 }
+
+// Of the map or of the sun, whichever the first number chooses.
+vec3 sky_drawn(vec3 u, out float weight)
+{
+#ifdef HAS_SUN
+    if (u.x < sun_share) {
+        weight = 1.0;
+        float below = 0.5 * sun_square_chord * u.y, r = sqrt(below * (2.0 - below)), phi = 2.0 * PI * u.z;
+        vec3 x = perpendicular_to(sun_direction), y = cross(sun_direction, x);
+        return r * cos(phi) * x + r * sin(phi) * y + (1.0 - below) * sun_direction;
+    }
+    u.x = clamp((u.x - sun_share) / max(1.0 - sun_share, 1e-7), 0.0, 0.99999994);
+#endif
+    return map_drawn(u, weight);
+}
 #elif defined(HAS_SKY)
 // As dense as the radiance: by the inverse of what lies below an elevation, `Sky.directions`.
 vec3 sky_drawn(vec3 u, out float weight)
@@ -70,10 +98,7 @@ vec3 sky_drawn(vec3 u, out float weight)
     float z = above < 0.0 ? above / max(horizon, 1e-30) : 2.0 * above / max(root, 1e-30);
     z = clamp(z, -1.0, 1.0);
     float r = sqrt(1.0 - z * z), phi = 2.0 * PI * u.y;
-    vec3 size = abs(sky_up), axis = vec3(0.0, 0.0, 1.0);
-    if (size.x <= size.y && size.x <= size.z) axis = vec3(1.0, 0.0, 0.0);
-    else if (size.y <= size.z) axis = vec3(0.0, 1.0, 0.0);
-    vec3 x = normalize(cross(sky_up, axis)), y = cross(sky_up, x);
+    vec3 x = perpendicular_to(sky_up), y = cross(sky_up, x);
     return r * cos(phi) * x + r * sin(phi) * y + z * sky_up;
 }
 #endif

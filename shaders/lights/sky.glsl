@@ -1,12 +1,23 @@
 // sky.glsl: what rays see that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the
-// elevation, or an environment map, filtered bilinearly. `glpath.scene.sky` is the same on the CPU.
-// Needs:  <SCENE> where HAS_ENVIRONMENT is set
+// elevation, or an environment map, filtered bilinearly, and the sun. `glpath.scene.sky` is the same on the CPU.
+// Needs:  <SCENE> where HAS_ENVIRONMENT is set; HAS_SUN: the map has a disc besides
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #include "sampling/angles.glsl"
 #ifdef HAS_ENVIRONMENT
 uniform ivec2 sky_size;
 uniform vec3 sky_middle;  // unit, to the middle of the picture
 uniform vec3 sky_up;
+#ifdef HAS_SUN
+uniform vec3 sun_direction;  // unit
+uniform float sun_square_chord;  // from its middle to the rim, on the unit sphere
+uniform vec3 sun_radiance;
+
+vec3 sun(vec3 direction)
+{
+    vec3 apart = direction - sun_direction;
+    return dot(apart, apart) < sun_square_chord ? sun_radiance : vec3(0.0);
+}
+#endif
 
 vec3 sky_row(int row, ivec2 columns, float share)
 {
@@ -23,7 +34,11 @@ vec3 sky(vec3 direction)
     ivec2 texel_at = ivec2(floor(at));
     vec2 share = at - vec2(texel_at);
     ivec2 columns = (ivec2(texel_at.x, texel_at.x + 1) + sky_size.x) % sky_size.x;
-    return mix(sky_row(texel_at.y, columns, share.x), sky_row(texel_at.y + 1, columns, share.x), share.y);
+    vec3 seen = mix(sky_row(texel_at.y, columns, share.x), sky_row(texel_at.y + 1, columns, share.x), share.y);
+#ifdef HAS_SUN
+    seen += sun(direction);
+#endif
+    return seen;
 }
 #else
 uniform vec3 sky_zenith;

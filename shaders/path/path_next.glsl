@@ -37,7 +37,8 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 #if defined(LAST_VERTEX) && defined(HAS_SKY) && defined(HAS_DISTANT_LIGHTS)
     if (ambient_instead(light_kind)) direct.light = vec3(0.0);
 #endif
-    vec3 lit = beta * diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light * shading_cosine(v.n, v.normal, direct.wi);
+    vec3 lit = beta * diffuse_eval(v.bsdf, v.n, v.wo, direct.wi) * direct.light
+             * shading_cosine(v.n, v.normal, v.vertex_cosine, direct.wi);
 #ifdef HAS_MICROFACETS
     lit += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, direct.wi) * direct.light;
 #endif
@@ -79,7 +80,7 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
     }
 #endif
     vec3 wi = c < 0.0 ? -next_directions[view] : next_directions[view];
-    vec3 throughput = beta * diffuse_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, wi));
+    vec3 throughput = beta * diffuse_eval(v.bsdf, v.n, v.wo, wi) * (weight * shading_cosine(v.n, v.normal, v.vertex_cosine, wi));
 #ifdef HAS_MICROFACETS
     throughput += beta * mirroring_eval(v.bsdf, v.n, v.normal, v.wo, wi) * weight;
 #endif

@@ -425,7 +425,7 @@ void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
     DirectLight direct = direct_light(path.at, s.v.surface.position, s.v.normal, path.continues ? 2 : 0, light_sample);
     if (!path.continues && ambient_instead(light_sample.kind)) direct.light = vec3(0.0);
     vec3 lit = reflected * bsdf_eval(s.v.bsdf, s.v.n, s.v.wo, direct.wi) * direct.light
-             * shading_cosine(s.v.n, s.v.normal, direct.wi);
+             * shading_cosine(s.v.n, s.v.normal, s.v.vertex_cosine, direct.wi);
     add_unblocked(path.L, lit, path.at, direct, light_sample, s.start, s.rounding, path.triangle);
     if (!path.continues) path.L += path.beta * bsdf_albedo(s.v.bsdf) * ambient;
 }
@@ -527,7 +527,7 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
     path.direction = cosine_direction(s.v.normal, numbers);
     float cosine = dot(s.v.normal, path.direction);
     path.beta *= diffuse_eval(s.v.bsdf, s.v.n, s.v.wo, path.direction)
-               * (shading_cosine(s.v.n, s.v.normal, path.direction) / chance);
+               * (shading_cosine(s.v.n, s.v.normal, s.v.vertex_cosine, path.direction) / chance);
     path.pdf = chance * cosine / PI;
 #ifdef CONTROL_VARIATE
     path.beta *= path.weight;
@@ -551,7 +551,7 @@ float sample_through_diffuse(inout RayPath path, ScatterVertex s, vec2 numbers)
     path.direction = cosine_direction(-s.v.normal, numbers);
     float cosine = -dot(s.v.normal, path.direction);
     path.beta *= diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo))
-               * (shading_cosine(-s.v.n, -s.v.normal, path.direction) / s.lobes.through);
+               * (shading_cosine(-s.v.n, -s.v.normal, s.v.vertex_cosine, path.direction) / s.lobes.through);
     path.pdf = s.lobes.through * cosine / PI;
 #ifdef CONTROL_VARIATE
     path.beta *= path.weight;

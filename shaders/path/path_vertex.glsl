@@ -26,13 +26,15 @@ struct PathVertex
     vec3 wo;       // back along the path
     vec3 normal;   // geometric, on the side that is seen
     vec3 n;        // to shade with
+    float vertex_cosine;
     Bsdf bsdf;
 };
 
 PathVertex path_vertex(Surface s, int triangle, vec4 plane, bool front, vec3 wo)
 {
     vec3 normal = front ? s.normal : -s.normal;
-    return PathVertex(s, triangle, plane, front, wo, normal, shading_normal(s, front, wo), bsdf_seen(s, front, wo));
+    return PathVertex(s, triangle, plane, front, wo, normal, shading_normal(s, front, wo), vertex_cosine(s, front, wo),
+                      bsdf_seen(s, front, wo));
 }
 
 // Where a ray meets a triangle; t: how far along its unit direction.

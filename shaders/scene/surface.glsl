@@ -25,7 +25,10 @@ struct Surface
 {
     vec3 position;
     vec3 normal;   // geometric, unit, out of the front
-    vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them
+    vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them, turned by a normal map
+#ifdef HAS_NORMAL_MAPS
+    vec3 vertex_normal;  // the same without the map
+#endif
 #ifdef HAS_COAT_NORMALS
     vec3 coat_normal;    // the same of the clearcoat
 #endif
@@ -52,6 +55,9 @@ bool front_hit(vec3 normal, vec3 direction)
 void set_normal(inout Surface s, vec3 normal)
 {
     s.normal = s.smooth_normal = normal;
+#ifdef HAS_NORMAL_MAPS
+    s.vertex_normal = normal;
+#endif
 #ifdef HAS_COAT_NORMALS
     s.coat_normal = normal;
 #endif
@@ -151,6 +157,7 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
     if (coat_slot >= 0) s.coat_normal = mapped_on_triangle(s, s.coat_normal, coat_slot, uv_a, uv_b, uv_c, ab, ac);
 #endif
 #ifdef HAS_NORMAL_MAPS
+    s.vertex_normal = s.smooth_normal;
     int slot = normal_slot(s.material);
     if (slot >= 0) s.smooth_normal = mapped_on_triangle(s, s.smooth_normal, slot, uv_a, uv_b, uv_c, ab, ac);
 #endif
@@ -187,13 +194,25 @@ vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
     return n;
 }
 
+// Cosine of the vertices' normal to the surface's own: how far a coarse mesh is from the smooth surface that it stands for.
+float vertex_cosine(Surface s, bool front, vec3 wo)
+{
+#ifdef HAS_NORMAL_MAPS
+    vec3 n = front ? s.vertex_normal : -s.vertex_normal;
+#else
+    vec3 n = front ? s.smooth_normal : -s.smooth_normal;
+#endif
+    return dot(facing_normal(n, wo), front ? s.normal : -s.normal);
+}
+
 // By how much more light a surface gets from wi with the normal n to shade with than with its own on the same side, which
-// faces wi. Light from between the two planes is lost: of a uniform surrounding (1 + cos of the angle between the
-// normals) / 2 is left. It is divided by that, so that a white furnace stays flat however coarse a mesh is.
-float shading_cosine(vec3 n, vec3 normal, vec3 wi)
+// faces wi. Of a coarse mesh, light from between the planes of vertices and triangle is lost: of a uniform surrounding
+// (1 + vertex_cosine) / 2 is left. It is divided by that, so that a white furnace stays flat however coarse a mesh is.
+// What a normal map turns is not made up for: its bumps do shade each other, and glTF weighs light by the cosine alone.
+float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 {
 #ifdef HAS_NORMALS
-    return max(dot(n, wi), 0.0) / max(dot(normal, wi), 1e-6) * (2.0 / (1.0 + max(dot(n, normal), 0.0)));
+    return max(dot(n, wi), 0.0) / max(dot(normal, wi), 1e-6) * (2.0 / (1.0 + max(vertex_cosine, 0.0)));
 #else
     return 1.0;
 #endif
@@ -432,7 +451,7 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 #ifdef HAS_MULTIPLE_SCATTERING
         b.glass_share = transmission / max(1.0 - metal, 1e-6);
 #endif
-        b.eta = glass.w != 0.0 ? THIN_DIELECTRIC : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
+        b.eta = glass.w != 0.0 ? -glass.w : glass.z == 0.0 ? 0.0 : front ? glass.y : 1.0 / glass.y;
 #endif
 #ifdef HAS_SPECULAR_TEXTURES
         uvec4 specular_slots = slots_texel(s.material, SLOTS_SPECULAR);

@@ -11,14 +11,16 @@ const int AROUND = 2;   // reaches through the plane of the eye: any pixel
 const float NEARLY = 1e-3;           // share of an extent by which the plane of the eye is kept away from
 
 // Pixels: what a rasteriser rounds coordinates to, and the rounding of directions.
+float max_focal() { return max(eye_focal.x, eye_focal.y); }
+
 #ifdef EYE_ORTHOGRAPHIC
 float bound_margin()
 {
     vec3 far = abs(eye_position);
-    return 0.03125 + 1e-6 * (eye_focal * max(far.x, max(far.y, far.z)) + float(eye_size.x + eye_size.y));
+    return 0.03125 + 1e-6 * (max_focal() * max(far.x, max(far.y, far.z)) + float(eye_size.x + eye_size.y));
 }
 #else
-float bound_margin() { return 0.03125 + 5e-7 * eye_focal; }
+float bound_margin() { return 0.03125 + 5e-7 * max_focal(); }
 #endif
 
 vec3 to_eye(vec3 direction)
@@ -30,7 +32,7 @@ vec3 to_eye(vec3 direction)
 vec4 window_slopes()
 {
     vec2 first = vec2(eye_corner) + 0.5 - eye_centre;
-    return vec4(first - bound_margin(), first + vec2(eye_size - 1) + bound_margin()) / eye_focal;
+    return vec4(first - bound_margin(), first + vec2(eye_size - 1) + bound_margin()) / eye_focal.xyxy;
 }
 
 // From slopes to pixels of the window.

@@ -30,11 +30,11 @@ void draw_plane(int corner)
     vec3 normal = to_eye(aim.plane.xyz);
 #ifdef EYE_ORTHOGRAPHIC
     // The plane lies ahead of where the ray starts.
-    float height = aim.plane.w - dot(normal.xy, slope), off = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
+    float height = aim.plane.w - dot(normal.xy, slope), off = dot(abs(normal.xy), bound_margin() / eye_focal);
     gl_ClipDistance[0] = normal.z == 0.0 ? -1.0 : sign(normal.z) * height + off + 1e-5 * abs(aim.plane.w);
 #else
     float towards = dot(normal, vec3(slope, 1.0));
-    float margin = (abs(normal.x) + abs(normal.y)) * bound_margin() / eye_focal;
+    float margin = dot(abs(normal.xy), bound_margin() / eye_focal);
     gl_ClipDistance[0] = aim.plane.w == 0.0 ? -1.0 : sign(aim.plane.w) * towards + margin + 1e-5;
 #endif
 }
@@ -66,7 +66,7 @@ vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
 
 vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
 {
-    vec3 pixels = vec3(eye_focal, eye_focal, 1.0);
+    vec3 pixels = vec3(eye_focal, 1.0);
     uvec4 face = face_texel(item, FACE_CORNERS);
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
     vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);

@@ -53,6 +53,7 @@ struct Shaded
     bool front;
     vec3 normal;     // on the side that is seen
     vec3 n;          // shading normal
+    float vertex_cosine;
     Bsdf bsdf;
     vec3 wo;         // back along the ray
     float rounding;  // how far from the surface rays that leave it begin
@@ -67,6 +68,7 @@ Shaded shaded_at(int primitive, vec3 origin, vec3 direction, float t, float roun
     at.normal = at.front ? at.surface.normal : -at.surface.normal;
     at.wo = -direction;
     at.n = shading_normal(at.surface, at.front, at.wo);
+    at.vertex_cosine = vertex_cosine(at.surface, at.front, at.wo);
     at.bsdf = bsdf_seen(at.surface, at.front, at.wo);
     vec3 size = abs(at.surface.position);
     at.rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
@@ -146,7 +148,7 @@ vec3 light_from_lights(Shaded at)
             if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;
         }
 #endif
-        vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, wi) * (cosine * shading_cosine(at.n, at.normal, wi));
+        vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, wi) * (cosine * shading_cosine(at.n, at.normal, at.vertex_cosine, wi));
 #ifdef HAS_MICROFACETS
         f += mirroring_eval(at.bsdf, at.n, at.normal, at.wo, wi) * cosine;
 #endif
@@ -167,7 +169,7 @@ vec3 light_from_samples(Shaded at)
         float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
         if (!shadow_ray_blocked(at, light.wi, tmax))
         {
-            vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, light.wi) * shading_cosine(at.n, at.normal, light.wi);
+            vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, light.wi) * shading_cosine(at.n, at.normal, at.vertex_cosine, light.wi);
 #ifdef HAS_MICROFACETS
             f += mirroring_eval(at.bsdf, at.n, at.normal, at.wo, light.wi);
 #endif

@@ -228,6 +228,24 @@ def test_under_a_lamp_every_texel_is_within_a_percent_of_the_closed_form(lit_flo
     np.testing.assert_allclose(found, expected, rtol=0.01)
 
 
+@pytest.mark.parametrize("facing", ["up", "down"])
+def test_a_back_that_is_not_there_throws_no_shadow(facing: str) -> None:
+    """Of a sheet between lamp and floor the floor sees the back, or the front, which keeps all light away."""
+    corners = [[-2, -2, 1], [2, -2, 1], [2, 2, 1], [-2, 2, 1]]
+    sheet = {"type": "quad", "corners": corners if facing == "up" else corners[::-1], "material": "paper"}
+    materials = BLACK | {"paper": {"reflectance": 0.5, "two_sided": False, "culled": True}}
+    scene = scene_of(FLOOR, LAMP, sheet | {"name": "sheet"}, materials=materials)
+    baked = glpath.lightmap(scene, size=64, spp=256, max_depth=1, denoise=False)
+    floor = of_shape(baked.surfaces, "floor")
+    found = baked.irradiance[baked.surfaces.texels.index][floor]
+    assert len(found) > 100
+    if facing == "up":
+        expected = lamp_irradiance(positions(baked.surfaces)[:, floor]).mean(axis=0)[:, None] * [10, 5, 2]
+        np.testing.assert_allclose(found, expected, rtol=0.015)
+    else:
+        assert found.max() == 0
+
+
 def test_a_furnace_is_flat() -> None:
     """White surfaces in a white world, as long as paths that end are in it as well."""
     parts = {"materials": {"grey": {"reflectance": 1}}, "sky": {"zenith": 1, "horizon": 1}, "ambient": 1}

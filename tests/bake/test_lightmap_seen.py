@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import functools
+import io
+import json
 import re
+import subprocess
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.ndimage import binary_dilation
 
 import glpath
+from benchmarks.peers import other_python
+from glpath.film.image import encode_srgb, read_image
 from tests.support import babylon_js, three_js
 from tests.support.gltf_files import ReadGlb
 from tests.support.gltf_validator import judged
@@ -62,6 +68,13 @@ def lines_of_the_page(word: str) -> str:
     return lines
 
 
+def page_of_the_notebook() -> str:
+    """The page of HTML that notebook 09 writes."""
+    book = json.loads((ROOT / "notebooks" / "09_lightmap.ipynb").read_text("utf-8"))
+    (cell,) = (text for each in book["cells"] if (text := "".join(each["source"])).startswith("page = "))
+    return cell.split('"""')[1]
+
+
 def check_it_is_our_own(seen: np.ndarray) -> None:
     """That a picture (128, 128, 3), radiance, of the box is that of our own."""
     own = our_own()
@@ -72,6 +85,39 @@ def check_it_is_our_own(seen: np.ndarray) -> None:
     assert abs(seen.mean() / own.mean() - 1) < 0.01
     blocks = [image.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3)) for image in (seen, own)]
     assert np.abs(blocks[0] - blocks[1]).mean() < 0.02 * own.mean()
+
+
+@pytest.mark.evidence
+def test_blender_shows_kept_materials_in_their_light(baked: glpath.Lightmap, tmp_path: Path) -> None:
+    """By the lines of the guide, which put the .exr on the second texture coordinates of the .glb."""
+    interpreter = other_python.python()
+    try:
+        other_python.find_package("bpy", interpreter)
+    except glpath.GlpathError as error:
+        pytest.skip(str(error))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", glpath.SceneWarning)
+        baked.save(tmp_path / "kept.glb", materials="keep")
+    page = (ROOT / "docs/howto/lightmap-engines.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(import bpy\n.*?)```", page, re.DOTALL)
+    camera = glpath.load_scene("cornell-box").camera
+    right, up, forward = camera.frame()
+    pose = np.vstack([np.stack([right, up, -forward, camera.position], axis=1), [0, 0, 0, 1]])
+    asked = {
+        "file": str(tmp_path / "kept.glb"),
+        "light": str(tmp_path / "kept-0.lightmap.exr"),
+        "code": code,
+        "picture": str(tmp_path / "seen.exr"),
+        "camera": pose.tolist(),
+        "fov": camera.fov,
+        "side": 128,
+    }
+    worker = ROOT / "tests/support/lightmap_in_blender.py"
+    done = subprocess.run(
+        [interpreter, str(worker)], input=json.dumps(asked), text=True, capture_output=True, timeout=900
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    check_it_is_our_own(read_image(tmp_path / "seen.exr")[..., :3])
 
 
 class TestInThree:
@@ -103,6 +149,32 @@ class TestInThree:
             baked.save(tmp_path / "kept.glb", materials="keep")
         seen = three.picture(tmp_path / "kept.glb", 128, 128, lines=lines_of_the_page("GLTFLoader"))
         check_it_is_our_own(seen)
+
+    def test_the_page_of_the_notebook_shows_the_baked_room(self, baked: glpath.Lightmap, tmp_path: Path) -> None:
+        """As a reader opens it, but with three.js from a folder."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", glpath.SceneWarning)
+            baked.save(tmp_path / "baked.glb", materials="keep")
+        page, changes = page_of_the_notebook(), 0
+        for there, here in (
+            (r"https://cdn\.jsdelivr\.net/npm/three@[\d.]+/", "/three/"),
+            (r"'baked", "'/models/baked"),
+            (r"renderer\.render\(scene, camera\)", "renderer.render(scene, camera); window.ready = true"),
+            (r"antialias: true", "antialias: true, preserveDrawingBuffer: true"),
+        ):
+            page, count = re.subn(there, here, page)
+            changes += count > 0
+        assert changes == 4
+        files = {path.name: path for path in tmp_path.iterdir()}
+        with three_js.viewer(page.encode(), models=files) as viewer:
+            image = Image.open(io.BytesIO(viewer.driver.get_screenshot_as_png())).convert("RGB")
+            assert viewer.complaints() == []
+        # The picture is as high as the page, and has the camera's height of field: a square in the middle is ours.
+        side, left = image.height, (image.width - image.height) // 2
+        seen = np.asarray(image.crop((left, 0, left + side, side)).resize((128, 128), Image.Resampling.BOX)) / 255
+        own = encode_srgb(np.clip(our_own(), 0, 1))
+        print(seen.mean(axis=(0, 1)), own.mean(axis=(0, 1)), np.abs(seen - own).mean())
+        assert np.abs(seen - own).mean() < 0.04
 
     def test_light_in_the_file_is_shown_by_a_loader_of_moz_lightmap(
         self, baked: glpath.Lightmap, three: three_js.Viewer, tmp_path: Path

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from benchmarks import look_page
 from benchmarks.__main__ import app
+from benchmarks.look_seconds import seconds_report
 from benchmarks.peers import model_viewer
 from glpath import GlpathError
 
@@ -36,14 +37,13 @@ def test_a_page_has_each_model_with_both_pictures_and_what_was_printed(
     models = look_page.models_in(tmp_path)
     assert [path.name for path in models] == ["a.gltf", "b.glb"]
     ours = {"a.gltf": look_page.Rendered(png(255, 0, 0, 255), 1.5, "no light, <so>"), "b.glb": None}
-    monkeypatch.setattr(look_page, "browser", lambda: "chromium")
-    monkeypatch.setattr(look_page, "package", lambda: tmp_path)
     monkeypatch.setattr(
         look_page, "_rendered", lambda path, side: ours[path.name] or look_page.Rendered(b"", 2.0, "error: broken")
     )
     theirs = [model_viewer.Shown(png(0, 0, 255, 0), 0.25), model_viewer.Shown(error="no <picture>")]
     monkeypatch.setattr(look_page, "shown_by_model_viewer", lambda paths, side: theirs)
-    page = look_page.write_page(models, tmp_path / "out", 8, lambda text: None)
+    rendered = look_page.render_models(models, tmp_path / "out", 8, lambda text: None)
+    page = look_page.write_page(models, rendered, tmp_path / "out", 8)
     text = page.read_text()
     for part in ("glpath, 1.5 s", "model-viewer, 0.2 s", "no light, &lt;so&gt;", "no &lt;picture&gt;", "broken"):
         assert part in text
@@ -52,6 +52,24 @@ def test_a_page_has_each_model_with_both_pictures_and_what_was_printed(
     left, right = sheet[6, 6], sheet[6, 172]
     assert left[0] > 200 > 60 > left[2]
     assert right.min() > 240, "what is transparent is over white"
+
+
+def test_seconds_are_a_report_without_paths(tmp_path: Path) -> None:
+    for name in ("A", "B"):
+        path = tmp_path / "Models" / name / "glTF" / f"{name}.gltf"
+        path.parent.mkdir(parents=True)
+        path.write_text("{}")
+    models = look_page.models_in(tmp_path)
+    assert [path.stem for path in models] == ["A", "B"]
+    rendered = [look_page.Rendered(b"png", 7.0, "", 11.0), look_page.Rendered(b"png", 6.0, "", 12.0)]
+    report = seconds_report(models, rendered, 512)
+    assert report.holds
+    assert (report.measured["seconds_max"], report.measured["processor_seconds_max"]) == (7.0, 12.0)
+    assert report.rows[1] == {"model": "B", "seconds": 6.0, "processor_seconds": 12.0}
+    assert str(tmp_path) not in report.as_json()
+    assert not seconds_report(models, [rendered[0], look_page.Rendered(b"png", 8.1, "")], 512).holds
+    assert not seconds_report(models, [rendered[0], look_page.Rendered(b"", 1.0, "")], 512).holds
+    assert seconds_report(models, rendered, 64).holds is None
 
 
 def test_the_server_has_the_model_and_what_lies_beside_it_and_takes_pictures(tmp_path: Path) -> None:

@@ -117,6 +117,7 @@ def test_the_public_names_are_these() -> None:
         "ViewFactors",
         "Views",
         "__version__",
+        "camera",
         "element_error",
         "export",
         "irradiance",

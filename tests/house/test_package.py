@@ -5,25 +5,26 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import tomllib
+import venv
 import zipfile
 from pathlib import Path
 
 import pytest
 import yaml
 
-import glpath
 from tests.support.repository import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 PYTHONS = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
 
 
-def called(*command: object, **environment: str) -> subprocess.CompletedProcess[str]:
+def called(*command: object, folder: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [str(part) for part in command],
-        cwd=ROOT,
+        cwd=folder,
         env=os.environ | environment,
         capture_output=True,
         text=True,
@@ -110,19 +111,59 @@ reveal_type(solution)
 """
 
 
+BAD = 'import glpath\n\nglpath.render("cornell-box", ssp=4)\n'
+#: What each says of the misspelt option.
+CHECKERS = {
+    "mypy": 'Unexpected keyword argument "ssp" for "render"',
+    "pyright": 'No parameter named "ssp"',
+}
+
+
+@pytest.fixture(scope="module")
+def python_with_the_wheel(built: tuple[Path, Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A Python that has the wheel as pip installs it, and all else from the environment of the tests."""
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder)
+    python = folder / "bin" / "python"
+    site = Path(called(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip())
+    got = called(sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", site, built[2])
+    assert got.returncode == 0, got.stderr
+    # Of a folder that a .pth names, no further .pth is read: the checkout itself stays out.
+    (site / "others.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    imported = called(python, "-I", "-c", "import glpath, numpy; print(glpath.__file__)")
+    assert Path(imported.stdout.strip()) == site / "glpath" / "__init__.py", imported.stderr
+    return python
+
+
 @pytest.mark.evidence
-def test_a_type_checker_takes_a_program_and_finds_a_misspelt_option(tmp_path: Path) -> None:
+@pytest.mark.parametrize("checker", CHECKERS)
+def test_a_type_checker_takes_a_program_and_finds_a_misspelt_option(
+    checker: str, built: tuple[Path, Path, Path], python_with_the_wheel: Path, tmp_path: Path
+) -> None:
+    """Against the installed wheel, whose `py.typed` it has to find."""
+    environment = {"PYTHONPATH": ""}  # nor is the checkout found by it, or from the folder that is current
+    if checker == "mypy":
+        check: tuple[object, ...] = ("--strict", "--config-file=", "--cache-dir", tmp_path / "cache")
+        check = (*check, "--python-executable", python_with_the_wheel)
+    else:
+        # Its package brings the program by npm when it is first called.
+        got = called(sys.executable, "-m", "pip", "install", "-q", "--target", tmp_path / "tools", "pyright")
+        environment = {"PYTHONPATH": f"{tmp_path}/tools", "PYRIGHT_PYTHON_IGNORE_WARNINGS": "1"}
+        if got.returncode or called(sys.executable, "-m", "pyright", "--version", **environment).returncode:
+            pytest.skip("needs pyright, which could not be installed by pip and npm")
+        check = ("--pythonpath", python_with_the_wheel)
     (tmp_path / "good.py").write_text(PROGRAM)
-    (tmp_path / "bad.py").write_text('import glpath\n\nglpath.render("cornell-box", ssp=4)\n')
-    package = str(Path(glpath.__file__).parents[1])
-    mypy = (sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir", tmp_path / "cache")
-    # As of an installed package: what is wrong in it is not the program's.
-    run = {name: called(*mypy, tmp_path / f"{name}.py", MYPYPATH=package) for name in ("good", "bad")}
-    told = {name: [line for line in done.stdout.splitlines() if f"{name}.py" in line] for name, done in run.items()}
-    assert told["good"] == [line for line in told["good"] if "note: Revealed type" in line], run["good"].stdout
-    assert "RadiositySolution" in told["good"][0]
-    (wrong,) = [line for line in told["bad"] if "error:" in line]
-    assert 'Unexpected keyword argument "ssp" for "render"' in wrong
+    (tmp_path / "bad.py").write_text(BAD)
+    good, bad = (
+        called(sys.executable, "-m", checker, *check, f"{name}.py", folder=tmp_path, **environment)
+        for name in ("good", "bad")
+    )
+    assert good.returncode == 0, good.stdout
+    (told,) = [line for line in good.stdout.splitlines() if "good.py" in line and "RadiositySolution" in line]
+    assert "Any" not in told
+    assert bad.returncode == 1, bad.stdout
+    (wrong,) = [line for line in bad.stdout.splitlines() if "error:" in line]
+    assert CHECKERS[checker] in wrong
 
 
 def test_the_policy_names_the_numbers_of_formats_as_they_are() -> None:

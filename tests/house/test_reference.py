@@ -254,11 +254,18 @@ def test_a_table_has_the_numbers_of_the_result_and_its_machine(results: Path) ->
     assert "| 2 | 1.5 |" in results_table(["speed"], columns_of(["n: size", "s: s .1f"]), True, results)
 
 
+def test_a_number_that_could_not_be_measured_is_a_dash_and_keys_may_have_blanks(tmp_path: Path) -> None:
+    stored = {"measured": {"s to 5 %": None, "s to 40 %": 12.3}, "machine": {"cpu": "a CPU"}, "versions": {}}
+    (tmp_path / "speed.json").write_text(json.dumps(stored))
+    columns = columns_of(['a: "s to 40 %" .0f', 'b: "s to 5 %" .0f'])
+    assert "| 12 | \u2013 |" in results_table(["speed"], columns, False, tmp_path)
+
+
 @pytest.mark.parametrize(
     ("name", "columns", "words"),
     [
         ("absent", "s: ours_s", "absent.json: is not in"),
-        ("speed", "s: other_s", "has no 'other_s'. It has: claim, holds, name, ours_s, theirs_s"),
+        ("speed", "s: other_s", "has no 'other_s'. It has: claim, cpu, holds, name, ours_s, theirs_s"),
         ("speed", "s ours_s", "each line is"),
     ],
 )

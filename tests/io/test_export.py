@@ -170,6 +170,15 @@ def every_material() -> tuple[Material, ...]:
             diffuse_transmission_texture=TextureSlot(0),
             diffuse_transmission_colour_texture=TextureSlot(0),
         ),
+        Material(
+            "lacquer",
+            gold,
+            roughness=0.6,
+            clearcoat=1.0,
+            clearcoat_roughness=0.2,
+            clearcoat_normal_texture=TextureSlot(2),
+        ),
+        Material("satin", gold, roughness=0.4, metallic=1.0, anisotropy=0.5),
     )
 
 
@@ -492,7 +501,7 @@ def test_every_material_is_read_back_as_it_was(tmp_path: Path) -> None:
     model = read_back(scene, tmp_path)
     found = {shape.name: model.materials[shape.material] for shape in model.shapes}
     same = ("white", "one-sided", "gold", "brushed", "plastic", "car", "pane", "glass", "veil", "leaf", "textured")
-    same += ("paper", "velvet", "bubble", "lampshade")
+    same += ("paper", "velvet", "bubble", "lampshade", "lacquer", "satin")
     other = {"name", "specular", "exponent", "mirror", "unlit", "cutoff", *SLOTS}
     kept = [each.name for each in fields(Material) if each.name not in other]
     expected = {material.name: material for material in scene.materials}

@@ -613,3 +613,31 @@ def test_a_light_shines_as_mitsuba_has_it(light: str, tmp_path: Path) -> None:
     a, b = (image.reshape(6, 4, 8, 4, 3).mean(axis=(1, 3)) for image in (ours, theirs))
     assert np.median(np.abs(a - b) / (b + 1e-2)) < 0.03
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.02)
+
+
+def test_files_are_looked_for_where_paths_and_the_scene_are(tmp_path: Path) -> None:
+    """As Mitsuba does: an included file's names start at the scene, too, and `<path>` adds folders."""
+    (tmp_path / "shared/meshes").mkdir(parents=True)
+    (tmp_path / "parts").mkdir()
+    vertices, faces = box_mesh(np.zeros(3), np.ones(3)).vertices, box_mesh(np.zeros(3), np.ones(3)).faces
+    obj = [*(f"v {x} {y} {z}" for x, y, z in vertices), *(f"f {a} {b} {c}" for a, b, c in faces + 1)]
+    for path in ("shared/meshes/one.obj", "two.obj"):
+        (tmp_path / path).write_text("\n".join(obj) + "\n")
+    shapes = [
+        f'<shape type="obj"><string name="filename" value="{name}"/></shape>'
+        for name in ("meshes/one.obj", "two.obj")
+    ]
+    (tmp_path / "parts/part.xml").write_text(f'<scene version="3.0.0">{"".join(shapes)}</scene>')
+    include = '<path value="shared"/><include filename="parts/part.xml"/>'
+    scene = glpath.load_scene(file(tmp_path, include, CAMERA, LAMP))
+    assert scene.shapes.total("triangle") == 2 * 12 + 2
+    with pytest.raises(SceneError, match=r"<path>.* names .*lost, which is not a folder"):
+        glpath.load_scene(file(tmp_path, '<path value="lost"/>', LAMP))
+
+
+def test_a_pinhole_may_have_a_focus(tmp_path: Path) -> None:
+    """As the scenes of Mitsuba's tutorials have."""
+    focused = CAMERA.replace("<float", '<float name="focus_distance" value="9"/><float', 1)
+    cameras = [glpath.load_scene(file(tmp_path, FLOOR, LAMP, camera)).camera for camera in (focused, CAMERA)]
+    assert cameras[0].aperture_radius == 0
+    assert cameras[0].fov == cameras[1].fov

@@ -412,3 +412,19 @@ def test_the_scenes_and_the_schema_are_listed(tmp_path: Path):
     assert json.loads(run("schema"))["title"] == "glpath scene"
     run("schema", "-o", str(tmp_path / "schema.json"))
     assert json.loads((tmp_path / "schema.json").read_text()) == json.loads(run("schema"))
+
+
+def test_the_office_with_many_luminaires_has_the_light_of_the_one_with_ten() -> None:
+    few, many = load_scene("office"), load_scene("office", parameters={"luminaires": 37})
+    ten, lights = ([s for s in scene.shapes if s.name.startswith("light-")] for scene in (few, many))
+    assert (len(ten), len(lights)) == (10, 37)
+    area = [
+        sum(scene.areas[part_of(scene, s.name)].sum() for s in of) for scene, of in ((few, ten), (many, lights))
+    ]
+    assert area[1] == pytest.approx(area[0], rel=1e-12)
+    corners = np.array([triangles(many, s.name).reshape(-1, 3) for s in lights])[..., [0, 2]]
+    assert (corners > 0).all(), "below the ceiling"
+    assert (corners < (12, 8)).all(), "below the ceiling"
+    middles = (corners.min(axis=1) + corners.max(axis=1)) / 2
+    apart = np.abs(middles[:, None] - middles) + 1e3 * np.eye(len(middles))[..., None]
+    assert (apart > np.ptp(corners[0], axis=0) - 1e-9).any(axis=2).all(), "no two overlap"

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from glpath.film.film import Film
 from glpath.jobs.watchdog import Watchdog
@@ -56,6 +57,38 @@ def test_what_works_or_was_suspended_is_left_alone() -> None:
         os.killpg(process.pid, signal.SIGCONT)
         assert process.communicate(timeout=30)[0] == "done\n"
     assert process.returncode == 0
+
+
+STARVED = """
+import os, sys, threading, time
+from pathlib import Path
+from glpath.jobs import watchdog
+stat = Path(sys.argv[1], str(os.getpid()), "task", "1", "schedstat")
+stat.parent.mkdir(parents=True)
+started = time.monotonic()
+def wait_for_a_processor():
+    while True:
+        waited = (time.monotonic() - started) * float(sys.argv[2])
+        part = stat.with_suffix(".part")
+        part.write_text(f"1000 {int(1e9 * waited)} 7")
+        os.replace(part, stat)
+        time.sleep(0.02)
+threading.Thread(target=wait_for_a_processor, daemon=True).start()
+watchdog._PROC = sys.argv[1]
+time.sleep(0.1)
+with watchdog.Watchdog(1.0, "Nothing is left.", "the solver hangs"):
+    time.sleep(4.0)
+print("done")
+"""
+
+
+@pytest.mark.parametrize(("share", "code"), [(1.0, 0), (0.1, -signal.SIGABRT)])
+def test_what_waits_for_a_processor_does_not_hang(share: float, code: int, tmp_path: Path) -> None:
+    """As the kernel counts it: all the time, and a tenth of it."""
+    done = subprocess.run(
+        [sys.executable, "-c", STARVED, str(tmp_path), str(share)], capture_output=True, text=True, timeout=50
+    )
+    assert done.returncode == code, done.stderr
 
 
 def test_the_watcher_ends_with_the_block() -> None:

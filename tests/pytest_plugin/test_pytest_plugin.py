@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import quote
 
 import imageio.v3 as iio
 import numpy as np
@@ -426,6 +427,21 @@ def test_a_name_cannot_break_the_page(run: Run, suite, pytester: pytest.Pytester
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
+def browse(text: str, folder: Path, *options: str, fragment: str = "") -> str:
+    """What Chromium prints of a page, opened at one of its addresses."""
+    (folder / "page.html").write_text(text, encoding="utf-8")
+    command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu"]
+    command += [f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=1000", "--window-size=1000,700"]
+    command += [*options, (folder / "page.html").as_uri() + fragment]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+
+def pressed(page: str, *keys: str, then: str = "") -> str:
+    """The page with a script that presses keys, and more of it."""
+    script = "".join(f'document.dispatchEvent(new KeyboardEvent("keydown", {{key: "{key}"}}));' for key in keys)
+    return page.replace("</body>", f"<script>{script}{then}</script></body>")
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
 def test_the_page_in_a_browser(failed: Callable[..., Path], run: Run, tmp_path: Path) -> None:
     """Its keys, in a copy that presses them; and the picture is on the screen."""
@@ -435,27 +451,8 @@ def test_the_page_in_a_browser(failed: Callable[..., Path], run: Run, tmp_path: 
     run()
     page = page_of(results)
 
-    def browse(text: str, *options: str) -> str:
-        (tmp_path / "page.html").write_text(text, encoding="utf-8")
-        command = [
-            CHROMIUM,
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            f"--user-data-dir={tmp_path / 'profile'}",
-        ]
-        command += [
-            "--virtual-time-budget=1000",
-            "--window-size=1000,700",
-            *options,
-            (tmp_path / "page.html").as_uri(),
-        ]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-
-    keys = ["j", "k", "j", " "]
-    pressing = "".join(f'document.dispatchEvent(new KeyboardEvent("keydown", {{key: "{key}"}}));' for key in keys)
     screen = tmp_path / "screen.png"
-    shown = browse(page.replace("</body>", f"<script>{pressing}</script></body>"), "--dump-dom")
+    shown = browse(pressed(page, "j", "k", "j", " "), tmp_path, "--dump-dom")
     assert "glpath image tests: 3 of 6 failed, 1 unused baseline" in shown
     assert re.search(r'id="unused"><.*test_gone\.exr</li>', shown)
     buttons = re.findall(r"<button(.*?)><b>(.*?)</b>", shown)
@@ -463,7 +460,34 @@ def test_the_page_in_a_browser(failed: Callable[..., Path], run: Run, tmp_path: 
     assert re.search(r'<img alt="reference of test_grey-4"[^>]* id="picture"', shown)
     assert "<p>accept <code>pytest --glpath-update failed 'test_a.py::test_grey[4]'</code></p>" in shown
     assert "<p>again <code>glpath diff --mode fuzzy glpath-results/" in shown
-    browse(page, f"--screenshot={screen}")
+    browse(page, tmp_path, f"--screenshot={screen}")
     pixels = iio.imread(screen)[..., :3]
     result = iio.imread(next((tmp_path.parent).rglob("glpath-results/test_a/test_grey-5/result.png")))[0, 0]
     assert np.count_nonzero((np.abs(pixels.astype(int) - result) <= 1).all(axis=-1)) >= 64 * 64
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+def test_both_pictures_side_by_side_and_under_a_slider_and_a_link_to_one_test(
+    failed: Callable[..., Path], tmp_path: Path
+) -> None:
+    page = page_of(failed())
+    link = "#" + quote("test_a.py::test_grey[4] test_grey-4", safe="")
+    beside = browse(pressed(page, "5"), tmp_path, "--dump-dom", fragment=link)
+    stage = re.search(r'<div id="stage" class="beside">(.*?)</div>', beside)
+    assert stage is not None
+    assert re.findall(r'alt="(\w+) of ([\w-]+)"', stage[1]) == [
+        ("result", "test_grey-4"),
+        ("reference", "test_grey-4"),
+    ]
+    move = 'const s = document.getElementById("slider"); s.value = 25; s.dispatchEvent(new Event("input"));'
+    under = browse(pressed(page, "6", then=move), tmp_path, "--dump-dom", fragment=link)
+    stage = re.search(r'<div id="stage" class="over">(.*?)</div>', under)
+    assert stage is not None
+    assert re.findall(r'alt="(\w+) of ([\w-]+)"', stage[1]) == [
+        ("reference", "test_grey-4"),
+        ("result", "test_grey-4"),
+    ]
+    assert re.search(r'class="above"[^>]*clip-path: inset\(0px 75% 0px 0px\)', stage[1])
+    assert f'href="{link}"' in under
+    first = browse(page, tmp_path, "--dump-dom")
+    assert f'href="{link}"' not in first  # without the link it is the worst that is shown

@@ -15,6 +15,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.scene.slab import inside_of, slab
 
 TINT = np.array([0.9, 0.6, 0.3])
 PANE: dict[str, Any] = {
@@ -25,6 +26,7 @@ PANE: dict[str, Any] = {
     "reflectance": [*TINT],
 }
 GLASS = PANE | {"thin": False, "reflectance": 1.0}
+WINDOW = {"type": "glazing", "transmittance": 0.8}
 
 
 def level(height: float, size: float, down: bool = False, **more: Any) -> dict[str, Any]:
@@ -34,6 +36,7 @@ def level(height: float, size: float, down: bool = False, **more: Any) -> dict[s
 
 def scene_of(*shapes: dict[str, Any], **tables: Any) -> Scene:
     materials = {"pane": PANE, "glass": GLASS, "black": {"reflectance": 0.0}, "wall": {"reflectance": 0.7}}
+    materials |= {"window": WINDOW}
     camera = {"position": [0, 0.5, 4], "target": [0, 0.5, 0], "fov": 40}
     made: dict[str, Any] = {"camera": camera, "materials": materials, "shapes": list(shapes), **tables}
     return scene_from_dict(made)
@@ -50,6 +53,26 @@ def test_a_sun_comes_through_a_pane_by_its_angle(angle: float) -> None:
     scene = scene_of(level(0, 1), level(1, 50, material="pane"), level(1.1, 50, material="pane"), lights=[sun])
     found = DirectLight(scene).at(np.array([[0.1, 0.0, 0.2]]), np.array([[0.0, 1.0, 0.0]]), np.array([0]))[0]
     assert found == pytest.approx(2.0 * cosine * (TINT * (1 - schlick(cosine))) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 50.0, 75.0])
+def test_a_sun_comes_through_window_glass_by_its_angle(angle: float) -> None:
+    sine, cosine = np.sin(np.radians(angle)), np.cos(np.radians(angle))
+    sun = {"type": "directional", "direction": [sine, -cosine, 0.0], "irradiance": 2.0}
+    scene = scene_of(level(0, 1), level(1, 50, material="window"), level(1.1, 50, material="window"), lights=[sun])
+    found = DirectLight(scene).at(np.array([[0.1, 0.0, 0.2]]), np.array([[0.0, 1.0, 0.0]]), np.array([0]))[0]
+    _, passed = slab(cosine, 1.52, inside_of(0.8, 1.52))
+    assert found == pytest.approx(2.0 * cosine * np.full(3, passed) ** 2, rel=1e-9)
+
+
+def test_particles_come_through_window_glass() -> None:
+    lamp = level(3, 0.1, down=True, name="lamp", material="black", emission={"radiance": 50.0})
+    floor = level(0, 0.4, name="floor")
+    plain, behind = (
+        irradiance(scene_of(floor, lamp, *glass), "floor", DIRECT)
+        for glass in ((), (level(1.5, 3, material="window"),))
+    )
+    assert behind / plain == pytest.approx(np.full(3, 0.8), rel=0.03)
 
 
 def test_a_white_sky_through_a_pane_is_what_schlicks_mean_leaves() -> None:
@@ -116,7 +139,7 @@ def test_form_factors_see_through_a_clear_pane_and_not_through_a_dark_one() -> N
     assert occluders.clear.tolist() == [True, False, False]
 
 
-def window_room(light: str, pane: bool = True) -> Scene:
+def window_room(light: str, pane: str = "pane") -> Scene:
     """A room with a hole in its right wall, a pane in it, and the light outside."""
 
     def quad(*corners: Any) -> dict[str, Any]:
@@ -136,7 +159,7 @@ def window_room(light: str, pane: bool = True) -> Scene:
         {"type": "box", "min": [0.4, 0, 0.5], "max": [1, 0.8, 1.1], "material": "wall"},
     ]
     if pane:
-        shapes.append(quad([x, 1, 1], [x, 1, 2], [x, 2, 2], [x, 2, 1]) | {"material": "pane"})
+        shapes.append(quad([x, 1, 1], [x, 1, 2], [x, 2, 2], [x, 2, 1]) | {"material": pane})
     tables: dict[str, Any] = {"film": {"resolution": [32, 32]}}
     if light == "lamp":
         lamp = quad([x + 1, 1, 1], [x + 1, 1, 2], [x + 1, 2.5, 2], [x + 1, 2.5, 1])
@@ -152,8 +175,9 @@ def window_room(light: str, pane: bool = True) -> Scene:
 
 @pytest.mark.evidence
 @pytest.mark.parametrize("light", ["lamp", "sun", "sky"])
-def test_a_gather_of_a_room_behind_a_pane_is_as_bright_as_path_tracing(light: str) -> None:
-    scene = window_room(light)
+@pytest.mark.parametrize("pane", ["pane", "window"])
+def test_a_gather_of_a_room_behind_a_pane_is_as_bright_as_path_tracing(light: str, pane: str) -> None:
+    scene = window_room(light, pane)
     path = glpath.render(scene, spp=2048, max_depth=40, guide="cosine").mean
     solution = glpath.solve_radiosity(scene, method="monte-carlo", size=0.1, particles=1 << 20)
     gather = glpath.render(scene, spp=128, integrator="gather", radiosity=solution).mean

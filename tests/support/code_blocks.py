@@ -10,6 +10,9 @@ from pathlib import Path
 import trimesh
 
 import glpath
+from benchmarks.walks import LAMP
+from tests.support.honeybee_model import two_rooms
+from tests.support.honeybee_model import write as write_honeybee
 from tests.support.repository import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -23,6 +26,7 @@ PROSE = ("", "text")
 ELSEWHERE = {
     ("js", "light.channel = 1"): "tests/bake/test_lightmap_seen.py",
     ("js", "new BABYLON.Texture"): "tests/bake/test_lightmap_seen.py",
+    ("python", "import bpy\n"): "tests/bake/test_lightmap_seen.py",
     ("python", "render_regression("): "tests/pytest_plugin/test_pytest_suite.py",
     ("ini", "[pytest]"): "tests/pytest_plugin/test_pytest_suite.py",
 }
@@ -31,7 +35,10 @@ ELSEWHERE = {
 NOT_RUN = {
     ("dockerfile", "FROM debian"): "needs Docker and a network",
     ("yaml", "kind: Job"): "needs Kubernetes",
+    ("yaml", "upload-artifact"): "needs GitHub",
     ("sh", "#SBATCH"): "needs Slurm",
+    ("glsl", "shader_type spatial"): "needs Godot",
+    ("python", "mpl_image_compare"): "is of pytest-mpl; benchmarks/image_suite has such a test",
     ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
 }
 
@@ -45,6 +52,7 @@ LINES_NOT_RUN = {
     r"--cluster (?!local)": "needs a cluster",
     r"(^|\s)/data/": "a folder of a cluster",
     r"^pytest\b": "tests of the README run it",
+    r"^jupyter lab\b": "waits for a person; `make test` runs the notebooks",
     r"--install-completion": "changes the shell's own files",
 }
 
@@ -96,9 +104,6 @@ def blocks_of(page: Path) -> list[Block]:
 
 # ---- the files that pages name -----------------------------------------------------------------------------------
 
-#: Candela by angle from straight down, LM-63.
-LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
-
 #: 16 x 8 pixels of radiance 1, RGBE.
 WHITE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + bytes([128, 128, 128, 129]) * 128
 
@@ -112,6 +117,7 @@ def write_models(folder: Path) -> None:
     corners = ["v {} {} {}".format(*vertex) for vertex in box.vertices]
     (folder / "zone.obj").write_text("\n".join([*corners, *walls]) + "\n")
     (folder / "lamp.ies").write_text(LAMP)
+    write_honeybee(two_rooms(), folder / "room.hbjson")
     (folder / "studio.hdr").write_bytes(WHITE)
     header = "ncols 16\nnrows 12\nxllcorner 0\nyllcorner -24\ncellsize 2\n"
     (folder / "dem.asc").write_text(

@@ -26,7 +26,7 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from http.server import ThreadingHTTPServer
 from pathlib import Path
@@ -176,12 +176,15 @@ class _Handler(PageHandler):
 
 
 @contextlib.contextmanager
-def viewer(page: bytes = PAGE, packages: Sequence[str] = ("three",)) -> Iterator[Viewer]:
+def viewer(
+    page: bytes = PAGE, packages: Sequence[str] = ("three",), models: Mapping[str, Path] | None = None
+) -> Iterator[Viewer]:
     """A browser with three.js in it, and a server of its files on the loopback.
 
     page, packages : of another program, of which these are npm's
+    models         : files that the page asks for as it loads, by the name that follows /models/
     """
-    files: dict[str, Path] = {}
+    files: dict[str, Path] = dict(models or {})
     folders = {name: folder for name in packages if (folder := npm.package(name))}
     handler = partial(_Handler, page=page, files=files, folders=folders)
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:

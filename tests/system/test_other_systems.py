@@ -102,6 +102,56 @@ def test_doctor_starts_without_opengl_and_says_what_is_missing(tmp_path: Path) -
     assert "libEGL.so.1 cannot be loaded" in done.stdout
 
 
+DRAWS = {
+    "render": ["cornell-box-36", "-o", "a.png"],
+    "measure": ["cornell-box-36", "-o", "a.csv", "--plane", "y=0", "--spacing", "0.5"],
+    "lightmap": ["cornell-box-36", "-o", "a.glb"],
+    "probes": ["cornell-box-36", "-o", "a.json"],
+}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param("render", marks=()),
+        *(pytest.param(c, marks=pytest.mark.evidence) for c in ("lightmap", "probes")),
+        "measure",
+    ],
+)
+def test_what_draws_ends_with_the_remedy(command: str, tmp_path: Path) -> None:
+    code = "\n".join(HIDDEN.values()) + CLI + f"sys.exit(called({command!r}, *{DRAWS[command]!r}))"
+    done = python(code, tmp_path)
+    assert (done.returncode, list(tmp_path.iterdir())) == (1, []), done.stderr
+    assert done.stderr.startswith("glpath: error: OpenGL cannot be reached: moderngl cannot be imported")
+    assert "`glpath doctor` lists what else is missing" in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+
+
+def test_without_a_driver_measure_ends_with_the_remedy(tmp_path: Path) -> None:
+    """moderngl is there, but neither EGL nor OSMesa."""
+    hidden = OPENGL.replace('sys.modules["moderngl"] = sys.modules["glcontext"] = None', "")
+    done = python(hidden + CLI + f"sys.exit(called('measure', *{DRAWS['measure']!r}))", tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert "libEGL.so.1 cannot be loaded" in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+
+
+def test_notebooks_say_what_is_missing(tmp_path: Path) -> None:
+    pytest.importorskip("jupyter_rfb", reason="needs the extra jupyter")
+    code = """
+from glpath.errors import ContextError
+import glpath
+scene = glpath.load_scene("cornell-box-36")
+assert "image/png" in scene._repr_mimebundle_()  # its preview is drawn by numpy
+try:
+    import glpath.notebook
+except ContextError as error:
+    print(error)
+"""
+    done = python("\n".join(HIDDEN.values()) + code, tmp_path)
+    assert "OpenGL cannot be reached" in done.stdout, done.stderr
+
+
 def test_another_system_is_named(tmp_path: Path) -> None:
     """By what doctor says of it; and what only other systems require is not called missing on Linux."""
     code = (

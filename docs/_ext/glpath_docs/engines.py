@@ -97,6 +97,7 @@ FEATURES: dict[str, tuple[Feature, ...]] = {
         Feature("rough metal", material={"type": "principled", "metallic": 1, "roughness": 0.6}),
         Feature("polished metal", material={"type": "principled", "metallic": 1, "roughness": 0.05}),
         Feature("glass", material={"type": "principled", "transmission": 1, "roughness": 0}),
+        Feature("window glass", material={"type": "glazing", "transmittance": 0.8}),
         Feature(
             "diffuse transmission", material={"type": "principled", "diffuse_transmission": 0.5, "roughness": 0.6}
         ),
@@ -116,6 +117,10 @@ FEATURES: dict[str, tuple[Feature, ...]] = {
         Feature("ambient light", scene={"ambient": 0.1}),
         Feature("a sky of two colours", scene={"sky": {"zenith": 1, "horizon": 1}}),
         Feature("a sky of the CIE", scene={"sky": {"type": "cie", "cie_type": 1, "illuminance": 10000}}),
+        Feature(
+            "sky and sun of a day",
+            scene={"sky": {"type": "perez", "direct": 800, "diffuse": 100, "sun": [1, 1, 1]}},
+        ),
     ),
     "Cameras": (
         Feature("perspective"),

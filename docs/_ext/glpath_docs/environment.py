@@ -67,6 +67,8 @@ def read_by(source: str, file: str = "code") -> Iterator[str]:
 
     Raises ValueError for one whose name the code computes.
     """
+    if "environ" not in source and "getenv" not in source:
+        return
     tree = ast.parse(source)
     loops = {
         target.target.id: [str(each.value) for each in target.iter.elts if isinstance(each, ast.Constant)]

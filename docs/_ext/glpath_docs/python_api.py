@@ -44,6 +44,7 @@ TASKS = (
                 "render_frames",
                 "render_views",
                 "Views",
+                "camera",
                 "Film",
                 "Progress",
                 "RenderInterrupted",

@@ -7,9 +7,9 @@
     ```
 
 A row is a file. A line is a column: its title and the key of `measured`, or `name`, `holds` or `claim`, with a
-format. With `:rows:` the rows are the objects of the key `rows` of one file. Below the table stands what was
-measured, on which machine and by which versions. What is missing is an error: no number of the documentation is
-typed by hand.
+format; a key with blanks is in quotes. With `:rows:` the rows are the objects of the key `rows` of one file. Below
+the table stands what was measured, on which machine and by which versions. What is missing is an error: no number
+of the documentation is typed by hand.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from sphinx.util.docutils import SphinxDirective
 from glpath_docs.markdown import table
 
 RESULTS = Path(__file__).resolve().parents[3] / "benchmarks" / "results"
-_COLUMN = re.compile(r"(?P<title>.+):\s+(?P<key>\S+)(?:\s+(?P<format>\S+))?")
+_COLUMN = re.compile(r"(?P<title>.+):\s+(?:\"(?P<quoted>[^\"]+)\"|(?P<key>\S+))(?:\s+(?P<format>\S+))?")
 
 
 class MissingResultError(ExtensionError):
@@ -56,6 +56,8 @@ class Column:
             known = ", ".join(sorted(record))
             raise MissingResultError(f"{place}: has no {self.key!r}. It has: {known}")
         value = record[self.key]
+        if value is None:  # what a bench could not measure, such as the time to an error that is not reached
+            return "\u2013"
         if isinstance(value, bool):
             return "yes" if value else "no"
         return format(value, self.spec) if self.spec else str(value)
@@ -69,7 +71,7 @@ def columns_of(lines: Sequence[str]) -> list[Column]:
         raise MissingResultError(
             f"results: the column {(wrong or [''])[0]!r}, but each line is `title: key [format]`"
         )
-    return [Column(m["title"], m["key"], m["format"] or "") for _, m in found if m is not None]
+    return [Column(m["title"], m["quoted"] or m["key"], m["format"] or "") for _, m in found if m is not None]
 
 
 def result(name: str, folder: Path = RESULTS) -> dict[str, Any]:
@@ -90,7 +92,13 @@ def records(name: str, found: Mapping[str, Any], rows: bool) -> list[dict[str, A
     """The rows of a result: its own, or one of all that was measured."""
     if not rows:
         return [
-            {"name": name, "holds": found.get("holds"), "claim": found.get("claim"), **found.get("measured", {})}
+            {
+                "name": name,
+                "holds": found.get("holds"),
+                "claim": found.get("claim"),
+                "cpu": (found.get("machine") or {}).get("cpu"),
+                **found.get("measured", {}),
+            }
         ]
     made = found.get("rows")
     if not isinstance(made, list) or not made:

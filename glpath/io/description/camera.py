@@ -43,7 +43,20 @@ class View(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
     ] = []
 
 
-class Camera(View, tag="perspective", kw_only=True):
+class Plane(View, kw_only=True):
+    """The fields of cameras with a flat picture."""
+
+    principal_point: Annotated[
+        tuple[float, float],
+        Meta(
+            description="Where the view goes through the picture, in its widths and heights from the upper left "
+            "corner; a shifted lens has another than the middle."
+        ),
+    ] = (0.5, 0.5)
+    pixel_aspect: Annotated[float, Meta(gt=0, description="Width of a pixel over its height.")] = 1.0
+
+
+class Camera(Plane, tag="perspective", kw_only=True):
     """A pinhole, or a thin lens. A camera without a type is of this one."""
 
     fov: Annotated[
@@ -64,7 +77,7 @@ class Camera(View, tag="perspective", kw_only=True):
     ) = UNSET
 
 
-class Orthographic(View, tag="orthographic", kw_only=True):
+class Orthographic(Plane, tag="orthographic", kw_only=True):
     """Parallel rays, which start in the plane through the position."""
 
     height: Annotated[float, Meta(gt=0, description="Of the whole picture, scene units.")]

@@ -131,14 +131,17 @@ class Portal(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
-    """What rays see that hit nothing: a blend from horizon to zenith, an environment map, or a sky of the CIE."""
+    """What rays see that hit nothing: a blend from horizon to zenith, an environment map, a sky of the CIE, or the
+    sky and the sun of irradiances, of a site and time, or of an hour of a weather file."""
 
     type: (
         Annotated[
-            Literal["cie"],
+            Literal["cie", "perez", "sun"],
             Meta(
                 description="cie: one of the fifteen general skies of ISO 15469, given by `cie_type`, with "
-                "`zenith` or `illuminance`, and `sun`. The ground is black, and the sun itself is no part of it."
+                "`zenith` or `illuminance`, and `sun`; the sun itself is no part of it. perez: the all-weather sky "
+                "and the sun's disc, of `direct` and `diffuse`, of `weather`, or of a clear day. sun: the disc "
+                "alone."
             ),
         ]
         | UnsetType
@@ -156,8 +159,8 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         Annotated[
             Vector,
             Meta(
-                description="Of a sky of the CIE: towards the sun, of any length, not below the horizon; types "
-                "1, 3 and 5 do without."
+                description="Towards the sun, of any length, not below the horizon. Of a sky of the CIE, whose "
+                "types 1, 3 and 5 do without; of perez and sun instead of `altitude` and `azimuth`."
             ),
         ]
         | UnsetType
@@ -224,6 +227,101 @@ class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
         | UnsetType
     ) = UNSET
     unit: OwnUnit = UNSET
+    direct: (
+        Annotated[
+            float,
+            Meta(ge=0, description="Of perez and sun: irradiance of a surface that faces the sun, W m^-2, solar."),
+        ]
+        | UnsetType
+    ) = UNSET
+    diffuse: (
+        Annotated[
+            float,
+            Meta(
+                ge=0,
+                description="Of perez: irradiance of a horizontal surface by the sky alone, W m^-2, solar. Of sun "
+                "it says how clear the sky is, on which the efficacy of its light depends.",
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    altitude: (
+        Annotated[float, Meta(description="Of perez and sun: of the sun, degrees above the horizon, to 90.")]
+        | UnsetType
+    ) = UNSET
+    azimuth: (
+        Annotated[float, Meta(description="Of perez and sun: of the sun, degrees from north by east.")] | UnsetType
+    ) = UNSET
+    latitude: (
+        Annotated[float, Meta(ge=-90, le=90, description="Of perez and sun: of the site, degrees, north.")]
+        | UnsetType
+    ) = UNSET
+    longitude: (
+        Annotated[float, Meta(ge=-180, le=180, description="Of perez and sun: of the site, degrees, east.")]
+        | UnsetType
+    ) = UNSET
+    timezone: (
+        Annotated[
+            float, Meta(ge=-14, le=14, description="Of `time`: hours east of Greenwich, where it has no offset.")
+        ]
+        | UnsetType
+    ) = UNSET
+    time: (
+        Annotated[
+            str,
+            Meta(
+                description='Of perez and sun: "2024-06-21T12:00", local standard time, or with an offset, '
+                '"2024-06-21T12:00+02:00". Of a weather file it chooses the hour.'
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    weather: (
+        Annotated[
+            str,
+            Meta(
+                description="Of perez and sun: a weather file, EPW (.epw) or TMY3 (.csv), relative to this file's "
+                "folder. It has the site, its time zone and the irradiance of the hour of `time`."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    north: (
+        Annotated[
+            Vector,
+            Meta(
+                description="Of azimuths: towards north, of any length, not along `up`. Without it +y where z is "
+                "up, -z where y is, +z where x is: east is then +x, or +y where x is up."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    ground: (
+        Annotated[
+            float,
+            Meta(
+                ge=0,
+                le=1,
+                description="Of perez, sun and cie: albedo of all that lies below the horizon, which has the "
+                "radiance of a white ground in the open times it. 0.2 for perez, else 0.",
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    sun_disc: Annotated[bool, Meta(description="Of perez: the sun is part of it; true without it.")] | UnsetType = (
+        UNSET
+    )
+    spectrum: (
+        Annotated[
+            Literal["visible", "solar"],
+            Meta(
+                description="Of perez and sun. visible, by default: light by Perez' luminous efficacy of daylight, "
+                "lx where photometric, else watts of 179 lm. solar: W m^-2 of the whole spectrum, of which lux are "
+                "not known; not where photometric."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     portals: Annotated[
         list[Portal],
         Meta(

@@ -244,7 +244,20 @@ class Principled(Surface, tag="principled", kw_only=True):
     ) = UNSET
 
 
-AnyMaterial = Diffuse | Phong | Principled
+class Glazing(Surface, tag="glazing", kw_only=True):
+    """Window glass, by its transmittance, with all reflections between its two faces."""
+
+    transmittance: Annotated[
+        float | Vector,
+        Meta(
+            description="Share of light let through at normal incidence, above 0: one number or [r, g, b], linear "
+            "Rec. 709. At most 0.918 for the index 1.52. The reflectance of the surface is not given."
+        ),
+    ]
+    ior: Annotated[float, Meta(gt=1, le=10, description="Index of refraction of the glass.")] = 1.52
+
+
+AnyMaterial = Diffuse | Phong | Principled | Glazing
 Repeats = Annotated[
     float | tuple[float, float],
     Meta(description="Repeats per unit of the texture coordinates: one number above 0, or [u, v]."),

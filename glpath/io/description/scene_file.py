@@ -67,6 +67,8 @@ def scene_schema() -> dict[str, Any]:
         ("Phong", "mirror", share),
         ("Principled", "reflectance", share),
         ("Principled", "specular_color", positive),
+        ("Glazing", "reflectance", share),
+        ("Glazing", "transmittance", share),
         ("Principled", "attenuation", positive),
         ("Emission", "radiance", positive),
         ("Emission", "flux", positive),

@@ -154,7 +154,9 @@ def _camera(camera: Camera, size: float) -> gltf_json.Camera:
         parallel = gltf_json.Orthographic(xmag=wide, ymag=high, znear=0.0, zfar=_FAR * size)
         return gltf_json.Camera(name="camera", type="orthographic", orthographic=parallel)
     fov = 90.0 if camera.projection == "panorama" else camera.fov
-    view = gltf_json.Perspective(yfov=math.radians(fov), aspect_ratio=width / height, znear=_NEAR * size)
+    view = gltf_json.Perspective(
+        yfov=math.radians(fov), aspect_ratio=width * camera.pixel_aspect / height, znear=_NEAR * size
+    )
     return gltf_json.Camera(name="camera", type="perspective", perspective=view)
 
 

@@ -30,6 +30,7 @@ from glpath.io.export.geometry import (
 )
 from glpath.io.export.glb import Glb
 from glpath.io.export.gltf_surfaces import LightMap, Surfaces
+from glpath.io.export.tangents import tangent_slot, with_tangents
 from glpath.io.gltf.load import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
@@ -58,9 +59,11 @@ class _Writer:
             self.notes.add("glTF has no panorama: the camera is a perspective one of 90 degrees")
         if scene.camera.aperture_radius > 0:
             self.notes.add("the camera's lens is left out: all is sharp")
+        if scene.camera.principal_point != (0.5, 0.5):
+            self.notes.add("the camera's principal point is left out: the view is to the middle of the picture")
         self.file = Glb(scene)
-        self._attributes: dict[Mesh, dict[str, int]] = {}
-        self._indices: dict[Mesh, int] = {}
+        # Of a mesh with the tangents of a material, or without any.
+        self._arrays: dict[tuple[Mesh, int | None], tuple[dict[str, int], int]] = {}
         self._turned: dict[Mesh, Mesh] = {}
         self._meshes: dict[tuple[Mesh, int], int] = {}
         self._surfaces = Surfaces(self.scene, self.file, self.notes)
@@ -87,6 +90,8 @@ class _Writer:
         mesh = shape.geometry
         assert isinstance(mesh, Mesh)
         material = self._surfaces.material(shape, light)
+        slot = tangent_slot(self.scene.materials[shape.material])
+        tangents_of = None if slot is None else shape.material
         for matrix in shape.world_from_object:
             placed, at = mesh, matrix
             if _is_sheared(matrix):  # which glTF does not allow
@@ -96,25 +101,30 @@ class _Writer:
                 if mesh not in self._turned:
                     self._turned[mesh] = mesh.turned()
                 placed = self._turned[mesh]
-            number = self._mesh(placed, material, shape.name)
+            number = self._mesh(placed, material, tangents_of, shape.name)
             self.file.add_node(shape.name, None if np.array_equal(at, IDENTITY) else at, mesh=number)
 
-    def _mesh(self, mesh: Mesh, material: int, name: str) -> int:
+    def _mesh(self, mesh: Mesh, material: int, tangents_of: int | None, name: str) -> int:
         key = (mesh, material)
         if key not in self._meshes:
-            if mesh not in self._attributes:
-                self._add_arrays(mesh)
-            primitive = gltf_json.Primitive(
-                attributes=self._attributes[mesh], indices=self._indices[mesh], material=material
-            )
+            if (mesh, tangents_of) not in self._arrays:
+                self._add_arrays(mesh, tangents_of)
+            attributes, indices = self._arrays[mesh, tangents_of]
+            primitive = gltf_json.Primitive(attributes=attributes, indices=indices, material=material)
             self._meshes[key] = self.file.add_mesh(name, [primitive])
         return self._meshes[key]
 
-    def _add_arrays(self, mesh: Mesh) -> None:
-        whole = with_all_normals(mesh)
+    def _add_arrays(self, mesh: Mesh, tangents_of: int | None) -> None:
+        whole, tangents = with_all_normals(mesh), None
+        if tangents_of is not None:
+            slot = tangent_slot(self.scene.materials[tangents_of])
+            assert slot is not None
+            whole, tangents = with_tangents(mesh, slot)
         arrays = {"POSITION": whole.vertices}
         if whole.normals is not None:
             arrays["NORMAL"] = whole.normals
+        if tangents is not None:
+            arrays["TANGENT"] = tangents
         if whole.uv is not None or whole.uv1 is not None:
             # The second are only allowed beside the first.
             arrays["TEXCOORD_0"] = np.zeros((len(whole.vertices), 2)) if whole.uv is None else v_downwards(whole.uv)
@@ -122,11 +132,12 @@ class _Writer:
             arrays["TEXCOORD_1"] = v_downwards(whole.uv1)
         if whole.colours is not None:
             arrays["COLOR_0"] = np.clip(whole.colours, 0.0, 1.0)
-        self._attributes[mesh] = {
+        attributes = {
             name: self.file.add_array(array.astype(np.float32), bounds=name == "POSITION")
             for name, array in arrays.items()
         }
-        self._indices[mesh] = self.file.add_array(whole.faces.astype(np.uint32).ravel(), indices=True)
+        indices = self.file.add_array(whole.faces.astype(np.uint32).ravel(), indices=True)
+        self._arrays[mesh, tangents_of] = attributes, indices
 
     # Lights
 

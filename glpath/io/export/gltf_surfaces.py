@@ -180,6 +180,8 @@ class Surfaces:
                 "transmissionFactor": material.transmission,
                 **self._info("transmissionTexture", material.transmission_texture),
             }
+            if material.is_slab:
+                self._note(material, "it reflects at both faces, which glTF's does at one")
             if not material.thin:
                 extensions[use("KHR_materials_volume")] = _volume(material)
 

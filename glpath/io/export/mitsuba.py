@@ -42,6 +42,7 @@ from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, r
 from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
 from glpath.scene.model import Environment, Light, Scene, Sky
 from glpath.scene.source_location import shown
+from glpath.scene.sun import Sun
 
 Sampler = Literal["independent", "multijitter"]
 
@@ -92,6 +93,8 @@ def described(
     emitters = {names.of(light.name): _emitter(light, 0.5 * (low + high), notes) for light in scene.lights}
     if scene.sky is not None:
         emitters[names.of("sky")] = _sky(scene.sky)
+        if isinstance(scene.sky, Environment) and scene.sky.sun is not None:
+            emitters[names.of("sun")] = _sun(scene.sky.sun, notes)
     plugins = {
         "type": "scene",
         "integrator": integrator(max_depth, surfaces.integrator),
@@ -221,8 +224,14 @@ def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
     return made | {"to_world": _frame(across, np.cross(axis, across), axis, light.position)}
 
 
+def _sun(sun: Sun, notes: Notes) -> Plugin:
+    notes.add("the sun has no disc: its light is parallel, and is not seen")
+    return {"type": "directional", "direction": (-sun.direction).tolist(), "irradiance": rgb(sun.irradiance)}
+
+
 def _sky(sky: Sky | Environment) -> Plugin:
     if isinstance(sky, Environment):
+        sky = replace(sky, sun=None)
         middle, left, up = sky.frame
         height, width = sky.image.shape[:2]
         return _envmap(sky, (left, up, middle), (2 * height + 1, width))
@@ -273,6 +282,14 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
             "aperture_radius": float(camera.aperture_radius),
             "focus_distance": camera.focus,
         }
+    if camera.pixel_aspect != 1:
+        notes.add("Mitsuba has square pixels: the camera's are made square, of the same height")
+    across, down = camera.principal_point
+    if (across, down) != (0.5, 0.5):
+        if view["type"] == "perspective":
+            view |= {"principal_point_offset_x": 0.5 - across, "principal_point_offset_y": 0.5 - down}
+        else:
+            notes.add("the camera's principal point is left out: the view is to the middle of the picture")
     return view | {
         "near_clip": 1e-4 * size,
         "far_clip": far,

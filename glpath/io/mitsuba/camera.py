@@ -41,21 +41,23 @@ def camera_of(plugin: Plugin) -> Camera:
         )
     for name in ("near_clip", "far_clip", "shutter_open", "shutter_close"):
         plugin.number(name, 0.0, 0.0)  # nothing moves, and nothing is cut off
-    plugin.refuse_unless("principal_point_offset_x", 0.0, "the view is to the middle of the picture")
-    plugin.refuse_unless("principal_point_offset_y", 0.0, "the view is to the middle of the picture")
     position, forward = world[:3, 3], axes[:, 2]
     camera = Camera(position, position + forward, axes[:, 1], 40.0, (width, height))
     if plugin.kind == "orthographic":  # of a picture that is 2 wide before its transform
         size = float(np.linalg.norm(world[:3, 0]))
         camera = replace(camera, projection="orthographic", height=2.0 * size * height / width)
     else:
-        camera = replace(camera, fov=_vertical(plugin, width, height))
+        offset = (plugin.number(f"principal_point_offset_{axis}", 0.0) for axis in "xy")
+        across, down = (0.5 - each for each in offset)
+        camera = replace(camera, fov=_vertical(plugin, width, height), principal_point=(across, down))
     if plugin.kind == "thinlens":
         camera = replace(
             camera,
             aperture_radius=plugin.number("aperture_radius", 0.0, 0.0),
             focus_distance=plugin.number("focus_distance", 1.0, 1e-12),
         )
+    else:
+        plugin.number("focus_distance", 1.0)  # which all of Mitsuba's cameras have, and no pinhole needs
     if plugin.nested("sampler"):
         pass  # how many samples, and which, is asked of `glpath render`
     plugin.check_all_read()

@@ -29,17 +29,27 @@ _RENAMED = {"lookAt": "lookat"}
 
 @dataclass(eq=False)
 class Element:
-    """An element: its tag, attributes, children, and the folder of its file, where relative paths start."""
+    """An element: its tag, attributes, children, and where the files are that it names.
+
+    folder   : of its file, where relative paths start
+    searched : further folders, for what is not there: that of the scene, and those of its `<path>`s
+    """
 
     tag: str
     attributes: dict[str, str]
     location: SourceLocation
     folder: Path
+    searched: list[Path]
     children: list[Element] = field(default_factory=list)
 
     @property
     def name(self) -> str:
         return self.attributes.get("name", "")
+
+    def file(self, name: str) -> Path:
+        """Where a file is that it names; in its own folder where there is none."""
+        found = (folder / name for folder in (self.folder, *self.searched))
+        return next((path for path in found if path.exists()), self.folder / name)
 
     def attribute(self, name: str) -> str:
         """The value of an attribute that must be there. Raises SceneError."""
@@ -83,7 +93,7 @@ def read_document(path: Path, parameters: Mapping[str, object]) -> Document:
 
     parameters : stand for the values of its `<default>`s
     """
-    reader = _Reader({name: str(value) for name, value in parameters.items()})
+    reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent])
     root = reader.read(path, SourceLocation(str(path)), 0)
     if root.tag != "scene":
         raise root.location.error(
@@ -101,8 +111,9 @@ def read_document(path: Path, parameters: Mapping[str, object]) -> Document:
 
 
 class _Reader:
-    def __init__(self, given: Mapping[str, str]) -> None:
+    def __init__(self, given: Mapping[str, str], searched: list[Path]) -> None:
         self._given = given
+        self._searched = searched
         self._values = dict(given)
         self.defaults: dict[str, str] = {}
         self.identified: dict[str, Element] = {}
@@ -121,7 +132,7 @@ class _Reader:
             content = read_bytes(path)
         except OSError as error:
             raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions.") from error
-        root = _parsed(content, path, lambda element: self._substituted(element))
+        root = _parsed(content, path, self._searched, self._substituted)
         _check_old_names(root)
         self._included(root, depth)
         return root
@@ -135,6 +146,13 @@ class _Reader:
             name, value = element.attribute("name"), element.attribute("value")
             self.defaults.setdefault(name, value)
             self._values.setdefault(name, value)
+        if element.tag == "path":
+            folder = element.folder / element.attribute("value")
+            if not folder.is_dir():
+                raise element.location.error(
+                    f"names {folder}, which is not a folder.", "Files are looked for in it."
+                )
+            self._searched.append(folder)
         name = element.attributes.get("id", "")
         if element.tag not in ("ref", "alias", "default") and name:
             if name in self.identified:
@@ -159,7 +177,7 @@ class _Reader:
         children = []
         for child in parent.children:
             if child.tag == "include":
-                path = child.folder / child.attribute("filename")
+                path = child.file(child.attribute("filename"))
                 root = self.read(path, child.location, depth + 1)
                 children += root.children if root.tag == "scene" else [root]
             elif child.tag == "alias":
@@ -167,13 +185,13 @@ class _Reader:
                 if known not in self.identified:
                     raise child.location.error(f"is of {shown(known)}, an id that no element before it has.")
                 self.identified[child.attribute("as")] = self.identified[known]
-            elif child.tag != "default":
+            elif child.tag not in ("default", "path"):
                 self._included(child, depth)
                 children.append(child)
         parent.children = children
 
 
-def _parsed(content: bytes, path: Path, started: Any) -> Element:
+def _parsed(content: bytes, path: Path, searched: list[Path], started: Any) -> Element:
     """The root of a file's elements. started: called with each as it begins, with its attributes."""
     parser = expat.ParserCreate()
     stack: list[Element] = []
@@ -185,7 +203,7 @@ def _parsed(content: bytes, path: Path, started: Any) -> Element:
         location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}, <{tag}{kind}>")
         if len(stack) > _NESTED:
             raise location.error(f"is in more than {_NESTED} elements; a scene needs ten.")
-        element = Element(_RENAMED.get(tag, tag), dict(attributes), location, path.parent)
+        element = Element(_RENAMED.get(tag, tag), dict(attributes), location, path.parent, searched)
         started(element)
         (stack[-1].children if stack else roots).append(element)
         stack.append(element)

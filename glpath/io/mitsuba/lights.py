@@ -94,7 +94,7 @@ def _constant(plugin: Plugin) -> Sky:
 def _environment(plugin: Plugin) -> Environment:
     """An environment map. Mitsuba's frame has y up and the middle of the picture towards +z."""
     where = plugin.where("filename")
-    path = plugin.element.folder / plugin.text("filename")
+    path = plugin.element.file(plugin.text("filename"))
     scale, world = plugin.number("scale", 1.0, 0.0), plugin.transform("to_world")
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_image)
     image = _in_middles(np.maximum(stored[..., :3], 0.0).astype(np.float32))

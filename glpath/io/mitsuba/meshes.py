@@ -52,7 +52,7 @@ def read_file(plugin: Plugin, suffix: str, *, coloured: bool) -> Mesh:
     where = plugin.where("filename")
     if not name:
         raise plugin.location.error("lacks the parameter `filename`, which must be there.")
-    path = plugin.element.folder / name
+    path = plugin.element.file(name)
     flips = plugin.flag("flip_tex_coords", suffix == ".obj")
     if suffix == ".serialized":
         mesh = _serialized(plugin, path)

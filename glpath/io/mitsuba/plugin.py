@@ -6,12 +6,12 @@ import difflib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from pyrr import matrix44
 
 from glpath.io.mitsuba.document import Document, Element
 from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.pyrr_matrices import matrix44
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")

@@ -111,7 +111,7 @@ class Reader:
     def _mesh(self, plugin: Plugin, coloured: bool, turns: bool) -> Mesh:
         """A mesh, the same one for shapes of one file."""
         if plugin.kind in _FILES:
-            path: Path = plugin.element.folder / plugin.text("filename")
+            path: Path = plugin.element.file(plugin.text("filename"))
             options = ("face_normals", "flip_tex_coords")
             given = tuple(plugin.flag(name, name != "face_normals") if name in plugin else None for name in options)
             key: tuple[object, ...] = (

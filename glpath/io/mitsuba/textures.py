@@ -99,7 +99,7 @@ class Textures:
         raw = plugin.flag("raw", False)
         filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
         wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
-        path = plugin.element.folder / name
+        path = plugin.element.file(name)
         where = plugin.where("filename")
         key = (path, raw)
         if key not in self._files:

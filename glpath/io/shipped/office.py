@@ -6,6 +6,7 @@ lights. Desks, chairs, shelves, partitions and screens are solid boxes, chairs t
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ _Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 ROOM = (12.0, 3.0, 8.0)
 # Rectangles along and across, of the premeshed floor, the two long walls and the two short ones: with these, 2563.
 _FLOOR, _LONG, _SHORT = (30, 20), (35, 9), (24, 9)
+_LIGHTS = 10
 
 _Resolution = Annotated[
     int,
@@ -27,9 +29,17 @@ _Resolution = Annotated[
 ]
 
 
-def office(*, resolution: _Resolution = 640) -> Scene:
+_Luminaires = Annotated[
+    int,
+    Meta(
+        ge=1, le=4096, description="a whole number from 1 to 4096, of lights; without it ten of 1.2 by 0.6 metres"
+    ),
+]
+
+
+def office(*, resolution: _Resolution = 640, luminaires: _Luminaires = _LIGHTS) -> Scene:
     """Office with desks, chairs, shelves and partitions: 906 polygons, 10 area lights."""
-    return _office(False, resolution)
+    return _office(False, resolution, luminaires)
 
 
 def office_premesh(*, resolution: _Resolution = 640) -> Scene:
@@ -37,8 +47,9 @@ def office_premesh(*, resolution: _Resolution = 640) -> Scene:
     return _office(True, resolution)
 
 
-def _office(premesh: bool, resolution: int) -> Scene:
-    shapes = [*_room(premesh), *_lights(), *_furniture()]
+def _office(premesh: bool, resolution: int, luminaires: int = _LIGHTS) -> Scene:
+    lights = _lights() if luminaires == _LIGHTS else _luminaires(luminaires)
+    shapes = [*_room(premesh), *lights, *_furniture()]
     return scene_from_dict(
         {
             "camera": {"position": [0.4, 2.2, 7.6], "target": [7.5, 0.6, 2.6], "fov": 62},
@@ -104,17 +115,34 @@ def _sheet(
 
 def _lights() -> list[dict[str, Any]]:
     return [
-        _sheet(
-            f"light-{row}-{column}",
-            "lamp",
-            (0.9 + 2.3 * column, ROOM[1] - 0.02, 1.85 + 3.7 * row),
-            (1.2, 0, 0),
-            (0, 0, 0.6),
-            emission={"radiance": [8.0, 7.6, 7.0]},
-        )
+        _light(f"light-{row}-{column}", (0.9 + 2.3 * column, 1.85 + 3.7 * row), (1.2, 0.6))
         for row in range(2)
         for column in range(5)
     ]
+
+
+def _luminaires(count: int) -> list[dict[str, Any]]:
+    """So many, evenly over the ceiling; their area together is that of the ten."""
+    x, _, z = ROOM
+    columns = round(math.sqrt(count * x / z)) or 1
+    long = math.sqrt(2 * _LIGHTS * 1.2 * 0.6 / count)
+    rows = math.ceil(count / columns)
+    lights = []
+    for i in range(count):
+        row, column = divmod(i, columns)
+        in_row = min(columns, count - row * columns)
+        middle = (x * (column + 0.5) / in_row, z * (row + 0.5) / rows)
+        corner = (middle[0] - long / 2, middle[1] - long / 4)
+        lights.append(_light(f"light-{row}-{column}", corner, (long, long / 2)))
+    return lights
+
+
+def _light(name: str, corner: tuple[float, float], size: tuple[float, float]) -> dict[str, Any]:
+    """A rectangle below the ceiling, its corner along x and z."""
+    (x, z), (along, across) = corner, size
+    return _sheet(
+        name, "lamp", (x, ROOM[1] - 0.02, z), (along, 0, 0), (0, 0, across), emission={"radiance": [8.0, 7.6, 7.0]}
+    )
 
 
 def _furniture() -> list[dict[str, Any]]:

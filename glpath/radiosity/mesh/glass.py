@@ -1,9 +1,10 @@
 """Glass: thin dielectrics transmit light straight, solids by refraction, what the surface does not reflect.
 
 To the solvers all surfaces are diffuse. What glass lets through continues behind it, by the angle of incidence,
-as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, of a solid by Fresnel's.
+as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, of a solid and a slab by Fresnel's.
 
-Poor at:  rough transmission, which is treated as clear.
+Poor at:  rough transmission, which is treated as clear; coloured slabs, of which all channels have the curve of the
+          clearest.
 """
 
 from __future__ import annotations
@@ -24,10 +25,11 @@ from glpath.system.kernels import inner_kernel
 class Glass(NamedTuple):
     """The glass of a scene's triangles.
 
-    clear : (T, 3) share that is let through where nothing is reflected; 0 of what is no glass
+    clear : (T, 3) share that is let through where nothing is reflected, of a slab once; 0 of what is no glass
     layer : (T, 4) what its surface reflects at normal and at grazing incidence, the share of it that is no metal,
             and that under a clearcoat
     ior   : (T,) of refraction, of solids; 0 for what is thin
+    slab  : (T,) of refraction, of slabs; 0 for others
     thin  : (T,) bool: thin and smooth, so that rays to a light go through
     attenuation : (T, 3) inside of solids, per scene unit
     """
@@ -35,6 +37,7 @@ class Glass(NamedTuple):
     clear: Float64
     layer: Float64
     ior: Float64
+    slab: Float64
     thin: NDArray[np.bool_]
     attenuation: Float64
 
@@ -51,6 +54,7 @@ class Glass(NamedTuple):
             Appearance(scene).mean_clear(),
             of_shapes(list(layers), 4),
             of_shapes([0.0 if m.thin else m.ior for m in materials], 1)[:, 0],
+            of_shapes([m.ior if m.is_slab else 0.0 for m in materials], 1)[:, 0],
             np.array([m.is_thin_dielectric for m in materials], bool)[shape],
             of_shapes([m.attenuation for m in materials], 3),
         )
@@ -63,6 +67,20 @@ def at_glass(glass, triangle, cosine, inside):  # type: ignore[no-untyped-def]
     cosine : of its angle to the normal
     inside : it comes from within a solid
     """
+    index = glass.slab[triangle]
+    if index > 0:
+        inside_once = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
+        cosine = max(cosine, 1e-4)
+        within = np.sqrt(1 - (1 - cosine * cosine) / (index * index))
+        once = inside_once ** (1 / within)
+        across = (cosine - index * within) / (cosine + index * within)
+        along = (index * cosine - within) / (index * cosine + within)
+        mirrored, passed = 0.0, 0.0
+        for f in (across * across, along * along):
+            between = 1 / max(1 - f * f * once * once, 1e-12)
+            passed += 0.5 * (1 - f) * (1 - f) * once * between
+            mirrored += 0.5 * f * (1 + (1 - 2 * f) * once * once) * between
+        return mirrored, passed / max(inside_once, 1e-12)
     index = glass.ior[triangle]
     grazing = 1 - min(cosine, 1.0)
     schlick = grazing * grazing * grazing * grazing * grazing

@@ -98,12 +98,13 @@ def _camera_rays(camera: Camera, u: Float64, in_view: float) -> tuple[Float64, F
         half = round(in_view * len(u))
         right, up, forward = camera.frame()
         width, height = camera.resolution
-        at = (2 * u[:half] - 1) * [width / height, 1.0]
+        at = (2 * u[:half] - 1) * [width * camera.pixel_aspect / height, 1.0]
         if camera.projection == "orthographic":
-            origin[:half] += 0.5 * camera.height * (at[:, :1] * right + at[:, 1:] * up)
+            at = at * (0.5 * camera.height) + camera.offset
+            origin[:half] += at[:, :1] * right + at[:, 1:] * up
             direction[:half] = forward
         else:
-            at = at * np.tan(np.radians(camera.fov) / 2)
+            at = at * np.tan(np.radians(camera.fov) / 2) + camera.offset
             seen = forward + at[:, :1] * right + at[:, 1:] * up
             direction[:half] = seen / np.linalg.norm(seen, axis=1, keepdims=True)
     return origin, direction

@@ -117,8 +117,8 @@ def view_factors(
     ----------
     faces       : a scene, a mesh file or the name of a shipped scene; a `trimesh.Trimesh`; corners (N, k, 3); or
                   (vertices, faces), vertices (V, 3) and for each face the numbers of its corners, three or more,
-                  flat, counter-clockwise seen from the front. Row i is face i of a mesh file, too: faces
-                  without an area are rows of zeros, which is warned of
+                  flat, counter-clockwise seen from the front. Row i is face i of a mesh file, too, of an
+                  OBJ material by material: faces without an area are rows of zeros, which is warned of
     groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
                   "shapes", the shapes of a scene; or a label for each face
     error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 meet it, most by far; see

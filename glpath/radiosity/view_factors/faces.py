@@ -75,6 +75,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     """The argument of `glpath.view_factors`, as faces. Raises SceneError and UsageError."""
     shape_of: Int64 | None = None
     shape_names: list[str] = []
+    by_shape = isinstance(groups, str) and groups == "shapes"  # an array of labels equals no word
     if isinstance(given, np.ndarray | list):
         corners = _array(given, "faces", "(N, k, 3): N faces, k >= 3")
         if corners.ndim != 3 or corners.shape[2] != 3 or corners.shape[1] < 3:
@@ -93,10 +94,10 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     elif hasattr(given, "vertices") and hasattr(given, "faces") and not isinstance(given, Scene):
         source = "mesh"
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
-    elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and groups != "shapes":
+    elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and not by_shape:
         source = str(given)  # not by a scene, which leaves out triangles without area
         file = read_mesh_file(Path(given), SourceLocation(source), colours=False)
-        meshes = [mesh_of_loaded(each, Path(given)) for each in file.meshes]
+        meshes = [mesh_of_loaded(each, Path(given)) for each in file.in_order]
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         vertices = np.concatenate([mesh.vertices for mesh in meshes])
         outlines = [

@@ -13,6 +13,7 @@ from glpath.errors import SceneWarning, UsageError
 from glpath.radiosity.view_factors.heat_exchange import SIGMA
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.scene.tessellate import box_mesh
+from tests.support.command_line import run
 
 CUBE = box_mesh((0, 0, 0), (1, 1, 1))
 #: Floor to ceiling of a cube (Howell, C-11).
@@ -155,3 +156,37 @@ def test_rows_have_the_numbers_of_a_file(tmp_path: Path) -> None:
         found = glpath.view_factors(tmp_path / "city.stl")
     assert len(found) == 12
     np.testing.assert_array_equal(np.flatnonzero(found.areas == 0), [3])
+
+
+def test_facets_of_an_stl_keep_the_files_numbers(tmp_path: Path) -> None:
+    """On the command line, of the file as it is: a facet in a line and one in a point are rows of zeros."""
+    corners = CUBE.vertices[CUBE.faces[:, ::-1]]
+    line = np.array([[[0, 0, 0], [0.5, 0, 0], [1, 0, 0]]])
+    facets = np.concatenate([corners[:4], line, corners[4:], np.ones((1, 3, 3))]).astype("<f4")
+    records = np.zeros(len(facets), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    records["corners"] = facets
+    path = tmp_path / "room.stl"
+    path.write_bytes(bytes(80) + np.uint32(len(facets)).tobytes() + records.tobytes())
+    result = run("viewfactors", path, "-o", tmp_path / "f.npz")
+    assert result.exit_code == 0, result.output
+    assert "2 of 14 faces have no area (4, 13)" in result.output
+    found = ViewFactors.load(tmp_path / "f.npz")
+    dense = found.matrix.toarray()
+    assert dense.shape == (14, 14)
+    assert np.flatnonzero(~dense.any(axis=1)).tolist() == [4, 13]
+    np.testing.assert_allclose(np.delete(found.areas, [4, 13]), 0.5)
+    assert dense[5, 6] == 0  # the other half of its wall, four facets and a line before it
+    np.testing.assert_allclose(np.delete(found.row_sums, [4, 13]), 1.0, atol=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")  # of backs that are seen
+def test_rows_of_an_obj_are_in_the_order_of_its_materials(tmp_path: Path) -> None:
+    corners = [f"v {x} {y} {z}" for x, y, z in ((0, 0, 0), (3, 0, 0), (0, 2, 0), (0, 0, 1))]
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "\n".join([*corners, "usemtl red", "f 1 2 3", "usemtl blue", "f 1 2 4", "usemtl red", "f 2 3 4"])
+    )
+    found = glpath.view_factors(path)
+    np.testing.assert_allclose(found.areas, [3.0, 3.5, 1.5])
+    assert run("viewfactors", path, "-o", tmp_path / "f.npz").exit_code == 0
+    np.testing.assert_array_equal(ViewFactors.load(tmp_path / "f.npz").areas, found.areas)

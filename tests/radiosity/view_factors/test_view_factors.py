@@ -13,9 +13,11 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 from scipy import sparse
 from typer.testing import CliRunner
@@ -249,6 +251,18 @@ def test_groups_are_sums_of_faces() -> None:
     named = glpath.view_factors((vertices, faces), groups=np.where(labels < 2, "ends", "walls"))
     assert named.names == ("ends", "walls")
     assert named.row_sums == pytest.approx([1, 1], abs=1e-5)
+
+
+@pytest.mark.parametrize("container", [np.array, list], ids=["array", "list"])
+def test_faces_of_a_file_may_have_labels(container: Callable[[Any], Any], tmp_path: Path) -> None:
+    """A label for each face, in the order of the file."""
+    box = trimesh.creation.box([1.0, 1, 1])
+    box.export(tmp_path / "box.stl")
+    up = trimesh.load_mesh(tmp_path / "box.stl").face_normals[:, 2]
+    labels = container(np.where(abs(up) > 0.5, "ends", "walls"))
+    found = glpath.view_factors(tmp_path / "box.stl", groups=labels, flip=True)
+    assert found.names == ("ends", "walls")
+    assert found.matrix.toarray()[0] == pytest.approx([0.199825, 1 - 0.199825], abs=1e-4)
 
 
 def test_a_scene_has_its_shapes_as_groups() -> None:

@@ -1,0 +1,188 @@
+"""`python -m benchmarks walks`: from the README's first line to a result, in an empty folder, as six readers go.
+
+The wheel is built, and each walk has an environment of its own, in which pip installs what the pages say. Homes are
+empty, so that shaders and kernels are compiled. Only pip keeps its cache and its settings.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from benchmarks.verdict import Condition, Report, judge, machine
+from benchmarks.walks import LAMP, MAX_MINUTES, ROOT, WALKS, Walk, file_of, lines_of
+from glpath.errors import GlpathError, UsageError
+from glpath.system.files import write_bytes
+from glpath.system.terminal import say
+from glpath.system.versions import versions
+
+RESULT = Path("benchmarks/results/walks.json")
+_SECONDS = 1800
+
+
+def walks(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Some of them; all by default.")
+    ] = None,
+    result: Annotated[Path, typer.Option(metavar="FILE", help="Where the result goes.")] = RESULT,
+) -> None:
+    """Follow the documentation as six readers would, and write how long each takes to a result.
+
+    Of some, the others' rows stay as the file has them.
+    """
+    known = {walk.name: walk for walk in WALKS}
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        raise UsageError(f"walks: no walk is named {unknown[0]!r}; allowed are {', '.join(known)}")
+    rows = kept_rows(result) if names else {}
+    with tempfile.TemporaryDirectory() as folder:
+        wheels = built_wheel(Path(folder))
+        for name in names or known:
+            rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels)
+            row = rows[name]
+            say(f"{name}: {row['reading_min']:.1f} min to read, {row['run_s']:.0f} s to run", err=True)
+    write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
+
+
+def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
+    """The rows of the stored result, by name."""
+    if not result.is_file():
+        return {}
+    return {row["name"]: row for row in json.loads(result.read_text("utf-8"))["rows"]}
+
+
+def built_wheel(folder: Path) -> Path:
+    """The folder `dist` with the wheel of this checkout. Raises GlpathError."""
+    command = [sys.executable, "-m", "pip", "-q", "wheel", "--no-deps", "-w", str(folder / "dist"), str(ROOT)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_SECONDS)
+    if done.returncode:
+        raise GlpathError(f"walks: the wheel is not built:\n{done.stdout}{done.stderr}".rstrip())
+    return folder / "dist"
+
+
+def walked(walk: Walk, folder: Path, wheels: Path) -> dict[str, Any]:
+    """Run all that a walk's pages say, and return its row. Raises GlpathError where a command fails."""
+    venv.create(folder / ".venv", with_pip=True)
+    (folder / "home").mkdir()
+    shutil.copytree(wheels, folder / "dist")
+    bring(walk.brought, folder)
+    environment = environment_of(folder)
+    spent = dict.fromkeys(("install_s", "install_processor_s", "run_s", "run_processor_s"), 0.0)
+    commands = 0
+    for reading in walk.readings:
+        for command in prepared(list(reading.blocks()), folder):
+            installs = command.startswith("pip ")
+            home = {} if installs else {"HOME": str(folder / "home")}
+            what = "install" if installs else "run"
+            start, before = time.perf_counter(), processor_s()
+            run_line(f"{walk.name}: {reading.page}", command, folder, {**environment, **home})
+            spent[f"{what}_s"] += time.perf_counter() - start
+            spent[f"{what}_processor_s"] += processor_s() - before
+            commands += 1
+    if not (folder / walk.result).exists():
+        raise GlpathError(f"walks: {walk.name} ends without {walk.result}")
+    return {
+        "name": walk.name,
+        "reader": walk.reader,
+        "pages": ", ".join(Path(reading.page).name for reading in walk.readings),
+        "lines": walk.lines,
+        "words": walk.words,
+        "reading_min": walk.reading_min,
+        "commands": commands,
+        **spent,
+        "result": walk.result,
+    }
+
+
+def processor_s() -> float:
+    """Of all processes that have ended below this one."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def bring(names: Sequence[str], folder: Path) -> None:
+    """Write the files that a reader has before: a model, a lamp, a notebook of the checkout."""
+    import trimesh
+
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".ies":
+            path.write_text(LAMP)
+        elif path.suffix == ".ipynb":
+            shutil.copy(ROOT / name, path)
+        else:
+            trimesh.creation.box([6, 3, 4]).export(path)
+
+
+def environment_of(folder: Path) -> dict[str, str]:
+    """That of this process, in which the walk's own environment of Python comes first."""
+    left_out = ("PYTHONPATH", "PYTHONHOME", "CI", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MESA_SHADER_CACHE_DIR")
+    kept = {name: value for name, value in os.environ.items() if name not in left_out}
+    links = f"{kept.get('PIP_FIND_LINKS', '')} {folder / 'dist'}".strip()
+    path = os.pathsep.join([str(folder / ".venv" / "bin"), kept.get("PATH", os.defpath)])
+    return {**kept, "PATH": path, "VIRTUAL_ENV": str(folder / ".venv"), "PIP_FIND_LINKS": links}
+
+
+def prepared(blocks: Sequence[tuple[str, str, str]], folder: Path) -> list[str]:
+    """The commands of blocks, in order; scenes and tests that they need are written first."""
+    commands = []
+    for kind, text, before in blocks:
+        if kind == "sh":
+            commands += list(lines_of(text))
+        elif kind in ("toml", "python"):
+            name = file_of(kind, text, before)
+            if name == "walk.py":
+                name = f"walk-{len(commands)}.py"
+                commands.append(f"python {name}")
+            (folder / name).write_text(text)
+    return commands
+
+
+def run_line(where: str, command: str, folder: Path, environment: Mapping[str, str]) -> None:
+    """Run one command by a shell. Raises GlpathError with what it printed where it fails."""
+    done = subprocess.run(
+        ["sh", "-e", "-c", command],
+        cwd=folder,
+        env=dict(environment),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=_SECONDS,
+    )
+    if done.returncode:
+        raise GlpathError(f"walks: {where}: {command} failed:\n{done.stdout}{done.stderr}".rstrip())
+
+
+def report(rows: Sequence[dict[str, Any]]) -> Report:
+    """The result of walks."""
+    from glpath.gl.context import get_context
+
+    measured = {
+        "walks": float(len(rows)),
+        "longest_reading_min": max(row["reading_min"] for row in rows),
+        "processor_s": math.fsum(row["install_processor_s"] + row["run_processor_s"] for row in rows),
+    }
+    rule = (Condition("longest_reading_min", "<=", float(MAX_MINUTES)),)
+    claim, holds = judge("from the README's first line to a result in five minutes of reading", rule, measured)
+    found = machine(get_context().info.renderer)
+    named = {"Python": sys.version.split()[0], **versions("glpath", "moderngl", "numpy", "numba")}
+    return Report("walks", claim, measured, holds, list(rows), found, named)
+
+
+def register(app: typer.Typer) -> None:
+    """Put the command on the main program."""
+    app.command("walks")(walks)

@@ -1,0 +1,36 @@
+"""Sensor grids of an HBJSON file, for what measures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from glpath.io.honeybee.model import read_model_file
+from glpath.scene.geometry import Float64
+from glpath.scene.source_location import SourceLocation
+
+
+def sensor_points(path: Path, grid: str | None = None) -> tuple[Float64, Float64]:
+    """Positions (N, 3) and directions (N, 3) of a file's sensors, in the units of the file.
+
+    grid : the identifier or the displayed name of one grid; None for all, one after the other
+
+    Raises SceneError where the file has no such grid, or no grid at all.
+    """
+    grids = read_model_file(path).radiance.sensor_grids or []
+    location = SourceLocation(str(path))
+    if not grids:
+        raise location.error("has no sensor grids.", "Lay a grid in a plane: --plane z=0.8.")
+    chosen = [each for each in grids if grid is None or grid in (each.identifier, each.display_name)]
+    if not chosen:
+        names = ", ".join(each.identifier for each in grids)
+        raise location.error(f'has no sensor grid "{grid}". It has: {names}.', "Write FILE.hbjson#GRID.")
+    sensors = [sensor for each in chosen for sensor in each.sensors]
+    table = np.array([(*sensor.pos, *sensor.dir) for sensor in sensors], np.float64).reshape(-1, 6)
+    if not len(table):
+        raise location.error(f'has no sensors in "{chosen[0].identifier}".')
+    dark = np.flatnonzero(~table[:, 3:].any(axis=1))
+    if len(dark):
+        raise location.error(f"sensor {dark[0]} has the direction 0, 0, 0, which looks nowhere.")
+    return table[:, :3], table[:, 3:]

@@ -1,0 +1,190 @@
+"""The tables of an HBJSON file that light depends on. What other programs keep there is passed over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from glpath.errors import SceneError
+from glpath.io.convert import convert
+from glpath.scene.source_location import SourceLocation
+from glpath.system.files import read_bytes, reason_of
+
+Point = tuple[float, float, float]
+Ring = Annotated[list[Point], Meta(min_length=3)]
+
+
+def _in_file(name: str) -> str:
+    """The key of a field: lists of these objects have the plural."""
+    return f"{name}s" if name.endswith("_shade") else name
+
+
+class Face3D(Struct):
+    """A plane polygon. Seen from its front its boundary runs counter-clockwise."""
+
+    boundary: Ring
+    holes: list[Ring] | None = None
+
+
+class Mesh3D(Struct):
+    vertices: list[Point]
+    faces: list[Annotated[list[Annotated[int, Meta(ge=0)]], Meta(min_length=3, max_length=4)]]
+
+
+class Radiance(Struct):
+    """Names of a modifier, or of a room's set of them."""
+
+    modifier: str | None = None
+    modifier_set: str | None = None
+
+
+class Properties(Struct):
+    radiance: Radiance | None = None
+
+
+class BoundaryCondition(Struct):
+    """What is on the other side of a face; of "Surface" the names of that face, its parent and its room."""
+
+    type: str
+    boundary_condition_objects: tuple[str, ...] = ()
+
+
+class Named(Struct, kw_only=True):
+    """What all objects have."""
+
+    identifier: str
+    properties: Properties = msgspec.field(default_factory=Properties)
+
+    @property
+    def modifier(self) -> str | None:
+        """Its own, by name."""
+        return None if self.properties.radiance is None else self.properties.radiance.modifier
+
+
+class Shade(Named, kw_only=True):
+    geometry: Face3D
+    is_detached: bool = False
+
+
+class ShadeMesh(Named, kw_only=True):
+    geometry: Mesh3D
+    is_detached: bool = True
+
+
+class Shaded(Named, kw_only=True, rename=_in_file):
+    indoor_shade: list[Shade] | None = None
+    outdoor_shade: list[Shade] | None = None
+
+
+class Opening(Shaded, kw_only=True):
+    """What apertures and doors have."""
+
+    geometry: Face3D
+    boundary_condition: BoundaryCondition
+
+
+class Aperture(Opening, kw_only=True):
+    is_operable: bool = False
+
+
+class Door(Opening, kw_only=True):
+    is_glass: bool = False
+
+
+class Face(Shaded, kw_only=True):
+    geometry: Face3D
+    face_type: Literal["Wall", "Floor", "RoofCeiling", "AirBoundary"]
+    boundary_condition: BoundaryCondition
+    apertures: list[Aperture] | None = None
+    doors: list[Door] | None = None
+
+
+class Room(Shaded, kw_only=True):
+    faces: list[Face]
+
+
+class Sensor(Struct):
+    pos: Point
+    dir: Point
+
+
+class SensorGrid(Struct):
+    identifier: str
+    sensors: list[Sensor]
+    display_name: str | None = None
+
+
+class View(Struct):
+    """A view of Radiance's: v is perspective; sizes in degrees."""
+
+    identifier: str
+    position: Point
+    direction: Point
+    up_vector: Point
+    view_type: str = "v"
+    h_size: float = 60.0
+    v_size: float = 60.0
+
+
+class ModelRadiance(Struct):
+    modifiers: list[dict[str, Any]] | None = None
+    modifier_sets: list[dict[str, Any]] | None = None
+    sensor_grids: list[SensorGrid] | None = None
+    views: list[View] | None = None
+
+
+class ModelProperties(Struct):
+    radiance: ModelRadiance | None = None
+
+
+class Model(Struct, kw_only=True, rename=_in_file):
+    """A whole file."""
+
+    identifier: str
+    type: Literal["Model"]
+    rooms: list[Room] | None = None
+    orphaned_faces: list[Face] | None = None
+    orphaned_apertures: list[Aperture] | None = None
+    orphaned_doors: list[Door] | None = None
+    orphaned_shade: list[Shade] | None = None
+    shade_meshes: list[ShadeMesh] | None = None
+    units: str = "Meters"
+    properties: ModelProperties = msgspec.field(default_factory=ModelProperties)
+
+    @property
+    def radiance(self) -> ModelRadiance:
+        return self.properties.radiance or ModelRadiance()
+
+
+def read_model_file(path: Path) -> Model:
+    """The tables of a file. Raises SceneError, which names the object that is wrong."""
+    location = SourceLocation(str(path))
+    try:
+        data = msgspec.json.decode(read_bytes(path))
+    except OSError as error:
+        raise location.error(f"cannot be read: {reason_of(error)}.") from error
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise location.error(f"is no JSON: {error}.", "Write it by honeybee: model.to_hbjson().") from error
+    try:
+        return convert(data, Model)  # type: ignore[no-any-return]
+    except msgspec.ValidationError as error:
+        raise _named(error, data, location) from error
+
+
+def _named(error: msgspec.ValidationError, data: Any, location: SourceLocation) -> SceneError:
+    """The error with the path to what is wrong, and the name of the object around it."""
+    text, _, path = str(error).partition(" - at `$")
+    name = ""
+    for key in path.rstrip("`").replace("]", "").replace("[", ".").split(".")[1:]:
+        if isinstance(data, dict):
+            name = data.get("identifier", name)
+            location, data = location.field(key), data.get(key)
+        elif isinstance(data, list) and key.isdecimal():
+            location, data = location.item(int(key)), data[int(key)]
+    if isinstance(data, dict):
+        name = data.get("identifier", name)
+    of = f'of "{name}" ' if isinstance(name, str) and name else ""
+    return location.error(f"{of}cannot be read: {text}.", "Write the file anew by honeybee: model.to_hbjson().")

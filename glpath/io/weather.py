@@ -1,0 +1,292 @@
+"""Weather files: the direct and diffuse light of each hour of a year, and where the sun stands: EPW and TMY3.
+
+The numbers of an hour are means over it. So the sun of an hour is that of its middle (`sun_of_hours`). Times are
+local standard time, without summer time, as in the files.
+
+Cost:     half a second for a year; pvlib reads the files (`glpath[sky]`).
+Poor at:  files with several rows an hour, which are refused.
+Source:   EnergyPlus 24.1, Auxiliary programs: EPW data dictionary. Wilcox & Marion 2008, Users manual for TMY3 data
+sets.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import SceneError, warn
+from glpath.io.sun_position import SunPosition, Times, pvlib_module, sun_of_hours
+from glpath.scene.model import Float64
+from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
+
+#: Suffixes of weather files.
+WEATHER_FILES = (".epw", ".csv")
+#: Of a file whose hours are of several years: what its dates are taken to be of.
+TYPICAL_YEAR = 2023
+# Irradiance from here on is a mark for what is missing, W m^-2.
+_MISSING = 9000.0
+# Of the year's global light: what the sun and the sky may differ from it by, without a warning.
+_CLOSURE = 0.15
+# Degrees that a time zone may be off its longitude, without a warning.
+_ZONE = 45.0
+
+
+@dataclass(frozen=True, eq=False)
+class Weather:
+    """The hours of a year, or of a part of it.
+
+    source             : the file
+    site              : its name there
+    latitude, longitude : degrees, north and east
+    time_zone          : hours east of Greenwich
+    elevation          : metres above the sea
+    times              : (H,) datetime64[s] in local standard time, at which the hours begin, ascending
+    direct_normal      : (H,) float64, W m^-2 of a surface that faces the sun
+    diffuse_horizontal : (H,) float64, W m^-2 of a horizontal surface by the sky alone
+    dew_point          : (H,) float64, degrees Celsius; NaN where the file has none
+    missing            : hours whose irradiance the file does not know, which count as dark
+    after_dark         : hours with light in which the sun is down all along, which count as dark
+    """
+
+    source: str
+    site: str
+    latitude: float
+    longitude: float
+    time_zone: float
+    elevation: float
+    times: Times
+    direct_normal: Float64
+    diffuse_horizontal: Float64
+    dew_point: Float64
+    missing: int = 0
+    after_dark: int = 0
+
+    @cached_property
+    def utc(self) -> Times:
+        """(H,) datetime64[s], at which the hours begin."""
+        return np.asarray(self.times - np.timedelta64(round(3600 * self.time_zone), "s"))
+
+    @cached_property
+    def sun(self) -> SunPosition:
+        """(H,) degrees: altitude, below 0 where it is down all the hour, and azimuth from north by east."""
+        return sun_of_hours(self.utc, self.latitude, self.longitude, self.elevation)
+
+    @property
+    def water(self) -> Float64:
+        """(H,) precipitable, cm."""
+        known = np.isfinite(self.dew_point)
+        return np.where(known, precipitable_water(np.where(known, self.dew_point, 0.0)), PRECIPITABLE_WATER)
+
+    @cached_property
+    def skies(self) -> PerezSky:
+        """The all-weather sky of each hour."""
+        day = (self.times.astype("datetime64[D]") - self.times.astype("datetime64[Y]")).astype(np.int64) + 1
+        return PerezSky.of(self.direct_normal, self.diffuse_horizontal, self.sun.altitude, extraterrestrial(day))
+
+    @property
+    def direct_illuminance(self) -> Float64:
+        """(H,) lx of a surface that faces the sun, by Perez' efficacy."""
+        return self.direct_normal * self.skies.direct_efficacy(self.water)
+
+    @property
+    def diffuse_illuminance(self) -> Float64:
+        """(H,) lx of a horizontal surface by the sky alone, by Perez' efficacy."""
+        return self.diffuse_horizontal * self.skies.diffuse_efficacy(self.water)
+
+    def hour_of(self, time: np.datetime64) -> int:
+        """The index of the hour that a local standard time lies in; its year does not count.
+
+        Raises SceneError for an hour that the file does not have.
+        """
+        found = np.flatnonzero((_in_year(self.times) == _in_year(np.array([time], "datetime64[s]"))).all(axis=0))
+        if not len(found):
+            raise SceneError(
+                f"{self.source}: has no hour at {_shown(time)}; it has {len(self.times):,} hours from "
+                f"{_shown(self.times[0])} to {_shown(self.times[-1])}.",
+                "Take a time within, in local standard time.",
+            )
+        return int(found[0])
+
+
+def read_weather(path: Path | str) -> Weather:
+    """The weather of an EPW or TMY3 file.
+
+    Warns with SceneWarning of hours that are missing, of irradiance that is, of light after dark, and of a sun that
+    does not fit the light: of another hemisphere or time zone.
+
+    Raises SceneError for a file that is none, or broken; GlpathError where pvlib is missing.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in WEATHER_FILES:
+        raise SceneError(
+            f"{path}: is no weather file that is known: allowed are {', '.join(WEATHER_FILES)}.",
+            "EnergyPlus weather is .epw, TMY3 is .csv.",
+        )
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}.", "Check the name.") from None
+    text = raw.decode("utf-8-sig") if _is_utf8(raw) else raw.decode("latin-1")
+    table, site, begin = _epw(text, path) if path.suffix.lower() == ".epw" else _tmy3(text, path)
+    return _checked(table, site, begin, str(path))
+
+
+def _is_utf8(raw: bytes) -> bool:
+    try:
+        raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
+    if not text.startswith("LOCATION"):
+        raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
+    table, site = _parsed(pvlib_module().iotools.read_epw, text, path)
+    return table, {**site, "name": site.get("city", "")}, _without_zone(table)
+
+
+def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
+    if "Date (MM/DD/YYYY)" not in text[:2000]:
+        raise SceneError(
+            f"{path}: has no column Date (MM/DD/YYYY) in its second line, which a TMY3 file has.",
+            "Other tables are not read; EnergyPlus weather has the suffix .epw.",
+        )
+    table, site = _parsed(pvlib_module().iotools.read_tmy3, text, path, map_variables=True)
+    # Its times are the ends of the hours.
+    return table, {**site, "name": site.get("Name", "")}, _without_zone(table) - np.timedelta64(3600, "s")
+
+
+def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:
+    try:
+        table, site = reader(io.StringIO(text), **how)
+        for name in ("latitude", "longitude", "TZ", "altitude"):
+            site[name] = float(site[name])
+    # What a broken file makes of pvlib and pandas is of any kind.
+    except Exception as error:
+        raise SceneError(
+            f"{path}: is broken: {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
+            "A row an hour, after the head of the format.",
+        ) from error
+    return table, site
+
+
+def _without_zone(table: Any) -> Times:
+    return np.asarray(table.index.tz_localize(None).to_numpy().astype("datetime64[s]"))
+
+
+def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Weather:
+    """Raises SceneError, and warns, as `read_weather` says."""
+    latitude, longitude, zone = site["latitude"], site["longitude"], site["TZ"]
+    for name, value, limit in (("latitude", latitude, 90), ("longitude", longitude, 180), ("time zone", zone, 14)):
+        if not abs(value) <= limit:
+            raise SceneError(f"{source}: has the {name} {value:g}, but allowed is from -{limit} to {limit}.")
+    if not len(begin):
+        raise SceneError(f"{source}: has no hour.")
+    times = _of_one_year(begin)
+    steps = np.diff(times).astype(np.int64)
+    if (steps <= 0).any():
+        row = int(np.flatnonzero(steps <= 0)[0]) + 1
+        raise SceneError(
+            f"{source}: its row {row + 1} is of {_shown(times[row])}, but the row before is not earlier: "
+            f"{_shown(times[row - 1])}.",
+            "A row an hour, in the order of time. Files with several rows an hour are not read.",
+        )
+    direct, diffuse, total = (_irradiance(table, name, source) for name in ("dni", "dhi", "ghi"))
+    missing = ~(np.isfinite(direct) & np.isfinite(diffuse))
+    direct[missing] = diffuse[missing] = 0.0
+    dew = np.asarray(table["temp_dew"], np.float64) if "temp_dew" in table else np.full(len(times), np.nan)
+    dew = np.where(np.abs(dew) < 90, dew, np.nan)
+    weather = Weather(
+        source,
+        str(site["name"]).strip(),
+        latitude,
+        longitude,
+        zone,
+        site["altitude"],
+        times,
+        direct,
+        diffuse,
+        dew,
+    )
+    down = (weather.sun.altitude <= 0) & (direct + diffuse > 0)
+    known = np.isfinite(total) & ~missing
+    lit = known & (weather.sun.altitude > 0)
+    of_sun = direct * np.sin(np.radians(np.maximum(weather.sun.altitude, 0.0)))
+    off = float(np.abs(total - of_sun - diffuse)[lit].sum() + (direct + diffuse)[down].sum())
+    light = float(total[known].sum())
+    direct[down] = diffuse[down] = 0.0
+    _report(weather, int((steps // 3600 - 1).clip(0).sum()), int(missing.sum()), off / light if light > 0 else 0.0)
+    object.__setattr__(weather, "missing", int(missing.sum()))
+    object.__setattr__(weather, "after_dark", int(down.sum()))
+    return weather
+
+
+def _of_one_year(begin: Times) -> Times:
+    """The same dates of one year; months of typical years are of several."""
+    years = begin.astype("datetime64[Y]")
+    if (years == years[0]).all():
+        return begin
+    month, day, _ = _in_year(begin)
+    year = TYPICAL_YEAR + bool(((month == 1) & (day == 28)).any())
+    first = np.datetime64(str(year), "M") + month
+    in_month = begin - begin.astype("datetime64[M]").astype("datetime64[s]")
+    return np.asarray(first.astype("datetime64[s]") + in_month)
+
+
+def _irradiance(table: Any, name: str, source: str) -> Float64:
+    """(H,) W m^-2, NaN where it is missing. Raises SceneError for what is no irradiance."""
+    if name not in table:
+        raise SceneError(f"{source}: has no column of {name}.")
+    try:
+        found = np.array(table[name], np.float64)
+    except (TypeError, ValueError):
+        raise SceneError(f"{source}: has something else than numbers in its column of {name}.") from None
+    found[~np.isfinite(found) | (found >= _MISSING)] = np.nan
+    if np.nanmin(found, initial=0.0) < 0:
+        row = int(np.nanargmin(found))
+        raise SceneError(
+            f"{source}: has {found[row]:g} W/m2 of {name} in row {row + 1}, but light cannot be negative."
+        )
+    return found
+
+
+def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:
+    source, hours = weather.source, len(weather.times)
+    if gaps:
+        step = int(np.flatnonzero(np.diff(weather.times).astype(np.int64) > 3600)[0])
+        warn(f"{source}: {gaps:,} hours are missing between others, the first after {_shown(weather.times[step])}.")
+    if missing:
+        warn(f"{source}: {missing:,} of {hours:,} hours have no irradiance; they count as dark.")
+    if abs(15 * weather.time_zone - weather.longitude) > _ZONE:
+        hours_off = abs(weather.time_zone - weather.longitude / 15)
+        warn(
+            f"{source}: the time zone {weather.time_zone:+g} is {hours_off:.1f} hours from the longitude "
+            f"{weather.longitude:g}."
+        )
+    if off > _CLOSURE:
+        warn(
+            f"{source}: the light of sun and sky differs by {off:.0%} from the global light of the file: the sun "
+            f"is not where it shone from. Check the latitude {weather.latitude:g} (south is negative), the "
+            f"longitude {weather.longitude:g} (west is negative) and the time zone {weather.time_zone:+g}."
+        )
+
+
+def _in_year(times: Times) -> NDArray[np.int64]:
+    """(3, N): month, day and hour of times (N,)."""
+    months, days, hours = (times.astype(f"datetime64[{unit}]") for unit in "MDh")
+    return np.stack([
+        months.astype(np.int64) % 12,
+        (days - months.astype("datetime64[D]")).astype(np.int64),
+        (hours - days.astype("datetime64[h]")).astype(np.int64),
+    ])  # fmt: skip
+
+
+def _shown(time: np.datetime64) -> str:
+    return str(time.astype("datetime64[m]"))[5:].replace("T", " ")

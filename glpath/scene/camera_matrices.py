@@ -1,0 +1,131 @@
+"""Cameras by matrices: a pose and the intrinsics K, as computer vision has them [Hartley & Zisserman 2004, 6.1].
+
+Poor at:  lenses that distort, and pixels whose sides are not at right angles: undistort the pictures first.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from glpath.errors import UsageError
+from glpath.scene.camera import Camera
+from glpath.scene.geometry import Float64
+
+Convention = Literal["opengl", "opencv"]
+CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
+
+# How far a rotation may be off one; the share of a focal length that a skew may have by rounding.
+_RIGID, _SKEW = 1e-4, 1e-9
+
+
+def camera(
+    pose: ArrayLike,
+    K: ArrayLike,
+    *,
+    resolution: tuple[int, int] | None = None,
+    convention: Convention = "opengl",
+) -> Camera:
+    """The camera of a pose and of intrinsics, for `render(..., camera=...)`.
+
+    Parameters
+    ----------
+    pose       : (4, 4) or (3, 4): from the camera's frame to the world's, without scale
+    K          : (3, 3) intrinsics [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels; the picture's corner is (0, 0),
+                 the middle of its first pixel (0.5, 0.5), as COLMAP and NeRFs have it. Add 0.5 to what OpenCV's
+                 calibration finds, which counts from that middle
+    resolution : (width, height); twice the principal point, rounded, without it
+    convention : "opengl", the camera looks along -z, and +y is up in the picture, as Blender and NeRFs have it;
+                 "opencv", it looks along +z, and +y is down, as COLMAP has it
+
+    Raises UsageError for a pose that is no rotation and translation, and for intrinsics with a skew.
+
+    Example
+    -------
+    >>> K = [[60.0, 0.0, 32.3], [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]]
+    >>> found = camera([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3.9]], K)
+    >>> found.resolution, found.pixel_aspect
+    ((65, 48), 0.8333333333333334)
+    """
+    if convention not in CONVENTIONS:
+        raise UsageError(f"convention: {convention!r} where one of {', '.join(CONVENTIONS)} is needed.")
+    matrix = _pose(_numbers("pose", pose), "pose")
+    return _camera(matrix, *_intrinsics(K, resolution), convention)
+
+
+def cameras(
+    poses: ArrayLike, K: ArrayLike, resolution: tuple[int, int] | None, convention: Convention
+) -> list[Camera]:
+    """Those of poses (N, 4, 4), (N, 3, 4) or one of them; else as `camera`."""
+    found = _numbers("poses", poses)
+    found = found[None] if found.ndim == 2 else found
+    if found.ndim != 3 or found.shape[1:] not in ((4, 4), (3, 4)) or not len(found):
+        raise UsageError(f"poses: of shape {np.shape(poses)} where (N, 4, 4) or (N, 3, 4) is needed.")
+    matrices = [_pose(each, f"poses[{number}]") for number, each in enumerate(found)]
+    intrinsics, size = _intrinsics(K, resolution)
+    return [_camera(each, intrinsics, size, convention) for each in matrices]
+
+
+def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: Convention) -> Camera:
+    sign = -1.0 if convention == "opengl" else 1.0
+    position, forward, up = pose[:, 3], sign * pose[:, 2], -sign * pose[:, 1]
+    (width, height), fx, fy = resolution, K[0, 0], K[1, 1]
+    return Camera(
+        position,
+        position + forward,
+        up,
+        float(np.degrees(2 * np.arctan(0.5 * height / fy))),
+        resolution,
+        principal_point=(float(K[0, 2] / width), float(K[1, 2] / height)),
+        pixel_aspect=float(fy / fx),
+    )
+
+
+def _numbers(name: str, given: Any) -> Float64:
+    """float64. Raises UsageError for what are no finite numbers."""
+    try:
+        found = np.asarray(given, np.float64)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{name}: no array of numbers.", "Give a numpy array, or lists.") from error
+    if not np.isfinite(found).all():
+        raise UsageError(f"{name}: has numbers that are not finite.")
+    return found
+
+
+def _pose(found: Float64, name: str) -> Float64:
+    """(3, 4), a rotation and a translation. Raises UsageError."""
+    if found.shape not in ((4, 4), (3, 4)):
+        raise UsageError(f"{name}: of shape {found.shape} where (4, 4) or (3, 4) is needed.")
+    turn = found[:3, :3]
+    if len(found) == 4 and not np.allclose(found[3], [0, 0, 0, 1]):
+        raise UsageError(
+            f"{name}: ends in the row {found[3].tolist()}, but must end in [0, 0, 0, 1].",
+            "The translation is the last column.",
+        )
+    if not np.allclose(turn @ turn.T, np.eye(3), atol=_RIGID) or np.linalg.det(turn) < 0:
+        raise UsageError(
+            f"{name}: its upper left 3 x 3 part is no rotation: it stretches or mirrors.",
+            "Divide its columns by their lengths. A camera that mirrors is one of the other convention.",
+        )
+    return found[:3]
+
+
+def _intrinsics(given: ArrayLike, resolution: tuple[int, int] | None) -> tuple[Float64, tuple[int, int]]:
+    """(3, 3), and width and height. Raises UsageError."""
+    K = _numbers("K", given)
+    if K.shape != (3, 3):
+        raise UsageError(f"K: of shape {K.shape} where (3, 3) is needed.")
+    fx, fy = K[0, 0], K[1, 1]
+    if not (fx > 0 and fy > 0):
+        raise UsageError(
+            f"K: focal lengths {fx:g} and {fy:g}, but both must be above 0.",
+            "A negative one is of the other convention.",
+        )
+    if abs(K[0, 1]) > _SKEW * fx or np.any(K[1, 0] != 0) or not np.allclose(K[2], [0, 0, 1]):
+        raise UsageError("K: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], without skew.")
+    size = tuple(round(2 * at) for at in K[:2, 2]) if resolution is None else tuple(resolution)
+    if len(size) != 2 or any(int(pixels) != pixels or pixels < 1 for pixels in size):
+        raise UsageError(f"resolution: {size} where two whole numbers, at least 1, are needed.")
+    return K, (int(size[0]), int(size[1]))

@@ -1,0 +1,40 @@
+"""Skies that are functions, as environment maps: the directions of texels, and the light on open ground."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.scene.sky import Environment
+
+Float64 = NDArray[np.float64]
+
+#: Rows and columns of the map of a sky.
+SKY_SIZE = (256, 512)
+# Points of Gauss' quadrature between the middles of two rows, between which the map is linear.
+_POINTS = 8
+
+
+def texel_directions(up: Float64, size: tuple[int, int] = SKY_SIZE) -> Float64:
+    """(h, w, 3) unit, of the middles of a map's texels, without a rotation."""
+    height, width = size
+    rows = (np.arange(height) + 0.5) * (np.pi / height)
+    turns = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    middle, left, up = Environment(np.zeros((1, 1, 3), np.float32), up).frame
+    sine, cosine = np.sin(rows)[:, None, None], np.cos(rows)[:, None, None]
+    around = np.cos(turns)[:, None] * middle + np.sin(turns)[:, None] * left
+    return np.asarray(sine * around + cosine * up)
+
+
+def horizontal_irradiance(seen: Float64) -> float:
+    """Of a surface that faces up, by the upper half of a map of one channel (h, w), filtered as maps are."""
+    height = len(seen)
+    step = np.pi / height
+    u, weight = np.polynomial.legendre.leggauss(_POINTS)
+    # From the zenith to the middle of the first row, and from row to row as far as the horizon.
+    ends = np.unique(np.concatenate([[0.0], (np.arange(height) + 0.5) * step, [np.pi / 2]]))
+    ends = ends[ends <= np.pi / 2]
+    half = 0.5 * np.diff(ends)[:, None]
+    angle = ends[:-1, None] + half * (1 + u)
+    mean = np.interp(angle / step - 0.5, np.arange(height), seen.mean(axis=1))
+    return float(2 * np.pi * np.sum(half * weight * mean * np.sin(angle) * np.cos(angle)))

@@ -1,0 +1,203 @@
+"""Weather files and the sun: hours, light and positions; and what a broken file, or one of elsewhere, is told."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pvlib = pytest.importorskip("pvlib")
+
+from glpath.errors import SceneError, SceneWarning  # noqa: E402
+from glpath.io.sun_position import clear_day, sun_of_hours, sun_positions  # noqa: E402
+from glpath.io.weather import Weather, read_weather  # noqa: E402
+from tests.support.weather_files import Change, write_epw  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def epw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_epw(tmp_path_factory.mktemp("weather") / "zurich.epw")
+
+
+@pytest.fixture(scope="module")
+def weather(epw: Path) -> Weather:
+    return read_weather(epw)
+
+
+def changed(epw: Path, path: Path, change: Change, **head: str) -> Path:
+    """The file with other rows, and another head."""
+    lines = epw.read_text().splitlines(keepends=True)
+    rows = [change(i, line.rstrip().split(",")) for i, line in enumerate(lines[8:])]
+    site = lines[0].rstrip().split(",")
+    for name, column in (("latitude", 6), ("longitude", 7), ("zone", 8)):
+        site[column] = head.get(name, site[column])
+    path.write_text(",".join(site) + "\n" + "".join(lines[1:8]) + "".join(",".join(r) + "\n" for r in rows if r))
+    return path
+
+
+def same(_: int, row: list[str]) -> list[str]:
+    return row
+
+
+def test_the_sun_of_nrel_s_example() -> None:
+    """Reda & Andreas 2004, appendix A.5: Golden, Colorado, 17 October 2003, 12:30:30 at UTC-7."""
+    found = sun_positions(np.array(["2003-10-17T19:30:30"], "datetime64[s]"), 39.742476, -105.1786, 1830.14)
+    assert 90 - found.altitude[0] == pytest.approx(50.11162, abs=0.01)
+    assert found.azimuth[0] == pytest.approx(194.34024, abs=0.001)
+
+
+def test_a_sun_that_rises_is_looked_at_while_it_is_up() -> None:
+    begin = np.arange(np.datetime64("2021-03-20T00"), np.datetime64("2021-03-22T00"), np.timedelta64(1, "h"))
+    sun = sun_of_hours(begin, 47.5, 8.5)
+    fine = sun_positions(
+        begin[:, None].astype("datetime64[s]").repeat(60, 1).ravel()
+        + np.tile((np.arange(60) * 60 + 30).astype("timedelta64[s]"), len(begin)),
+        47.5,
+        8.5,
+    ).altitude.reshape(-1, 60)
+    assert ((sun.altitude > 0) == (fine.max(axis=1) > 0)).all()
+    partly = (fine.max(axis=1) > 0) & (fine.min(axis=1) < 0)
+    assert partly.sum() == 4
+    np.testing.assert_allclose(sun.altitude[partly], [row[row > 0].mean() for row in fine[partly]], atol=0.3)
+
+
+def test_hours_of_a_year(weather: Weather) -> None:
+    assert (len(weather.times), weather.missing, weather.after_dark) == (8760, 0, 0)
+    assert (weather.site, weather.latitude, weather.time_zone) == ("Nowhere", 47.5, 1.0)
+    noon = weather.hour_of(np.datetime64("2030-06-21T12:20"))
+    assert str(weather.times[noon]) == "2021-06-21T12:00:00"
+    assert weather.sun.altitude[noon] == pytest.approx(90 - 47.5 + 23.44, abs=0.2)
+    assert weather.sun.azimuth[noon] == pytest.approx(181, abs=3)
+    # All light is by day, and efficacies are daylight's.
+    lit = weather.diffuse_horizontal > 0
+    assert (weather.sun.altitude[lit] > 0).all()
+    bright = weather.diffuse_horizontal > 20
+    efficacy = weather.diffuse_illuminance[bright] / weather.diffuse_horizontal[bright]
+    assert 100 < efficacy.min() < efficacy.max() < 180
+    sunny = weather.direct_normal > 300
+    assert (weather.direct_illuminance[sunny] / weather.direct_normal[sunny]).min() > 70
+    assert (weather.direct_illuminance[sunny] / weather.direct_normal[sunny]).max() < 115
+
+
+def test_a_typical_year_of_several(epw: Path, tmp_path: Path) -> None:
+    """The months of a typical year are of several: they become one."""
+    years = {"2": "2007", "7": "1999"}
+    found = read_weather(
+        changed(epw, tmp_path / "typical.epw", lambda _, row: [years.get(row[1], row[0]), *row[1:]])
+    )
+    assert (np.diff(found.times).astype(int) == 3600).all()
+    assert str(found.times[0]) == "2023-01-01T00:00:00"
+
+
+def test_a_leap_year(tmp_path: Path, weather: Weather) -> None:
+    found = read_weather(write_epw(tmp_path / "leap.epw", year=2024))
+    assert len(found.times) == 8784
+    assert str(found.times[found.hour_of(np.datetime64("2023-03-01T08"))]) == "2024-03-01T08:00:00"
+    assert str(found.times[found.hour_of(np.datetime64("2020-02-29T08"))]) == "2024-02-29T08:00:00"
+    with pytest.raises(SceneError, match="has no hour at 02-29 08:00"):
+        weather.hour_of(np.datetime64("2024-02-29T08"))
+
+
+def test_polar_nights_are_dark(tmp_path: Path) -> None:
+    found = read_weather(write_epw(tmp_path / "polar.epw", latitude=78.2, longitude=15.6))
+    december = found.times.astype("datetime64[M]") == np.datetime64("2021-12")
+    assert (found.sun.altitude[december] < 0).all()
+    assert not found.direct_normal[december].any()
+    june = found.times.astype("datetime64[M]") == np.datetime64("2021-06")
+    assert (found.sun.altitude[june] > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (
+            {"latitude": "-47.5"},
+            r"the sun is not where it shone from. Check the latitude -47.5 \(south is negative\)",
+        ),
+        ({"zone": "5"}, r"and the time zone \+5"),
+        ({"longitude": "-100"}, r"the time zone \+1 is 7.7 hours from the longitude -100"),
+    ],
+)
+def test_weather_of_elsewhere_is_reported(epw: Path, tmp_path: Path, head: dict[str, str], message: str) -> None:
+    with pytest.warns(SceneWarning) as warned:
+        read_weather(changed(epw, tmp_path / "moved.epw", same, **head))
+    assert any(re.search(message, str(each.message)) for each in warned), [str(each.message) for each in warned]
+
+
+def _without(row: int, fields: list[str]) -> list[str] | None:
+    return None if 100 <= row < 124 else fields
+
+
+def _unknown(row: int, fields: list[str]) -> list[str]:
+    return [*fields[:14], "9999", *fields[15:]] if 4000 <= row < 4010 else fields
+
+
+@pytest.mark.parametrize(
+    ("change", "message", "hours", "missing"),
+    [
+        (_without, "24 hours are missing between others, the first after 01-05 03:00", 8736, 0),
+        (_unknown, "10 of 8,760 hours have no irradiance; they count as dark", 8760, 10),
+    ],
+)
+def test_missing_hours_are_counted(
+    epw: Path, tmp_path: Path, change: Change, message: str, hours: int, missing: int
+) -> None:
+    with pytest.warns(SceneWarning, match=message):
+        found = read_weather(changed(epw, tmp_path / "gaps.epw", change))
+    assert (len(found.times), found.missing) == (hours, missing)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda i, row: [*row[:13], *(["-3"] * 3), *row[16:]] if i == 5 else row, "-3 W/m2 of dni in row 6"),
+        (
+            lambda i, row: [*row[:3], "1", *row[4:]] if i == 1 else row,
+            "its row 2 is of 01-01 00:00, but the row before",
+        ),
+        (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, "something else than numbers"),
+        (lambda i, row: ["x", *row[1:]] if i == 5 else row, "is broken"),
+        (lambda i, row: None, "has no hour|is broken"),
+    ],
+)
+def test_broken_files_are_refused(epw: Path, tmp_path: Path, change: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        read_weather(changed(epw, tmp_path / "broken.epw", change))
+
+
+def test_other_files_are_refused(epw: Path, tmp_path: Path) -> None:
+    def told(name: str, text: str | None, head: dict[str, str] | None = None) -> str:
+        path = tmp_path / name
+        if text is not None:
+            path.write_text(text)
+        if head is not None:
+            changed(epw, path, same, **head)
+        with pytest.raises(SceneError) as caught:
+            read_weather(path)
+        return str(caught.value)
+
+    assert "allowed are .epw, .csv" in told("a.wea", "")
+    assert "cannot be read" in told("none.epw", None)
+    assert "begins with LOCATION" in told("b.epw", "site Nowhere")
+    assert "has no column Date (MM/DD/YYYY)" in told("c.csv", "a,b\n1,2\n")
+    assert "has the latitude 147.5" in told("d.epw", None, {"latitude": "147.5"})
+
+
+def test_a_real_tmy3_file() -> None:
+    """Sand Point, Alaska, which pvlib ships."""
+    found = read_weather(Path(pvlib.__file__).parent / "data" / "703165TY.csv")
+    assert (found.site, len(found.times), found.time_zone) == ("SAND POINT", 8760, -9.0)
+    assert found.after_dark < 20
+    # Its own global light: 836 kWh a year, about what maps of the Aleutians show.
+    up = np.maximum(found.sun.altitude, 0)
+    total = (found.direct_normal * np.sin(np.radians(up)) + found.diffuse_horizontal).sum() / 1000
+    assert 700 < total < 1000
+
+
+def test_a_clear_day() -> None:
+    direct, diffuse = clear_day(np.array(["2024-06-21T11:30"], "datetime64[s]"), 47.5, 8.5)
+    assert 700 < direct[0] < 1000
+    assert 50 < diffuse[0] < 200
