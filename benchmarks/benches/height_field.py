@@ -155,6 +155,7 @@ def error_rows(side: int, points: int, rays: int, say: Say) -> list[Row]:
             )
     suns = suns_of_a_year()
     found = horizon(field, _points_on(field, 20 * points, 3))
+    assert found.points is not None, "given"
     expected = np.array([_sun_hours(cast, point, suns) for point in found.points])
     off = (found.sun_hours(*suns) - expected) / suns[2].sum()
     rows.append(
@@ -224,7 +225,7 @@ def bench_height_field(scale: float = 1.0, say: Say = lambda text: None) -> Repo
         "GiB_most": max(row["GiB, most"] for row in rows),
     }
     notes = [f"{core_count()} cores"]
-    rule = COST
+    rule: tuple[Condition, ...] = COST
     try:
         off = error_rows(max(65, round(CUT * share)), CUT_POINTS, max(40, round(CUT_RAYS * share)), say)
     except GlpathError as error:

@@ -105,7 +105,7 @@ class Horizon:
 
         The sun is the middle of its disc. Exact for the field's triangles; suns that share an azimuth cost one ray.
         """
-        return self._shaped(self._sums(azimuth, altitude, hours, "hours")[:, 0])
+        return np.asarray(self._shaped(self._sums(azimuth, altitude, hours, "hours")[:, 0]), np.float64)
 
     def direct_irradiation(self, azimuth: ArrayLike, altitude: ArrayLike, energy: ArrayLike) -> Float64:
         """The direct sunlight on the receivers, in the unit of `energy`: each sun's times its cosine to the normal.
@@ -113,7 +113,7 @@ class Horizon:
         azimuth, altitude : as of `sun_hours`
         energy            : (S,) on a surface across its direction, such as hours times W m^-2
         """
-        return self._shaped(self._sums(azimuth, altitude, energy, "energy")[:, 1])
+        return np.asarray(self._shaped(self._sums(azimuth, altitude, energy, "energy")[:, 1]), np.float64)
 
     def to_xarray(self, **values: Any) -> Any:
         """An `xarray.Dataset` of results by name, with coordinates x and y, of points also z.
@@ -380,4 +380,4 @@ def _facing(normals: Any, terrain: HeightField, points: Float64 | None) -> Float
     if wrong.any():
         first = int(np.flatnonzero(wrong)[0])
         raise UsageError(f"normals[{first}]: {given[first].tolist()} looks nowhere.")
-    return (given / length[:, None]).astype(np.float32)
+    return np.asarray(given / length[:, None], np.float32)
