@@ -78,6 +78,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "irradiance at points beside exact values of CIE 171:2006, test cases 5.2 to 5.14",
         ("--scale",),
     ),
+    "height-field": (
+        "sky view factors and sun hours: a million points of 20 million triangles, beside Embree's rays",
+        ("--scale",),
+    ),
     "lightmap": (
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
@@ -150,7 +154,7 @@ def bench(
         typer.Option(
             metavar="S",
             help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, cie171, lightmap, "
-            "jobs, parallel-rays, standard-scenes: below 1, less work; 1.",
+            "jobs, parallel-rays, height-field, standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
@@ -278,6 +282,10 @@ def _measure(
         from benchmarks.benches.cie171 import bench_cie171
 
         return bench_cie171(scale, progress)
+    if name == "height-field":
+        from benchmarks.benches.height_field import bench_height_field
+
+        return bench_height_field(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 

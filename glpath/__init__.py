@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
     from glpath.scene.camera_matrices import camera
+    from glpath.terrain.height_field import HeightField
+    from glpath.terrain.horizon import Horizon, horizon
+    from glpath.terrain.reading import load_height_field, load_point_cloud
 
     __version__: str
 
@@ -51,6 +54,8 @@ _HOME = {
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
+    "HeightField": "terrain.height_field",
+    "Horizon": "terrain.horizon",
     "ImageError": "errors",
     "Irradiance": "rendering.points",
     "Lightmap": "bake.lightmap",
@@ -72,8 +77,11 @@ _HOME = {
     "daylight_coefficients": "daylight.compute",
     "element_error": "rendering",
     "export": "io.export",
+    "horizon": "terrain.horizon",
     "irradiance": "rendering.points",
     "lightmap": "bake.lightmap",
+    "load_height_field": "terrain.reading",
+    "load_point_cloud": "terrain.reading",
     "load_scene": "io",
     "probes": "bake.probes",
     "read_image": "film.film",
@@ -91,6 +99,8 @@ __all__ = [
     "ElementError",
     "Film",
     "GlpathError",
+    "HeightField",
+    "Horizon",
     "ImageError",
     "Irradiance",
     "Lightmap",
@@ -113,8 +123,11 @@ __all__ = [
     "daylight_coefficients",
     "element_error",
     "export",
+    "horizon",
     "irradiance",
     "lightmap",
+    "load_height_field",
+    "load_point_cloud",
     "load_scene",
     "probes",
     "read_image",

@@ -17,6 +17,7 @@ COMMANDS = {
     "measure": Part("glpath.cli.measure", LIGHT, "Irradiance and illuminance at points, with their errors."),
     "daylight": Part("glpath.cli.daylight", LIGHT, "What sky and sun give to sensors, through the year."),
     "viewfactors": Part("glpath.cli.viewfactors", LIGHT, "The matrix of view factors between faces."),
+    "horizon": Part("glpath.cli.horizon", LIGHT, "Sky view factors and sun hours of terrain."),
     "info": Part("glpath.cli.scenes", SCENES, "What is in a scene."),
     "validate": Part("glpath.cli.scenes", SCENES, "What is wrong with a scene."),
     "schema": Part("glpath.cli.scenes", SCENES, "The scene format as JSON schema, for editors."),

@@ -17,7 +17,7 @@ from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.ray_paths import RayPathEngine
 from glpath.integrators.settings import PathSetSettings
 from glpath.scene.model import Scene
-from glpath.sensors.sensor import PointSensor, Sensor
+from glpath.sensors.sensor import Sensor
 
 # Highlights of a lower one are so small that few of the shared directions meet them.
 _SHARED_ROUGHNESS = 0.2
@@ -51,11 +51,6 @@ def path_engine(
     assert (radiosity is not None) == settings.needs_solution, "a solution that the engine does not use, or none"
     if settings.by_path_buffer:
         check_shared(scene.scene)
-        if isinstance(sensor, PointSensor) and scene.stream is not None:
-            raise SceneError(
-                f"{scene.scene.source or scene.scene.name}: has a stream, on whose triangles no point is found.",
-                "Give the geometry as a mesh.",
-            )
     engine = ENGINES[settings.integrator, settings.by_path_buffer]
     given: dict[str, Any] = {} if radiosity is None else {"radiosity": radiosity}
     if offset is not None:

@@ -86,6 +86,8 @@ class PathSetEngine(Engine):
             self._bvh = RayBvh(gl, scene)
             self._points = StartPoints(gl, scene, self.sensor, self._bvh, size, self._eye_buffer)
             self._eye_defines = self._points.defines
+            if scene.stream is not None:
+                self._keep_records()
         elif scene.instances is not None:
             self._look_by_rays()
         else:
@@ -226,8 +228,7 @@ class PathSetEngine(Engine):
             textures=scene.textures,
         )
         if scene.stream is not None:
-            # Records of the hits of eye rays, then of paths.
-            self._hit_records = scene.stream.records(size)
+            self._keep_records()
             self._eye_stream = StreamedScan(
                 "eye",
                 scene.stream,
@@ -235,9 +236,13 @@ class PathSetEngine(Engine):
                 ProgramParts.of(scene),
                 self._eye_pass.target,
                 depth=True,
-                kept=Kept(self._hit_records, self._eye_buffer),
+                kept=Kept(self._hit_textures["hit_records"], self._eye_buffer),
             )
-            self._hit_textures = {"hit_records": self._hit_records}
+
+    def _keep_records(self) -> None:
+        """Make room for records of streamed triangles: of what eye rays hit, then of what paths do."""
+        assert self.scene.stream is not None, "who streams"
+        self._hit_textures = {"hit_records": self.scene.stream.records(self._size)}
 
     def _look_by_rays(self) -> None:
         """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""

@@ -1,7 +1,8 @@
 """Points where paths start, instead of what an eye sees: the first vertex of each is a white receiver there.
 
 Points are uploaded for a window, and which triangle each lies on is found by a short ray, once where they stay:
-rays from there do not meet it, and guides are those of its element.
+rays from there do not meet it, and guides are those of its element. Streamed triangles are not looked for: a point
+on one starts a rounding above it, by its own normal, as a point in the air does.
 
 Cost:     a short ray for each point, whenever they change; with several tables, in each path set.
 Poor at:  points in the edge between two surfaces, of which they lie on one only.

@@ -18,6 +18,7 @@ from glpath.scene import path_traceable
 from glpath.sensors.sensor import PointSensor
 from tests.reference.closed_forms import polygon_irradiance
 from tests.support.engines import engine_options, gather_by
+from tests.support.terrain import Hills
 
 CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
 
@@ -352,6 +353,58 @@ def test_light_is_what_a_camera_sees_of_a_dull_surface(position: Any, target: An
     np.testing.assert_allclose(seen.mean.mean(axis=(0, 1)), expected, rtol=0.005)
 
 
+HILLS = Hills(3, 9)
+SKY_AND_LAMPS = {
+    "sky": {"zenith": [0.2, 0.3, 0.6], "horizon": 0.5},
+    "lights": [{"type": "point", "position": [1, 2, 1], "intensity": 5}],
+}
+
+
+def hills_scene(streamed: bool, **more: Any) -> glpath.Scene:
+    """Hills of 1,458 triangles under a lamp, in chunks or in memory."""
+    corners = np.concatenate([vertices[faces] for vertices, faces in map(HILLS.chunk, range(len(HILLS)))])
+    mesh = {"vertices": corners.reshape(-1, 3).astype(float), "faces": np.arange(3 * len(corners)).reshape(-1, 3)}
+    hills = {"type": "stream", "stream": HILLS} if streamed else mesh
+    lamp = {
+        "type": "quad",
+        "corners": [[-1, 3, -1], [1, 3, -1], [1, 3, 1], [-1, 3, 1]],
+        "emission": {"radiance": 9},
+    }
+    shapes = [lamp, {"type": "box", "min": [-0.4, 0.5, -0.3], "max": [0.3, 1.2, 0.3]}, hills]
+    return scene_of(**{"shapes": shapes, **more})
+
+
+@pytest.mark.parametrize("more", [{}, SKY_AND_LAMPS], ids=["lamp", "sky"])
+def test_points_in_the_air_over_a_stream_have_the_bits_of_those_over_a_mesh(more: dict[str, Any]) -> None:
+    points = grid(12, 2.5, 0.0)[..., [0, 2, 1]] + [0, 0.8, 0]
+    options: dict[str, Any] = {"integrator": "path-buffer", "spp": 8, "max_depth": 3, "light_resolution": 64}
+    films = [film_of(hills_scene(streamed, **more), points, [0, 1, 0], **options) for streamed in (True, False)]
+    assert films[0].mean.any()
+    np.testing.assert_array_equal(films[0].radiance_sums, films[1].radiance_sums)
+
+
+def test_points_on_streamed_triangles_have_the_light_of_those_on_a_mesh() -> None:
+    """They do not shadow themselves, though their triangles are not known."""
+    corners = np.concatenate([vertices[faces] for vertices, faces in map(HILLS.chunk, range(len(HILLS)))])
+    corners = corners[::11].astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    options: dict[str, Any] = {"integrator": "path-buffer", "spp": 64, "max_depth": 3, "light_resolution": 64}
+    streamed, meshed = (
+        irradiance_of(hills_scene(each, **SKY_AND_LAMPS), corners.mean(axis=1), normals, **options)
+        for each in (True, False)
+    )
+    np.testing.assert_allclose(streamed, meshed, rtol=0.02, atol=0.002 * meshed.max())
+
+
+def test_a_scene_may_be_nothing_but_a_stream_under_a_sky() -> None:
+    """Over open ground, whatever it reflects, a point that faces up sees the sky alone."""
+    ground = np.array([[[-9, 0, -9], [-9, 0, 9], [9, 0, 9]], [[-9, 0, -9], [9, 0, 9], [9, 0, -9]]], float)
+    scene = scene_of(shapes=[{"type": "stream", "stream": Chunks(ground)}], sky={"zenith": 1, "horizon": 1})
+    found = irradiance_of(scene, [[0, 0, 0], [1, 0.5, 2]], [0, 1, 0], spp=64, integrator="path-buffer")
+    np.testing.assert_allclose(found, np.pi, rtol=0.01)
+
+
 class Chunks:
     """A stream of one chunk."""
 
@@ -363,14 +416,6 @@ class Chunks:
 
     def chunk(self, index: int) -> np.ndarray:
         return self.corners
-
-
-def test_points_on_a_stream_are_refused_by_name() -> None:
-    corners = np.array([[[-1, -1, 0], [1, -1, 0], [0, 1, 0]]], np.float32)
-    shape = {"type": "stream", "stream": Chunks(corners)}
-    scene = scene_of(materials=BLACK, shapes=[LAMP, shape])
-    with pytest.raises(glpath.SceneError, match="has a stream, on whose"):
-        film_of(scene, [[0, 0, 0]], [0, 0, 1], spp=1, integrator="path-buffer")
 
 
 @pytest.mark.parametrize(

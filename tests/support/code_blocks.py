@@ -119,6 +119,11 @@ def write_models(folder: Path) -> None:
     (folder / "lamp.ies").write_text(LAMP)
     write_honeybee(two_rooms(), folder / "room.hbjson")
     (folder / "studio.hdr").write_bytes(WHITE)
+    header = "ncols 16\nnrows 12\nxllcorner 0\nyllcorner -24\ncellsize 2\n"
+    (folder / "dem.asc").write_text(
+        header + "\n".join(" ".join(str(r * c % 7) for c in range(16)) for r in range(12))
+    )
+    (folder / "suns.csv").write_text("azimuth,altitude,hours\n120,20,365\n180,35,365\n")
     seat = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "Seat"}
     scene = {
         "camera": {"position": [0, 2, 5], "target": [0, 1, 0]},

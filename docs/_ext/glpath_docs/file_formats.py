@@ -17,6 +17,7 @@ from glpath.io.library import SCENE_SUFFIXES
 from glpath.io.lights import MAPS
 from glpath.io.materials import FORMATS as TEXTURES
 from glpath.io.other_files import KINDS
+from glpath.terrain.reading import CLOUD_SUFFIXES, FIELD_SUFFIXES
 from glpath_docs.commands import help_of, record
 from glpath_docs.markdown import code, table
 
@@ -33,6 +34,8 @@ def pages() -> dict[str, str]:
                 ("textures", _listed(TEXTURES)),
                 ("environment maps", _listed(MAPS)),
                 ("profiles of lamps", _listed(ies.SUFFIXES)),
+                ("height fields, by `glpath horizon`", _listed(FIELD_SUFFIXES)),
+                ("clouds of points, by `glpath horizon`", _listed(CLOUD_SUFFIXES)),
                 ("pictures, by `glpath.read_image`", _listed(READABLE)),
                 ("pictures to compare, by `glpath diff`", _listed(COMPARED)),
             ],

@@ -95,6 +95,12 @@ TASKS = (
         },
     ),
     Task(
+        "terrain",
+        "Terrain",
+        "Sky view factors and sun hours of height fields.",
+        {"glpath": ("horizon", "Horizon", "HeightField", "load_height_field", "load_point_cloud")},
+    ),
+    Task(
         "exchange",
         "View factors and radiosity",
         "The exchange of light or heat between diffuse surfaces.",

@@ -1,0 +1,183 @@
+"""A height field: samples of the ground on a regular grid, and the triangles between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import SceneError
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+#: Heights of more than that are no metres above the sea: values that stand for "no data", as -9999 and 3.4e38 do.
+_HIGHEST = 1e5
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Heights above a plane, at the samples of a regular grid. x is east, y is north, z is up.
+
+    heights : (R, C) float32, row 0 in the north, as in a raster; NaN where there is none
+    spacing : (2,) between columns and between rows, in the unit of the heights
+    origin  : (2,) x and y of sample [0, 0], the north-western one
+    source  : where it was read from, for errors
+    crs     : of x and y, as text (WKT), or ""
+
+    The surface between samples is triangles: each cell has two, divided from its north-western to its south-eastern
+    sample. Where a sample is missing, so are its triangles. Beyond the field there is nothing.
+    """
+
+    heights: Float32
+    spacing: tuple[float, float] = (1.0, 1.0)
+    origin: tuple[float, float] = (0.0, 0.0)
+    source: str = "height field"
+    crs: str = field(default="", repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        heights: ArrayLike,
+        spacing: float | tuple[float, float] = 1.0,
+        origin: tuple[float, float] = (0.0, 0.0),
+        *,
+        mask: ArrayLike | None = None,
+        holes: bool = False,
+        source: str = "height field",
+        crs: str = "",
+    ) -> HeightField:
+        """Check and make one. Raises SceneError.
+
+        heights : (R, C) numbers, row 0 in the north; 2 x 2 at least
+        spacing : between samples, or between columns and between rows; the unit of the heights
+        mask    : (R, C) bool, True where there is a height
+        holes   : samples may be missing; they shadow nothing, and results there are NaN
+        """
+        try:
+            given = np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else np.asarray(heights)
+            values = given.astype(np.float32)
+        except (TypeError, ValueError):
+            raise SceneError(f"{source}: heights are no array of numbers.") from None
+        if values.ndim != 2 or min(values.shape) < 2 or np.iscomplexobj(given):
+            raise SceneError(
+                f"{source}: has heights of shape {np.shape(given)}, but needs (rows, columns) of 2 x 2 at least."
+            )
+        if np.ma.isMaskedArray(heights):
+            values[np.ma.getmaskarray(heights)] = np.nan
+        if mask is not None:
+            there = np.asarray(mask)
+            if there.shape != values.shape or there.dtype != np.bool_:
+                raise SceneError(
+                    f"{source}: has a mask of shape {there.shape} and type {there.dtype}, but needs one of shape "
+                    f"{values.shape} and type bool.",
+                    "True is where there is a height.",
+                )
+            values[~there] = np.nan
+        missing = int(np.count_nonzero(np.isnan(values)))
+        if missing == values.size:
+            raise SceneError(f"{source}: has no height at all: every sample is missing.")
+        if missing and not holes:
+            at = np.argwhere(np.isnan(values))[0]
+            raise SceneError(
+                f"{source}: {missing:,} of {values.size:,} heights are missing, the first at row {at[0]}, column "
+                f"{at[1]}.",
+                "Fill them, or say holes=True (--holes): holes shadow nothing, and get no result.",
+            )
+        extreme = np.abs(values) > _HIGHEST
+        if extreme.any():
+            at = np.argwhere(extreme)[0]
+            raise SceneError(
+                f"{source}: the height at row {at[0]}, column {at[1]} is {values[at[0], at[1]]:g}, but may be "
+                f"{_HIGHEST:g} at most.",
+                "Does it stand for no data? Give a mask, or NaN there.",
+            )
+        apart = (spacing, spacing) if isinstance(spacing, int | float) else tuple(spacing)
+        if len(apart) != 2 or not all(math.isfinite(each) and each > 0 for each in apart):
+            raise SceneError(f"{source}: has a spacing of {spacing}, but needs one number above 0, or two.")
+        at_corner = tuple(float(each) for each in origin)
+        if len(at_corner) != 2 or not all(map(math.isfinite, at_corner)):
+            raise SceneError(f"{source}: has the origin {origin}, but needs two finite numbers, x and y.")
+        return cls(
+            np.ascontiguousarray(values),
+            (float(apart[0]), float(apart[1])),
+            (at_corner[0], at_corner[1]),
+            source,
+            crs,
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.heights.shape
+        return rows, columns
+
+    @property
+    def triangle_count(self) -> int:
+        """Two for each cell, with those that are missing."""
+        return 2 * (self.shape[0] - 1) * (self.shape[1] - 1)
+
+    def coordinates(self) -> tuple[Float64, Float64]:
+        """x of the columns, and y of the rows."""
+        rows, columns = self.shape
+        x = self.origin[0] + self.spacing[0] * np.arange(columns, dtype=np.float64)
+        return x, self.origin[1] - self.spacing[1] * np.arange(rows, dtype=np.float64)
+
+    def grid_positions(self, points: Float64) -> Float64:
+        """(N, 2) column and row, not whole, of points (N, 2 or 3)."""
+        return np.asarray((points[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
+
+    def heights_at(self, points: ArrayLike) -> Float64:
+        """(N,) heights of the surface at points (N, 2 or 3); NaN outside the field and in holes."""
+        return self._planes_at(np.asarray(points, np.float64))[0]
+
+    def normals_at(self, points: ArrayLike) -> Float32:
+        """(N, 3) unit normals of the triangles at points (N, 2 or 3); upwards where there is none."""
+        _, east, south = self._planes_at(np.asarray(points, np.float64))
+        slopes = [-east / self.spacing[0], south / self.spacing[1], np.ones_like(east)]
+        normals = np.stack(slopes, axis=1)
+        normals[np.isnan(normals).any(axis=1)] = 0.0, 0.0, 1.0
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True), np.float32)
+
+    def _planes_at(self, points: Float64) -> tuple[Float64, Float64, Float64]:
+        """(N,) each: the height, and the rise of the triangle by a column and by a row."""
+        at = self.grid_positions(points)
+        rows, columns = self.shape
+        edge = 1e-9 * max(rows, columns)
+        inside = np.all((at >= -edge) & (at <= np.array([columns - 1, rows - 1]) + edge), axis=1)
+        at = np.where(inside[:, None], at, 0.0)
+        c = np.clip(np.floor(at[:, 0]).astype(int), 0, columns - 2)
+        r = np.clip(np.floor(at[:, 1]).astype(int), 0, rows - 2)
+        u, v = at[:, 0] - c, at[:, 1] - r
+        a, b, d, e = (self.heights[r + i, c + j].astype(np.float64) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+        # North-east of the diagonal, or south-west of it; on it a third sample is not needed.
+        north_east = (u > v) | ((u == v) & ~np.isnan(b))
+        east, south = np.where(north_east, b - a, e - d), np.where(north_east, e - b, d - a)
+        height = np.where(u == v, a + u * (e - a), a + u * east + v * south)
+        return np.where(inside, height, np.nan), east, south
+
+    def triangles(self) -> tuple[Float64, NDArray[np.int32]]:
+        """Vertices (V, 3) and faces (F, 3) of the surface, counter-clockwise seen from above."""
+        x, y = self.coordinates()
+        rows, columns = self.shape
+        vertices = np.stack([*np.meshgrid(x, y), self.heights.astype(np.float64)], axis=-1).reshape(-1, 3)
+        number = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+        a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+        faces = np.stack([np.stack([a, d, b], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
+        if np.isnan(self.heights).any():
+            faces = faces[np.isfinite(vertices[faces, 2]).all(axis=1)]
+        return vertices, faces
+
+    def normals(self) -> Float32:
+        """(R, C, 3) unit normals at the samples, by differences to both neighbours; upwards beside holes."""
+        result = np.empty((*self.shape, 3), np.float32)
+        result[..., 2] = 1.0
+        for axis, component, step in ((1, 0, self.spacing[0]), (0, 1, -self.spacing[1])):
+            slope = np.gradient(self.heights, axis=axis)
+            slope /= np.float32(step)
+            np.negative(np.nan_to_num(slope, copy=False), out=result[..., component])
+        result /= np.linalg.norm(result, axis=2, keepdims=True)
+        return result

@@ -1,0 +1,383 @@
+"""Horizons of terrain: sky view factors, sun hours, direct irradiation at samples of a height field or at points.
+
+Cost:     sky view factors of samples: a sweep for each azimuth, 0.2 microseconds a sample on one core. Of points: a
+          ray for each azimuth, a microsecond. Sun hours: a ray for each sun, below a microsecond.
+Memory:   4 bytes a sample for the field, 12 more while it is swept, 12 for normals of its own surface.
+Poor at:  what overhangs: bridges, balconies, crowns of trees. Those are meshes, for `glpath.irradiance`.
+Source:   Dozier & Frew 1990; see `glpath.terrain.sweep` and `glpath.terrain.pyramid`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import UsageError, warn
+from glpath.system.frames import data_set
+from glpath.system.machine import core_count
+from glpath.system.reporting import ProgressEvent
+from glpath.terrain.height_field import HeightField
+from glpath.terrain.pyramid import add_suns, pyramid_of, tangents_at
+from glpath.terrain.reading import AnyField, load_height_field
+from glpath.terrain.sky_kernels import add_sky
+from glpath.terrain.sweep import horizon_tangents, lattice_directions
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Report = Callable[[ProgressEvent], None]
+
+#: Azimuths of sky view factors.
+AZIMUTHS = 64
+#: Points whose rays are cast together.
+_CHUNK = 1 << 13
+#: Samples that a thread adds up at once.
+_PART = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Horizon:
+    """Receivers on or over a height field, to be asked for what terrain leaves of sky and sun.
+
+    field    : the terrain
+    points   : (N, 3) float64, x, y, z of the receivers; None: the samples of the field
+    normals  : (N, 3) or (1, 3) float32, unit; with `points` None (R * C, 3) or (1, 3)
+    azimuths : of sky view factors
+    height   : of samples' receivers above the surface
+    report   : gets a `ProgressEvent` now and then
+
+    Results are arrays (R, C) of samples, (N,) of points; NaN in holes, and at points below ground.
+    """
+
+    field: HeightField
+    points: Float64 | None
+    normals: Float32
+    azimuths: int = AZIMUTHS
+    height: float = 0.0
+    report: Report | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of results."""
+        return self.field.shape if self.points is None else (len(self.points),)
+
+    def angles(self, azimuth: float) -> Float32:
+        """The horizon's angle above the horizontal, degrees, in an azimuth in degrees clockwise from north.
+
+        0 where no terrain is higher. Exact for the field's triangles.
+        """
+        found = np.zeros(math.prod(self.shape), np.float32)
+        gradient = self._gradient(math.radians(azimuth))
+
+        def find(begin: int, end: int) -> None:
+            receivers = self._on_grid(begin, end)
+            tangents_at(self.field.heights, *self._pyramid, receivers, gradient, found[begin:end])
+
+        self._in_parts(find, _CHUNK, "horizon angles")
+        return self._shaped(np.degrees(np.arctan(found)))
+
+    def sky_view_factor(self) -> Float32:
+        """The share of an even sky's light that arrives, 0 to 1: weighted by the cosine to the receiver's normal.
+
+        1 is an open horizontal surface. A surface that is tilted by s in an open plane has (1 + cos s) / 2: light
+        of the ground does not count.
+        """
+        sums = np.zeros(math.prod(self.shape), np.float32)
+        if self.points is None and not self.height:
+            self._sweep_sky(sums)
+        else:
+            self._cast_sky(sums)
+        return self._shaped(sums)
+
+    def sun_hours(self, azimuth: ArrayLike, altitude: ArrayLike, hours: ArrayLike = 1.0) -> Float64:
+        """Hours of sun on the receivers' fronts: the sum of the hours of those suns that they see.
+
+        azimuth, altitude : (S,) of suns, degrees, clockwise from north and above the horizontal; suns at or below 0
+                            do not count
+        hours             : (S,) or one for all: of each sun
+
+        The sun is the middle of its disc. Exact for the field's triangles; suns that share an azimuth cost one ray.
+        """
+        return np.asarray(self._shaped(self._sums(azimuth, altitude, hours, "hours")[:, 0]), np.float64)
+
+    def direct_irradiation(self, azimuth: ArrayLike, altitude: ArrayLike, energy: ArrayLike) -> Float64:
+        """The direct sunlight on the receivers, in the unit of `energy`: each sun's times its cosine to the normal.
+
+        azimuth, altitude : as of `sun_hours`
+        energy            : (S,) on a surface across its direction, such as hours times W m^-2
+        """
+        return np.asarray(self._shaped(self._sums(azimuth, altitude, energy, "energy")[:, 1]), np.float64)
+
+    def to_xarray(self, **values: Any) -> Any:
+        """An `xarray.Dataset` of results by name, with coordinates x and y, of points also z.
+
+        Raises GlpathError where xarray is missing, UsageError for another shape.
+        """
+        for name, each in values.items():
+            if np.shape(each) != self.shape:
+                raise UsageError(f"to_xarray: {name} is of shape {np.shape(each)}, results are of {self.shape}.")
+        attributes = {"crs": self.field.crs, "source": self.field.source}
+        if self.points is None:
+            x, y = self.field.coordinates()
+            return data_set({k: (("y", "x"), v) for k, v in values.items()}, {"x": x, "y": y}, attributes)
+        at = {axis: ("point", self.points[:, i]) for i, axis in enumerate("xyz")}
+        return data_set({name: ("point", each) for name, each in values.items()}, at, attributes)
+
+    def save(self, path: Any, values: ArrayLike) -> None:
+        """Write a result: .tif with the field's georeference, .npy, .npz, or .csv of points; see the guide."""
+        from glpath.terrain.saving import save
+
+        save(path, self, np.asarray(values))
+
+    @cached_property
+    def _pyramid(self) -> tuple[Float32, NDArray[np.int64]]:
+        return pyramid_of(self.field.heights)
+
+    def _gradient(self, azimuth: float) -> tuple[float, float]:
+        """Columns and rows for a unit of distance; rows count southwards."""
+        return _along(math.sin(azimuth)) / self.field.spacing[0], -_along(math.cos(azimuth)) / self.field.spacing[1]
+
+    def _on_grid(self, begin: int, end: int) -> Float64:
+        """(n, 3): column, row, height of some receivers. Holes are at height 0."""
+        found = np.empty((end - begin, 3))
+        if self.points is None:
+            row, column = np.divmod(np.arange(begin, end), self.field.shape[1])
+            found[:, 0], found[:, 1] = column, row
+            found[:, 2] = self.field.heights.reshape(-1)[begin:end]
+            found[:, 2] += self.height
+        else:
+            found[:, :2] = self.field.grid_positions(self.points[begin:end])
+            found[:, 2] = self.points[begin:end, 2]
+        return np.nan_to_num(found, copy=False)
+
+    def _normals_of(self, begin: int, end: int) -> Float32:
+        return self.normals[begin:end] if len(self.normals) > 1 else self.normals
+
+    def _sweep_sky(self, sums: Float32) -> None:
+        directions = lattice_directions(self.azimuths, self.field.spacing)
+        azimuths = np.array([each.azimuth for each in directions])
+        # Of each the half of the sectors to both neighbours.
+        following = (np.roll(azimuths, -1) - azimuths) % (2 * np.pi)
+        widths = 0.5 * (following + np.roll(following, 1))
+        tangents = np.empty(self.field.shape, np.float32)
+        flat = tangents.reshape(-1)
+        started = time.perf_counter()
+        for i, direction in enumerate(directions):
+            horizon_tangents(self.field.heights, self.field.spacing, direction, tangents)
+            toward, width = (math.sin(direction.azimuth), math.cos(direction.azimuth)), float(widths[i])
+
+            def add(begin: int, end: int, toward: tuple[float, float] = toward, width: float = width) -> None:
+                add_sky(flat[begin:end], self._normals_of(begin, end), toward, width, sums[begin:end])
+
+            self._in_parts(add, _PART)
+            self._tell("sky view factors", started, i + 1, len(directions))
+
+    def _cast_sky(self, sums: Float32) -> None:
+        width = 2 * math.pi / self.azimuths
+        turns = [width * i for i in range(self.azimuths)]
+
+        def add(begin: int, end: int) -> None:
+            at, tangents = self._on_grid(begin, end), np.empty(end - begin, np.float32)
+            for azimuth in turns:
+                tangents_at(self.field.heights, *self._pyramid, at, self._gradient(azimuth), tangents)
+                toward = (math.sin(azimuth), math.cos(azimuth))
+                add_sky(tangents, self._normals_of(begin, end), toward, width, sums[begin:end])
+
+        self._in_parts(add, _CHUNK, "sky view factors")
+
+    def _sums(self, azimuth: ArrayLike, altitude: ArrayLike, weight: ArrayLike, name: str) -> Float64:
+        suns = self._suns(azimuth, altitude, weight, name)
+        sums = np.zeros((math.prod(self.shape), 2))
+        if not len(suns):
+            return sums
+
+        def add(begin: int, end: int) -> None:
+            receivers = np.empty((end - begin, 6))
+            receivers[:, :3] = self._on_grid(begin, end)
+            receivers[:, 3:] = self._normals_of(begin, end) * np.array([1.0, -1.0, 1.0], np.float32)
+            add_suns(self.field.heights, *self._pyramid, receivers, suns, sums[begin:end])
+
+        self._in_parts(add, _CHUNK, "suns")
+        return sums
+
+    def _suns(self, azimuth: ArrayLike, altitude: ArrayLike, weight: ArrayLike, name: str) -> Float64:
+        """(S, 7) for `add_suns`: those above the horizon, by azimuth, each azimuth's by falling altitude."""
+        around, up, weights = (np.asarray(each, np.float64) for each in (azimuth, altitude, weight))
+        if around.ndim != 1 or up.shape != around.shape or weights.shape not in ((), around.shape):
+            raise UsageError(
+                f"suns: azimuth of shape {around.shape}, altitude {up.shape} and {name} {weights.shape}, where "
+                "(S,) each are needed."
+            )
+        weights = np.broadcast_to(weights, around.shape)
+        for what, each in (("azimuth", around), ("altitude", up), (name, weights)):
+            if not np.isfinite(each).all():
+                first = int(np.flatnonzero(~np.isfinite(each))[0])
+                raise UsageError(f"suns: {what}[{first}] is {each[first]}, where a finite number is needed.")
+        if (np.abs(up) > 90).any() or (np.abs(around) > 360).any():
+            raise UsageError("suns: azimuths are -360 to 360 degrees, altitudes -90 to 90.", "Are they in radians?")
+        if (weights < 0).any():
+            raise UsageError(f"suns: {name} must not be negative.")
+        kept = (up > 0) & (weights > 0)
+        around, up, weights = np.radians(around[kept] % 360.0), np.radians(up[kept]), weights[kept]
+        order = np.lexsort((-up, around))
+        around, up, weights = around[order], up[order], weights[order]
+        across = np.cos(up)
+        return np.stack(
+            [
+                _along(np.sin(around)) / self.field.spacing[0],
+                -_along(np.cos(around)) / self.field.spacing[1],
+                np.sin(up) / np.maximum(across, 1e-9),
+                across * np.sin(around),
+                -across * np.cos(around),
+                np.sin(up),
+                weights,
+            ],
+            axis=1,
+        )
+
+    def _in_parts(self, work: Callable[[int, int], None], size: int, stage: str = "") -> None:
+        """Call `work` for parts of the receivers, in as many threads as there are cores."""
+        count, started = math.prod(self.shape), time.perf_counter()
+        if stage:
+            self._pyramid  # noqa: B018  # before threads would all make it
+        begins = range(0, count, size)
+        with ThreadPoolExecutor(core_count()) as pool:
+            for done, _ in enumerate(pool.map(lambda a: work(a, min(a + size, count)), begins), start=1):
+                if stage:
+                    self._tell(stage, started, done, len(begins))
+
+    def _tell(self, stage: str, started: float, done: int, total: int) -> None:
+        if self.report is not None:
+            values = {"done": done, "total": total}
+            line = f"{stage}: {done:,} of {total:,} parts"
+            self.report(ProgressEvent(stage, time.perf_counter() - started, done, total, values, line=line))
+
+    def _shaped(self, values: Any) -> Any:
+        missing = np.isnan(self.field.heights.reshape(-1) if self.points is None else self.points[:, 2])
+        if missing.any():
+            values[missing] = np.nan
+        return values.reshape(self.shape)
+
+
+def horizon(
+    field: AnyField,
+    points: ArrayLike | None = None,
+    normals: ArrayLike | Literal["surface"] | None = None,
+    *,
+    height: float = 0.0,
+    azimuths: int = AZIMUTHS,
+    spacing: float | tuple[float, float] | None = None,
+    holes: bool = False,
+    on_progress: Report | None = None,
+) -> Horizon:
+    """The horizons of terrain, which give sky view factors, sun hours and direct irradiation.
+
+    Parameters
+    ----------
+    field       : what `load_height_field` takes: a GeoTIFF, an ESRI ASCII grid, .npy, .npz, an array (R, C)
+    points      : (N, 2) x and y of receivers on the surface, or (N, 3) anywhere on or over it; None: the samples of
+                  the field. Points up to half a spacing below the surface are lifted onto it; deeper ones get NaN
+    normals     : of the receivers: None: they are horizontal; "surface": as the surface there; (3,) or (N, 3), of
+                  any length but 0
+    height      : of receivers above the surface, of points (N, 2) and of samples
+    azimuths    : directions of sky view factors, 8 to 720; the error falls with their square on smooth terrain
+    spacing     : of an array's or a .npy's samples, in the unit of its heights
+    holes       : heights may be missing; they shadow nothing
+    on_progress : called with a `glpath.system.reporting.ProgressEvent`
+
+    x is east, y is north, z is up. Raises SceneError for the field, UsageError for the rest.
+
+    Example
+    -------
+    >>> import numpy as np
+    >>> wall = np.where(np.arange(200) < 100, 0.0, 1e4)        # an edge that is endless, to the east
+    >>> found = horizon(np.tile(wall, (200, 1)), points=[[99.0, -100.0]])
+    >>> round(float(found.sky_view_factor()[0]), 2)
+    0.51
+    """
+    terrain = load_height_field(field, spacing=spacing, holes=holes)
+    if not isinstance(azimuths, int) or not 8 <= azimuths <= 720:
+        raise UsageError(f"azimuths: {azimuths}, but 8 to 720 are possible.")
+    if not (math.isfinite(height) and height >= 0):
+        raise UsageError(f"height: {height}, but 0 or more, in the unit of the heights, is needed.")
+    at = None if points is None else _points(points, terrain, height)
+    return Horizon(terrain, at, _facing(normals, terrain, at), azimuths, float(height), on_progress)
+
+
+def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
+    """(N, 3) on or above the surface; NaN for z where that is far below it. Raises UsageError."""
+    try:
+        given = np.array(points, np.float64)
+    except (TypeError, ValueError):
+        raise UsageError("points: where (N, 2) or (N, 3) numbers are needed") from None
+    if given.ndim != 2 or given.shape[1] not in (2, 3) or not len(given):
+        raise UsageError(f"points: of shape {given.shape} where (N, 2) or (N, 3) is needed, and one at least")
+    if not np.isfinite(given).all():
+        first = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
+        raise UsageError(f"points[{first}]: {given[first].tolist()} where finite numbers are needed")
+    ground = terrain.heights_at(given)
+    if given.shape[1] == 2:
+        if np.isnan(ground).any():
+            first = int(np.flatnonzero(np.isnan(ground))[0])
+            raise UsageError(
+                f"points[{first}]: {given[first].tolist()} is outside {terrain.source}, or in a hole of it.",
+                _extent(terrain),
+            )
+        return np.column_stack([given, ground + height])
+    if height:
+        raise UsageError("height: is of points (N, 2) and of samples; these have a z.", "Add it to z.")
+    x, y = terrain.coordinates()
+    size = np.array([x[-1] - x[0], y[0] - y[-1]])
+    off = np.maximum(np.maximum([x[0], y[-1]] - given[:, :2], given[:, :2] - [x[-1], y[0]]), 0.0)
+    if (off > size).any(axis=1).all():
+        raise UsageError(f"points: all are farther from {terrain.source} than it is wide.", _extent(terrain))
+    with np.errstate(invalid="ignore"):
+        depth = ground - given[:, 2]
+        below = depth > 0.5 * max(terrain.spacing)
+        given[:, 2] = np.where((depth > 0) & ~below, ground, given[:, 2])
+    if below.any():
+        given[below, 2] = np.nan
+        count = int(below.sum())
+        warn(f"points: {count:,} of {len(given):,} are below ground by more than half a spacing; they get NaN.")
+    return given
+
+
+def _along(component: Any) -> Any:
+    """0 for the rounding of a direction along an axis, so that a ray along the field's border stays in it."""
+    return np.where(np.abs(component) < 1e-12, 0.0, component)[()]
+
+
+def _extent(terrain: HeightField) -> str:
+    x, y = terrain.coordinates()
+    return f"It reaches from x = {x[0]:.10g} to {x[-1]:.10g}, and from y = {y[-1]:.10g} to {y[0]:.10g}."
+
+
+def _facing(normals: Any, terrain: HeightField, points: Float64 | None) -> Float32:
+    """Unit normals of receivers, or (1, 3) of all. Raises UsageError."""
+    if normals is None:
+        return np.array([[0.0, 0.0, 1.0]], np.float32)
+    if isinstance(normals, str):
+        if normals != "surface":
+            raise UsageError(f'normals: "{normals}", but None, "surface" or an array is needed.')
+        return terrain.normals().reshape(-1, 3) if points is None else terrain.normals_at(points)
+    try:
+        given = np.asarray(normals, np.float64)
+    except (TypeError, ValueError):
+        raise UsageError("normals: where (3,) or (N, 3) numbers are needed") from None
+    count = math.prod(terrain.shape) if points is None else len(points)
+    if given.shape not in ((3,), (count, 3)):
+        raise UsageError(f"normals: of shape {given.shape} where (3,) or ({count}, 3) is needed")
+    given = given.reshape(-1, 3)
+    length = np.linalg.norm(given, axis=1)
+    wrong = ~(np.isfinite(length) & (length > 0))
+    if wrong.any():
+        first = int(np.flatnonzero(wrong)[0])
+        raise UsageError(f"normals[{first}]: {given[first].tolist()} looks nowhere.")
+    return np.asarray(given / length[:, None], np.float32)

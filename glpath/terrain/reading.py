@@ -1,0 +1,236 @@
+"""Readers of height fields and of point clouds: GeoTIFF, ESRI ASCII grid, numpy; LAS and LAZ."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import GlpathError, SceneError, warn
+from glpath.system.files import read_bytes, reading, reason_of
+from glpath.system.npz import open_npz, read_npy
+from glpath.terrain.height_field import HeightField
+
+Float64 = NDArray[np.float64]
+
+#: What height fields are read from.
+FIELD_SUFFIXES = (".tif", ".tiff", ".asc", ".npy", ".npz")
+#: What clouds of points are read from.
+CLOUD_SUFFIXES = (".las", ".laz")
+
+_HOW_NPZ = "np.savez(path, heights=..., spacing=(dx, dy), origin=(x, y))"
+
+AnyField = HeightField | str | Path | ArrayLike
+
+
+def load_height_field(
+    source: AnyField,
+    *,
+    spacing: float | tuple[float, float] | None = None,
+    origin: tuple[float, float] | None = None,
+    holes: bool = False,
+) -> HeightField:
+    """A height field of a file or an array.
+
+    Parameters
+    ----------
+    source  : .tif (the extra `terrain`), .asc (an ESRI ASCII grid), .npy, .npz (`heights`, and `spacing`, `origin`
+              and `mask` where they are there), or an array (R, C), row 0 in the north
+    spacing : between samples, or between columns and between rows: of an array or a .npy; others have their own.
+              The unit of the heights; default 1
+    origin  : x and y of the north-western sample, of an array or a .npy
+    holes   : heights may be missing: NaN, masked, or what the file has for no data. Holes shadow nothing
+
+    A value of a raster is the height at the middle of its pixel. A field as large as the memory allows: 4 bytes a
+    sample. Raises SceneError, which names what was found.
+    """
+    if isinstance(source, HeightField):
+        return source
+    if not isinstance(source, str | Path):
+        return HeightField.of(source, 1.0 if spacing is None else spacing, origin or (0.0, 0.0), holes=holes)
+    path = Path(source)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise SceneError(
+            f"{path}: is no height field that can be read.",
+            f"Files end in {', '.join(FIELD_SUFFIXES)}. gdal_translate makes a .tif of others.",
+        )
+    given: dict[str, Any] = {"holes": holes}
+    if path.suffix.lower() == ".npy":
+        return _npy(path, spacing=1.0 if spacing is None else spacing, origin=origin or (0.0, 0.0), **given)
+    for name, value in (("spacing", spacing), ("origin", origin)):
+        if value is not None:
+            raise SceneError(f"{path}: has a {name} of its own.", f"Leave {name} out.")
+    return reader(path, **given)
+
+
+def _npy(path: Path, **given: Any) -> HeightField:
+    with _readable(path), reading(path, "a height field", "np.save(path, heights)"):
+        heights = read_npy(path)
+    return HeightField.of(heights, source=str(path), **given)
+
+
+def _npz(path: Path, holes: bool) -> HeightField:
+    with _readable(path), open_npz(path, "a height field", _HOW_NPZ) as arrays:
+        heights = arrays.read("heights", "fiu", (None, None))
+        mask = arrays.read("mask", "b", (None, None)) if "mask" in arrays else None
+        apart, origin = (
+            np.ravel(arrays.read(name, "fiu")).astype(float).tolist() if name in arrays else usual
+            for name, usual in (("spacing", [1.0]), ("origin", [0.0, 0.0]))
+        )
+    spacing = apart[0] if len(apart) == 1 else tuple(apart)
+    return HeightField.of(heights, spacing, tuple(origin), mask=mask, holes=holes, source=str(path))
+
+
+def _ascii_grid(path: Path, holes: bool) -> HeightField:
+    """An ESRI ASCII grid: lines of a name and a number, then rows from north to south."""
+    with _readable(path):
+        content = read_bytes(path)
+    header: dict[str, float] = {}
+    position = 0
+    for match in re.finditer(rb"[ \t]*([A-Za-z]\w*)[ \t]+(\S+)[ \t]*\r?\n", content[:4096]):
+        if match.start() != position:
+            break
+        position = match.end()
+        try:
+            header[match[1].decode().lower()] = float(match[2])
+        except ValueError:
+            raise SceneError(f"{path}: {match[1].decode()} is {match[2]!r} where a number is needed.") from None
+    for name in ("ncols", "nrows"):
+        if not header.get(name, 0) >= 1:
+            raise SceneError(f"{path}: is no ESRI ASCII grid: it has no {name}.")
+    columns, rows = int(header["ncols"]), int(header["nrows"])
+    apart = (header.get("dx", header.get("cellsize", 0.0)), header.get("dy", header.get("cellsize", 0.0)))
+    try:
+        values = np.array(content[position:].split(), np.float32)
+    except ValueError as error:
+        raise SceneError(f"{path}: has a height that is no number: {error}.") from None
+    if len(values) != rows * columns:
+        raise SceneError(f"{path}: has {len(values):,} heights where {rows} x {columns} are announced.")
+    no_data = np.float32(header.get("nodata_value", -9999.0))
+    west = header.get("xllcenter", header.get("xllcorner", 0.0) + 0.5 * apart[0])
+    south = header.get("yllcenter", header.get("yllcorner", 0.0) + 0.5 * apart[1])
+    if "xllcenter" in header and "yllcenter" not in header:
+        raise SceneError(f"{path}: has xllcenter, but no yllcenter.")
+    heights = values.reshape(rows, columns)
+    north = south + (rows - 1) * apart[1]
+    return HeightField.of(heights, apart, (west, north), mask=heights != no_data, holes=holes, source=str(path))
+
+
+def _geotiff(path: Path, holes: bool) -> HeightField:
+    rasterio = package_for("rasterio", "this file is read")
+    with _readable(path), rasterio.Env(GDAL_PAM_ENABLED="NO"):
+        with warnings.catch_warnings():
+            # Of a picture without a position; that it has none is an error below.
+            warnings.simplefilter("ignore")
+            try:
+                opened = rasterio.open(path)
+            except rasterio.errors.RasterioError as error:
+                raise SceneError(f"{path}: cannot be read: {error}.") from error
+        with opened as raster:
+            if raster.count != 1:
+                raise SceneError(
+                    f"{path}: has {raster.count} bands where one of heights is needed.",
+                    "gdal_translate -b 1 takes the first.",
+                )
+            t, crs = raster.transform, raster.crs
+            if t.is_identity:
+                raise SceneError(
+                    f"{path}: has no geotransform, so that its spacing is not known.",
+                    "Give the array: load_height_field(heights, spacing=...).",
+                )
+            if t.b or t.d:
+                raise SceneError(
+                    f"{path}: is rotated: its geotransform has the terms {t.b:g} and {t.d:g}.",
+                    "gdalwarp turns it to the north.",
+                )
+            if crs is not None and crs.is_geographic:
+                raise SceneError(
+                    f"{path}: is in degrees of longitude and latitude, its heights are not.",
+                    "Project it: gdalwarp -t_srs EPSG:... (UTM: EPSG:326ZZ in the north, 327ZZ in the south).",
+                )
+            _check_units(path, crs)
+            if t.a <= 0 or t.e >= 0:
+                raise SceneError(
+                    f"{path}: has pixels of {t.a:g} x {t.e:g}, but columns must go east and rows south.",
+                    "gdalwarp turns it.",
+                )
+            try:
+                heights = raster.read(1, masked=True, out_dtype="float32")
+            except rasterio.errors.RasterioError as error:
+                raise SceneError(f"{path}: cannot be read: {error}.") from error
+            wkt = crs.to_wkt() if crs is not None else ""
+    return HeightField.of(
+        heights, (t.a, -t.e), (t.c + 0.5 * t.a, t.f + 0.5 * t.e), holes=holes, source=str(path), crs=wkt
+    )
+
+
+def _check_units(path: Path, crs: Any) -> None:
+    """Heights are taken to be in the unit of x and y; of feet there is a warning."""
+    if crs is None or not crs.is_projected:
+        return
+    name, factor = crs.linear_units_factor
+    if abs(factor - 1.0) > 1e-9:
+        warn(f"{path}: x and y are in {name}. Its heights are taken to be so, too.")
+
+
+def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64:
+    """(N, 3) points of a LAS or LAZ file, in its units (the extra `terrain`).
+
+    classes : of ASPRS, such as 2 for ground and 6 for buildings; all without. Raises SceneError.
+    """
+    laspy = package_for("laspy", "this file is read")
+    path = Path(path)
+    with _readable(path):
+        try:
+            cloud = laspy.read(path)
+        except (laspy.errors.LaspyException, ValueError) as error:
+            raise SceneError(f"{path}: cannot be read: {error}.") from error
+    points = np.stack([np.asarray(cloud[axis], np.float64) for axis in ("x", "y", "z")], axis=1)
+    if classes:
+        found = np.asarray(cloud.classification)
+        points = points[np.isin(found, classes)]
+        if not len(points):
+            there = ", ".join(map(str, np.unique(found).tolist()))
+            raise SceneError(f"{path}: has no point of the classes {classes}; it has {there}.")
+    if not len(points):
+        raise SceneError(f"{path}: has no point.")
+    return points
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        if not path.is_file():
+            raise SceneError(f"{path}: no such file.")
+        yield
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {reason_of(error)}.") from error
+
+
+def package_for(name: str, use: str) -> Any:
+    """A module of the extra `terrain`. Raises GlpathError with the line to type where it is missing."""
+    try:
+        module = import_module(name)
+        import_module(f"{name}.errors")
+    except ImportError as error:
+        raise GlpathError(
+            f"{name} cannot be imported ({error}); {use} by it.", 'pip install "glpath[terrain]"'
+        ) from error
+    return module
+
+
+_READERS: dict[str, Callable[..., HeightField]] = {
+    ".tif": _geotiff,
+    ".tiff": _geotiff,
+    ".asc": _ascii_grid,
+    ".npy": _npy,
+    ".npz": _npz,
+}

@@ -1,0 +1,91 @@
+"""Results of `glpath.terrain.horizon` as files."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import ImageError, UsageError
+from glpath.system.files import whole_file, write_bytes
+from glpath.terrain.reading import package_for
+
+if TYPE_CHECKING:
+    from glpath.terrain.horizon import Horizon
+
+#: Of samples; .npy and .npz are also of points.
+MAP_SUFFIXES = (".tif", ".tiff", ".npy", ".npz")
+#: Of points.
+POINT_SUFFIXES = (".csv", ".npy", ".npz")
+
+
+def check_kind(path: str | Path, of_points: bool, more: tuple[str, ...] = ()) -> None:
+    """Raise ImageError for a file that `save` does not write.
+
+    more : suffixes that the caller writes
+    """
+    allowed = (*(POINT_SUFFIXES if of_points else MAP_SUFFIXES), *more)
+    if Path(path).suffix.lower() not in allowed:
+        what = "points" if of_points else "a height field"
+        raise ImageError(f"{path}: cannot be written.", f"Results of {what} end in {', '.join(allowed)}.")
+
+
+def save(path: str | Path, found: Horizon, values: NDArray[Any]) -> None:
+    """Write values of receivers.
+
+    .tif : float32, with the field's georeference; NaN is no data
+    .npy : the values alone
+    .npz : `values`, with `x` (C,) and `y` (R,) of samples, or `points` (N, 3)
+    .csv : x, y, z, value of points
+
+    Raises UsageError for values of another shape, ImageError for another kind of file.
+    """
+    path = Path(path)
+    if values.shape != found.shape:
+        raise UsageError(f"{path}: values of shape {values.shape} where {found.shape} are results.")
+    check_kind(path, found.points is not None)
+    kind = path.suffix.lower()
+    if kind == ".csv":
+        assert found.points is not None, "checked"
+        text = io.StringIO()
+        text.write("x,y,z,value\n")
+        np.savetxt(text, np.column_stack([found.points, values]), fmt=["%.15g"] * 3 + ["%.9g"], delimiter=",")
+        write_bytes(text.getvalue().encode(), path)
+    elif kind == ".npy":
+        with whole_file(path) as part, part.open("wb") as file:
+            np.save(file, values)
+    elif kind == ".npz":
+        x, y = found.field.coordinates()
+        at = {"x": x, "y": y} if found.points is None else {"points": found.points}
+        with whole_file(path) as part, part.open("wb") as file:
+            np.savez_compressed(file, values=values, **at)
+    else:
+        _save_geotiff(path, found, values)
+
+
+def _save_geotiff(path: Path, found: Horizon, values: NDArray[Any]) -> None:
+    rasterio = package_for("rasterio", "this file is written")
+    field = found.field
+    (dx, dy), (x, y) = field.spacing, field.origin
+    made = {
+        "driver": "GTiff",
+        "height": field.shape[0],
+        "width": field.shape[1],
+        "count": 1,
+        "dtype": "float32",
+        "nodata": float("nan"),
+        "transform": rasterio.Affine(dx, 0.0, x - 0.5 * dx, 0.0, -dy, y + 0.5 * dy),
+        "crs": field.crs or None,
+        "compress": "deflate",
+        "predictor": 3,
+    }
+    # GDAL writes into a file of that name, not into one that is open.
+    with whole_file(path) as part:
+        try:
+            with rasterio.open(part, "w", **made) as raster:
+                raster.write(values.astype(np.float32), 1)
+        except rasterio.errors.RasterioError as error:
+            raise ImageError(f"{path}: cannot be written: {error}.") from error
