@@ -1,6 +1,6 @@
 """Write tables of the documentation that are made from code and measurements: python .ci/tables.py [--check].
 
-The variants of shaders, the options of shafts, curves of glass, and the README's speeds, from `benchmarks/results`.
+The variants of shaders, options of shafts, curves of glass, CIE 171 and speeds, from `benchmarks/results`.
 """
 
 from __future__ import annotations
@@ -111,10 +111,40 @@ def speed() -> str:
     return "\n".join(rows) + "\n"
 
 
+def parallel_rays() -> str:
+    """Of each number of triangles and points: microseconds of the processor for a point and direction."""
+    head = "| triangles | points | ray, us | ray, points unsorted, us | scan, us | scan / ray | agreement |"
+    rows = [head, "|---|---|---|---|---|---|---|"]
+    for row in result("parallel-rays")["rows"]:
+        times = " | ".join(f"{1e6 * row[name]:.2g}" for name in ("ray_s", "unsorted_s", "scan_s"))
+        ratio, agreement = row["scan_s"] / row["ray_s"], 100 * row["agreement"]
+        rows.append(f"| {row['triangles']:,} | {row['points']:,} | {times} | {ratio:.2g} | {agreement:.4g} % |")
+    return "\n".join(rows) + "\n"
+
+
+def cie171() -> str:
+    """Of the page on CIE 171: by case, how far the values are off, and which do not pass."""
+    rows = [
+        "| case | scenes | skies | values | off by at most, % | standard error at most, % | do not pass |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    of_cases: dict[str, list[dict[str, Any]]] = {}
+    for row in result("cie171")["rows"]:
+        of_cases.setdefault(row["case"], []).append(row)
+    for case, found in of_cases.items():
+        scenes, skies = (len({row[key] for row in found} - {""}) for key in ("variant", "sky"))
+        values, missed = (sum(row[key] for row in found) for key in ("values", "missed"))
+        off, error = (max(row[key] for row in found) for key in ("off, %", "error, %"))
+        rows.append(f"| {case} | {scenes} | {skies or ''} | {values} | {off:.2f} | {error:.2f} | {missed} |")
+    return "\n".join(rows) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
+    ("docs/explanation/parallel-light.md", "parallel-rays"): parallel_rays,
+    ("docs/explanation/cie171.md", "cie171"): cie171,
     ("docs/howto/materials.md", "glazing"): glazing,
     ("README.md", "speed"): speed,
 }

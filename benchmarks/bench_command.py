@@ -74,6 +74,14 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "sky view factors and sun hours: a million points of 20 million triangles, beside Embree's rays",
         ("--scale",),
     ),
+    "parallel-rays": (
+        "what points see along shared directions: seconds of a ray and of a scan, by points and triangles",
+        ("--scale",),
+    ),
+    "cie171": (
+        "irradiance at points beside exact values of CIE 171:2006, test cases 5.2 to 5.14",
+        ("--scale",),
+    ),
     "lightmap": (
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
@@ -145,8 +153,8 @@ def bench(
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, height-field, "
-            "lightmap, jobs, standard-scenes: below 1, less work; 1.",
+            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, height-field, cie171, "
+            "lightmap, jobs, parallel-rays, standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
@@ -270,6 +278,14 @@ def _measure(
         from benchmarks.benches.height_field import bench_height_field
 
         return bench_height_field(scale, progress)
+    if name == "parallel-rays":
+        from benchmarks.benches.parallel_rays import bench_parallel_rays
+
+        return bench_parallel_rays(scale, progress)
+    if name == "cie171":
+        from benchmarks.benches.cie171 import bench_cie171
+
+        return bench_cie171(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 
@@ -331,7 +347,7 @@ def _print(console: Console, measured: dict[str, float], rows: list[dict[str, ob
         table.add_row(key, f"{value:.4g}")
     console.print(table)
     if rows:
-        columns = list(dict.fromkeys(name for row in rows for name in row))
+        columns = list(dict.fromkeys(name for row in rows for name, of in row.items() if not isinstance(of, list)))
         table = Table(*columns, box=None)
         for row in rows:
             values = [row.get(name, "") for name in columns]

@@ -20,7 +20,6 @@ from typing import Any
 
 from PIL import Image
 
-from benchmarks.khronos.models import find_models
 from benchmarks.peers.model_viewer import Shown, shown_by_model_viewer
 from glpath.io.gltf.document import SUFFIXES
 from glpath.io.models import FORMATS
@@ -55,7 +54,7 @@ class Rendered:
 def models_in(folder: Path) -> list[Path]:
     """The models right in a folder, by their names; where it has none but a folder Models, Khronos' samples."""
     found = sorted(path for path in folder.iterdir() if path.suffix.lower() in FORMATS and path.is_file())
-    return [model.file for model in find_models(folder)] if not found and (folder / "Models").is_dir() else found
+    return found or sorted(folder.glob("Models/*/glTF/*.gltf"))
 
 
 def render_models(models: Sequence[Path], output: Path, side: int, say: Say) -> list[Rendered]:

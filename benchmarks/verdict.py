@@ -6,12 +6,16 @@ import datetime
 import json
 import math
 import platform
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from glpath.system.machine import core_count
+
+# Of numbers, or of words without brackets.
+_SHORT_LIST = re.compile(r'\[\s+(?:(?:-?[\d.eE+-]+|null|"[\w\' ]*"),?\s+)+\]')
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,9 @@ class Report:
         return asdict(self)
 
     def as_json(self) -> str:
-        """Strict JSON: what is no number (NaN, infinity) is null."""
-        return json.dumps(_plain(self.as_dict()), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        """Strict JSON: what is no number (NaN, infinity) is null. A list of numbers or words is one line."""
+        text = json.dumps(_plain(self.as_dict()), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return _SHORT_LIST.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(" ]", "]"), text)
 
 
 def _plain(value: Any) -> Any:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, lightmap
     from glpath.bake.probes import Probes, probes
     from glpath.compare import relative_mse
+    from glpath.daylight.coefficients import DaylightCoefficients
+    from glpath.daylight.compute import daylight_coefficients
     from glpath.errors import (
         ContextError,
         GlpathError,
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
 # function in this package whenever somebody imports from it.
 _HOME = {
     "ContextError": "errors",
+    "DaylightCoefficients": "daylight.coefficients",
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
@@ -71,6 +74,7 @@ _HOME = {
     "ViewFactors": "radiosity.view_factors.result",
     "Views": "rendering.views",
     "camera": "scene.camera_matrices",
+    "daylight_coefficients": "daylight.compute",
     "element_error": "rendering",
     "export": "io.export",
     "horizon": "terrain.horizon",
@@ -91,6 +95,7 @@ _HOME = {
 
 __all__ = [
     "ContextError",
+    "DaylightCoefficients",
     "ElementError",
     "Film",
     "GlpathError",
@@ -115,6 +120,7 @@ __all__ = [
     "Views",
     "__version__",
     "camera",
+    "daylight_coefficients",
     "element_error",
     "export",
     "horizon",

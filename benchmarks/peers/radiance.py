@@ -75,12 +75,60 @@ def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -
     return seconds, np.frombuffer(found, np.float32).reshape(len(points), 3).astype(np.float64)
 
 
+def daylight_matrix(
+    scene: Scene, points: Float64, normals: Float64, subdivision: int, rays: int
+) -> tuple[float, Float64]:
+    """Seconds, and (N, 1 + P) direct daylight coefficients by `rfluxmtx`: the ground, then Reinhart's patches.
+
+    scene       : comparable, with z up and y in the north
+    subdivision : of the sky, as MF of `reinsrc.cal`
+    rays        : from each point
+
+    Raises GlpathError where Radiance is absent or fails.
+    """
+    table = np.concatenate([points, normals], axis=1).astype("<f4").tobytes()
+    with tempfile.TemporaryDirectory() as folder:
+        radiance = _Programs(folder)
+        Path(folder, "scene.rad").write_text(described(scene))
+        Path(folder, "sky.rad").write_text(_SKY.format(subdivision))
+        start = time.perf_counter()
+        how = ["-I+", "-h", "-fff", "-ab", "1", "-ad", str(rays), "-lw", f"{0.01 / rays:g}", "-y", str(len(points))]
+        found = radiance.run("rfluxmtx", *how, "-n", str(core_count()), "-", "sky.rad", "scene.rad", given=table)
+        seconds = time.perf_counter() - start
+    return seconds, np.frombuffer(found, np.float32).reshape(len(points), -1, 3)[..., 1].astype(np.float64)
+
+
+_SKY = """#@rfluxmtx h=u u=+Y
+void glow ground_glow
+0
+0
+4 1 1 1 0
+ground_glow source ground
+0
+0
+4 0 0 -1 180
+#@rfluxmtx h=r{} u=+Y
+void glow sky_glow
+0
+0
+4 1 1 1 0
+sky_glow source sky
+0
+0
+4 0 0 1 180
+"""
+
+
 class _Programs:
     """Radiance's, at work in a folder."""
 
     def __init__(self, folder: str) -> None:
         self._package = Path(other_python.find_package("pyradiance", other_python.python())[0])
-        self._environment = os.environ | {"RAYPATH": f".:{self._package / 'lib'}"}
+        programs = str(self._package / "bin")
+        self._environment = os.environ | {
+            "RAYPATH": f".:{self._package / 'lib'}",
+            "PATH": f"{programs}{os.pathsep}{os.environ.get('PATH', '')}",
+        }
         self._folder = folder
 
     def compile(self, scene: Scene) -> None:

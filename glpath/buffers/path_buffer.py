@@ -423,7 +423,36 @@ class PathBuffer(Owner):
         >>> hits.t.round(3).tolist()
         [1.0, 1.2]
         """
+        if self.occlusion:
+            raise UsageError(
+                "path-buffer: cast names triangles, but this buffer finds only whether anything is hit",
+                "Make it without occlusion, or call `blocked`.",
+            )
         start, d, sign = self._rays("cast", origins, direction, sign)
+        n = len(start)
+        triangle = self._answers(start, d, sign)
+        t = np.full(n, np.inf)
+        hit = triangle >= 0
+        which = triangle[hit]
+        normals = self.scene.scene.normals[which]
+        corner = self.scene.scene.triangles[which, 0]
+        along = d * sign[hit, None]
+        t[hit] = np.einsum("ij,ij->i", normals, corner - start[hit]) / np.einsum("ij,ij->i", normals, along)
+        return Hits(triangle, t)
+
+    def blocked(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> NDArray[np.bool_]:
+        """(N,): whether there is any surface beyond each origin; as `cast`, of a buffer with `occlusion`."""
+        if not self.occlusion:
+            raise UsageError(
+                "path-buffer: blocked is of a buffer that finds only whether anything is hit",
+                "Make it with occlusion=True.",
+            )
+        return np.asarray(self._answers(*self._rays("blocked", origins, direction, sign)) >= 0)
+
+    def _answers(
+        self, start: NDArray[np.float64], d: NDArray[np.float64], sign: NDArray[np.float64]
+    ) -> NDArray[np.int32]:
+        """(N,): the triangle of each ray, 0 for any with `occlusion`, PATH_MISSED; what lost is scanned again."""
         n = len(start)
         triangle = np.full(n, PATH_MISSED, np.int32)
         open_ = np.flatnonzero(sign)
@@ -443,21 +472,18 @@ class PathBuffer(Owner):
             triangle[open_[done]] = answer[done]
             open_ = open_[~done]
             round_ += 1
-
-        t = np.full(n, np.inf)
-        hit = triangle >= 0
-        which = triangle[hit]
-        normals = self.scene.scene.normals[which]
-        corner = self.scene.scene.triangles[which, 0]
-        along = d * sign[hit, None]
-        t[hit] = np.einsum("ij,ij->i", normals, corner - start[hit]) / np.einsum("ij,ij->i", normals, along)
-        return Hits(triangle, t)
+        return triangle
 
     def scan(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Cells:
         """One scan of the same rays as in `cast`, to look at: what then lies in the buffer.
 
         Rays that lost a collision in their cell are not in it.
         """
+        if self.occlusion:
+            raise UsageError(
+                "path-buffer: scan names triangles, but this buffer finds only whether anything is hit",
+                "Make it without occlusion.",
+            )
         start, d, sign = self._rays("scan", origins, direction, sign)
         columns, rows = self.paths
         state = np.zeros((rows * columns, 4), np.float32)
@@ -494,11 +520,6 @@ class PathBuffer(Owner):
         start = np.asarray(origins, np.float64).reshape(-1, 3)
         n = len(start)
         columns, rows = self.paths
-        if self.occlusion:
-            raise UsageError(
-                f"path-buffer: {name} names triangles, but this buffer finds only whether anything is hit",
-                "Make it without occlusion.",
-            )
         if self.views != 1:
             raise UsageError(f"path-buffer: {name} has one direction, but this buffer {self.views} views")
         if n > columns * rows:

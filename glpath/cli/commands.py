@@ -15,6 +15,7 @@ COMMANDS = {
     "lightmap": Part("glpath.cli.lightmap", LIGHT, "A model with its light baked in, for three.js and others."),
     "probes": Part("glpath.cli.probes", LIGHT, "Light in a grid of points, for objects that move there."),
     "measure": Part("glpath.cli.measure", LIGHT, "Irradiance and illuminance at points, with their errors."),
+    "daylight": Part("glpath.cli.daylight", LIGHT, "What sky and sun give to sensors, through the year."),
     "viewfactors": Part("glpath.cli.viewfactors", LIGHT, "The matrix of view factors between faces."),
     "horizon": Part("glpath.cli.horizon", LIGHT, "Sky view factors and sun hours of terrain."),
     "info": Part("glpath.cli.scenes", SCENES, "What is in a scene."),

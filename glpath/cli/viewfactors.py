@@ -106,9 +106,10 @@ def viewfactors(
         raise UsageError(f"--error {error:g}: must be from 1e-7 to 0.1.")
     if run.resume and is_stream(out[0]):
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
-    faces: Path | Scene = Path(scene)
+    file = Path(scene)
+    faces: Path | Scene = file
     # A mesh file is read as it is, so that row i is its face i: a scene leaves out triangles without area.
-    if parameters or groups == "shapes" or faces.suffix.lower() not in FORMATS:
+    if parameters or groups == "shapes" or file.suffix.lower() not in FORMATS:
         with geometry_alone():
             faces = read_scene(scene, parameters)
     for path in out:

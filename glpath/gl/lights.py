@@ -31,6 +31,7 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
     if isinstance(sky, Environment):
         middle, _, up = sky.frame
         uniforms = {"sky_size": sky.image.shape[1::-1], "sky_middle": tuple(middle), "sky_up": tuple(up)}
+        uniforms["sky_rows_above"] = sky.rows_above
         if sky.sun is not None:
             uniforms |= {
                 "sun_direction": tuple(sky.sun.direction),

@@ -24,6 +24,7 @@ class Variant(NamedTuple):
 
 _SCENE, _TEXTURES, _CAMERA = "gl.device_scene", "gl.texture_images", "gl.camera"
 _LIGHTS, _RAYS, _STAGES = "gl.lights", "integrators.ray_paths", "integrators.path_buffer_stages"
+_THIN = "gl.thin_dielectrics"
 _SCANS, _WHITTED, _T_BUFFER = "buffers.path_buffer", "integrators.whitted", "buffers.t_buffer"
 
 VARIANTS: dict[str, Variant] = {
@@ -33,8 +34,8 @@ VARIANTS: dict[str, Variant] = {
     "HAS_TRIANGLES": Variant("the scene has triangles", _SCENE),
     "HAS_PLANES": Variant("the scene has endless planes", _SCENE),
     **{name: Variant(each.meaning, "gl.material_texels") for name, each in MATERIAL_VARIANTS.items()},
-    "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _RAYS),
-    "HAS_VARYING_THIN_DIELECTRICS": Variant("and it has textures, colours or normals to shade with", _RAYS),
+    "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _THIN),
+    "HAS_VARYING_THIN_DIELECTRICS": Variant("and it has textures, colours or normals to shade with", _THIN),
     "HAS_LOBES": Variant("a material has lobes: HAS_MICROFACETS or HAS_MIRRORS", "shaders"),
     "HAS_ALPHA": Variant("a material that is used is masked, blended or culled", _SCENE),
     "HAS_CULLING": Variant("the back of a material that is used is not there", _SCENE),

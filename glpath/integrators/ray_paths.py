@@ -39,7 +39,7 @@ from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.gl.ray_bvh import RayBvh
 from glpath.gl.sums import Sums
-from glpath.gl.variants import defined
+from glpath.gl.thin_dielectrics import thin_dielectric_variants
 from glpath.integrators.emitter_silhouettes import EmitterSilhouettes
 from glpath.integrators.engine import Uniforms, Window
 from glpath.integrators.gather_settings import GatherSettings
@@ -52,8 +52,7 @@ from glpath.lights.rectangles import LampRectangles
 from glpath.lights.samples import LightSamples
 from glpath.lights.tree import others, positional
 from glpath.sampling.points import PathSetSampler, counter_hash, radical_inverse
-from glpath.scene.appearance import has_colours
-from glpath.scene.model import Environment, Scene
+from glpath.scene.model import Environment
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
 #: Light samples of a path set at most, for its paths to choose from.
@@ -218,7 +217,7 @@ class RayPathEngine(PathSetEngine):
             samples = _TREE_SAMPLES if self._by_tree else 0
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples, rectangles)
             parts.add(self._draws)
-        parts.defines |= _thin_dielectric_variants(scene.scene)
+        parts.defines |= thin_dielectric_variants(scene.scene)
         self._ground = None if self._points is not None else Ground.of(scene.scene, self.settings.seed)
         if self._ground is not None:
             parts.uniforms |= self._ground.uniforms
@@ -374,19 +373,6 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
         edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
     parts = len(edges) - 1
     return edges if 1 < parts <= _PARTS else np.linspace(0.0, 1.0, max(1, min(parts, _PARTS)) + 1)
-
-
-def _thin_dielectric_variants(scene: Scene) -> dict[str, object]:
-    """Of thin dielectrics alike all over, rays to lights ask their material alone."""
-    shapes, thin = scene.shapes, [scene.materials[shape.material].is_thin_dielectric for shape in scene.shapes]
-    varying = False
-    for number in np.flatnonzero(thin):
-        triangles = shapes.ranges[number]
-        normals = shapes.vertex_normals[shapes.faces[triangles]]
-        bent = np.any(normals, axis=2) & (np.einsum("tcx,tx->tc", normals, scene.normals[triangles]) < 1.0 - 1e-6)
-        textured = bool(scene.materials[shapes[number].material].slots) or has_colours(shapes[number])
-        varying = varying or textured or bool(bent.any())
-    return defined(HAS_THIN_DIELECTRICS=any(thin), HAS_VARYING_THIN_DIELECTRICS=varying)
 
 
 def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:

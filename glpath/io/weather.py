@@ -205,7 +205,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     dew = np.where(np.abs(dew) < 90, dew, np.nan)
     weather = Weather(
         source,
-        str(site["name"]).strip(),
+        str(site["name"]).strip(' "'),
         latitude,
         longitude,
         zone,

@@ -6,7 +6,7 @@ import io
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +19,19 @@ from glpath.io.from_python import is_made_in_python
 from glpath.pytest_plugin.figures import FigureSettings
 from glpath.scene import Scene
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+
+class FigureLike(Protocol):
+    """A figure of matplotlib."""
+
+    def savefig(self, fname: Any, **options: Any) -> Any: ...
+
+
 #: A scene, which is rendered; a film; an array; an image of Pillow; a figure; the path or the content of an image
 #: file; or a function without parameters that returns one of these.
-Subject = AnyScene | Film | ArrayLike | bytes | Callable[[], Any]
+Subject: TypeAlias = "AnyScene | Film | ArrayLike | bytes | FigureLike | Image | Callable[[], Any]"
 
 
 #: Objects with such a method are no picture, but have one.

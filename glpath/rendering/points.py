@@ -206,7 +206,7 @@ def irradiance(
     """
     run_options, chosen = RunOptions.taken_from(options)
     check_word("receiver", receiver, get_args(Receiver))
-    positions, facing = _points(points, normals)
+    positions, facing = checked_points(points, normals, "irradiance")
     if receiver == "cylinder":
         facing = _around(facing)
     with aside("camera", "light"):
@@ -261,15 +261,18 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     return own
 
 
-def _points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
-    """(N, 3) each, normals unit. Raises UsageError, which names the first point that is none."""
+def checked_points(points: ArrayLike, normals: ArrayLike, caller: str) -> tuple[Float64, Float64]:
+    """(N, 3) each, normals unit. Raises UsageError, which names the first point that is none.
+
+    caller : how errors begin
+    """
     try:
         given = np.asarray(points), np.asarray(normals)
         if any(np.iscomplexobj(each) for each in given):
             raise TypeError
         positions, facing = (each.astype(np.float64) for each in given)
     except (TypeError, ValueError):
-        raise UsageError("irradiance: points and normals where arrays of numbers are needed") from None
+        raise UsageError(f"{caller}: points and normals where arrays of numbers are needed") from None
     if positions.ndim != 2 or positions.shape[1:] != (3,) or not len(positions):
         raise UsageError(f"points: of shape {positions.shape} where (N, 3) is needed, and one point at least")
     if facing.shape not in (positions.shape, (3,)):

@@ -108,4 +108,4 @@ def cie_sky(
         assert illuminance is not None, "one of both"
         zenith = illuminance / relative
     seen[height < 0] = ground * relative / np.pi
-    return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith)
+    return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, scale=zenith, cut=True)

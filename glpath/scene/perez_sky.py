@@ -205,4 +205,6 @@ class Daylight(NamedTuple):
         direct = self.direct * max(float(self.to_sun @ up), 0.0)
         seen[below] = self.ground * (self.diffuse + direct) / np.pi
         sun = Sun(self.to_sun, np.full(3, self.direct)) if self.direct > 0 else None
-        return Environment(np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, sun=sun, solar=solar)
+        return Environment(
+            np.repeat(seen[..., None], 3, axis=2).astype(np.float32), up, sun=sun, solar=solar, cut=True
+        )

@@ -98,6 +98,8 @@ class Environment:
     assumed  : as of `Sky`
     sun      : a disc besides; neither the rotation nor the scale changes it
     solar    : its watts are of the whole spectrum of the sun: they are not 179 lumens each
+    cut      : at the horizon: rows above it and rows below are not blended, of an even number of rows; of a sky and
+               a ground that are functions, whose edge a blend would darken by half of a row
 
     Without a rotation the middle of the picture lies along the axis that follows the one nearest to `up` in the
     order x, y, z, x: with y up along +z, as in Mitsuba, with z up along +x, as in Blender. What three.js, and
@@ -116,6 +118,7 @@ class Environment:
     assumed: bool = False
     sun: Sun | None = None
     solar: bool = False
+    cut: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))
@@ -135,12 +138,22 @@ class Environment:
                 "other a vector of any length but zero."
             )
 
+        if self.cut and shape[0] % 2:
+            raise SceneError(
+                f"Environment.cut: {shape[0]} rows, of which the horizon would divide one; must be even."
+            )
+
     @cached_property
     def digest(self) -> str:
         """Of all that changes the picture; see `glpath.scene.digest`."""
-        # A sky without a sun has the digest that it had before there were suns.
+        # A sky without a sun has the digest that it had before there were suns, and one that is not cut as well.
         sun = () if self.sun is None else (self.sun,)
-        return digest_of(self.image, self.up, self.rotation, self.scale, *sun)
+        return digest_of(self.image, self.up, self.rotation, self.scale, *sun, *(["cut"] if self.cut else []))
+
+    @property
+    def rows_above(self) -> int:
+        """Rows above the horizon of a map that is cut there; 0 of others."""
+        return self.image.shape[0] // 2 if self.cut else 0
 
     @cached_property
     def frame(self) -> Float64:
@@ -166,7 +179,8 @@ class Environment:
         row = np.arctan2(np.hypot(x, y), z) / np.pi * height - 0.5
         left, above = np.floor(column).astype(np.intp), np.floor(row).astype(np.intp)
         right_share, below_share = (column - left)[:, None], (row - above)[:, None]
-        rows = np.clip([above, above + 1], 0, height - 1)
+        lowest = np.where((z > 0) & self.cut, self.rows_above - 1, height - 1)
+        rows = np.clip([above, above + 1], np.where(z > 0, 0, self.rows_above), lowest)
         columns = np.mod([left, left + 1], width)
         upper, lower = (
             self.image[r, columns[0]] * (1 - right_share) + self.image[r, columns[1]] * right_share for r in rows
@@ -256,7 +270,7 @@ class Environment:
 
     @cached_property
     def _halves(self) -> _Halves:
-        return _Halves.of(self.image.shape[0])
+        return _Halves.of(self.image.shape[0], self.cut)
 
     @cached_property
     def _tables(self) -> _Tables:
@@ -303,21 +317,24 @@ def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np
 class _Halves(NamedTuple):
     """The upper and lower halves of the tents of h rows, as weights of the angle from up, sine included.
 
-    A tent falls from its row's middle to those of the rows beside it; beyond the first and the last it is flat.
+    A tent falls from its row's middle to those of the rows beside it; beyond the first and the last it is flat, and
+    at the horizon of a map that is cut there.
 
-    foot : (2 h,) the angle at which the half begins: where it is 0, or, of a flat one, the pole
+    foot : (2 h,) the angle at which the half begins: where it is 0, or, of a flat one, the pole or the horizon
     sign : (2 h,) +1 or -1, in which sense it continues from there
-    flat : (2 h,) bool
+    flat : (2 h,) bool: as far as a pole
+    even : (2 h,) bool: flat as far as the horizon
     mass : (2 h,) its integral
     """
 
     foot: Float64
     sign: Float64
     flat: NDArray[np.bool_]
+    even: NDArray[np.bool_]
     mass: Float64
 
     @classmethod
-    def of(cls, height: int) -> _Halves:
+    def of(cls, height: int, cut: bool = False) -> _Halves:
         step = np.pi / height
         middle = (np.arange(height) + 0.5) * step
         foot = np.stack([middle - step, middle + step], axis=1).ravel()
@@ -326,7 +343,12 @@ class _Halves(NamedTuple):
         flat[[0, -1]] = True
         foot[0], foot[-1] = 0.0, np.pi
         mass = np.where(flat, 2 * np.sin(step / 4) ** 2, _tent_mass(foot, sign, np.full(2 * height, step)) / step)
-        return cls(foot, sign, flat, mass)
+        even = np.zeros(2 * height, bool)
+        if cut:
+            even[[height - 1, height]] = True
+            foot[even], sign[[height - 1, height]] = np.pi / 2, [-1.0, 1.0]
+            mass[even] = np.sin(step / 2)
+        return cls(foot, sign, flat, even, mass)
 
     def angles(self, half: NDArray[np.intp], u: Float64, step: float) -> Float64:
         """(N,) angles from up in halves (N,), from u (N,) in [0, 1)."""
@@ -339,8 +361,10 @@ class _Halves(NamedTuple):
             share = np.sqrt(np.maximum(_tent_mass(foot, sign, step * w) / whole, 1e-300))
             slope = step * step * w * np.sin(foot + sign * step * w) / (2 * whole * share)
             w = np.clip(w - (share - wanted) / np.maximum(slope, 1e-300), 0.0, 1.0)
-        polar = np.arccos(np.clip(1 - u * self.mass[half], -1.0, 1.0))
-        return np.asarray(np.where(self.flat[half], foot + sign * polar, foot + sign * step * w))
+        mass = u * self.mass[half]
+        polar, level = np.arccos(np.clip(1 - mass, -1.0, 1.0)), np.arcsin(np.clip(mass, 0.0, 1.0))
+        flat = foot + sign * np.where(self.even[half], level, polar)
+        return np.asarray(np.where(self.flat[half] | self.even[half], flat, foot + sign * step * w))
 
 
 def _tent_mass(foot: Float64, sign: Float64, y: Float64) -> Float64:

@@ -27,14 +27,13 @@ def texel_directions(up: Float64, size: tuple[int, int] = SKY_SIZE) -> Float64:
 
 
 def horizontal_irradiance(seen: Float64) -> float:
-    """Of a surface that faces up, by the upper half of a map of one channel (h, w), filtered as maps are."""
-    height = len(seen)
-    step = np.pi / height
+    """Of a surface that faces up, by the upper half of a map of one channel (h, w), filtered as if it were cut."""
+    step = np.pi / len(seen)
+    above = seen[: len(seen) // 2].mean(axis=1)
     u, weight = np.polynomial.legendre.leggauss(_POINTS)
-    # From the zenith to the middle of the first row, and from row to row as far as the horizon.
-    ends = np.unique(np.concatenate([[0.0], (np.arange(height) + 0.5) * step, [np.pi / 2]]))
-    ends = ends[ends <= np.pi / 2]
+    # From the zenith to the middle of the first row, from row to row, and from the last one to the horizon.
+    ends = np.concatenate([[0.0], (np.arange(len(above)) + 0.5) * step, [np.pi / 2]])
     half = 0.5 * np.diff(ends)[:, None]
     angle = ends[:-1, None] + half * (1 + u)
-    mean = np.interp(angle / step - 0.5, np.arange(height), seen.mean(axis=1))
+    mean = np.interp(angle / step - 0.5, np.arange(len(above)), above)
     return float(2 * np.pi * np.sum(half * weight * mean * np.sin(angle) * np.cos(angle)))

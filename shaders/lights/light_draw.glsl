@@ -55,6 +55,9 @@ vec3 map_drawn(vec3 u, out float weight)
         theta = 2.0 * asin(sqrt(0.5 * u.y * mass));
         if (lower < 0.0) theta = PI - theta;
         weight = 1.0;
+    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {  // and beside a horizon that cuts it
+        theta = 0.5 * PI + lower * asin(u.y * mass);
+        weight = 1.0;
     } else {
         float w = sqrt(u.y);
         theta = (float(row) + 0.5 - lower * (1.0 - w)) * (PI / rows);

@@ -7,6 +7,7 @@
 uniform ivec2 sky_size;
 uniform vec3 sky_middle;  // unit, to the middle of the picture
 uniform vec3 sky_up;
+uniform int sky_rows_above;  // the horizon, of a map whose rows are not blended there; 0 of others
 #ifdef HAS_SUN
 uniform vec3 sun_direction;  // unit
 uniform float sun_square_chord;  // from its middle to the rim, on the unit sphere
@@ -19,9 +20,10 @@ vec3 sun(vec3 direction)
 }
 #endif
 
-vec3 sky_row(int row, ivec2 columns, float share)
+// row: clamped to those that are blended, from the first to the last
+vec3 sky_row(int row, ivec2 blended, ivec2 columns, float share)
 {
-    int first = clamp(row, 0, sky_size.y - 1) * sky_size.x;
+    int first = clamp(row, blended.x, blended.y) * sky_size.x;
     vec3 left = environment_texel(first + columns.x, ENVIRONMENT_RADIANCE).rgb;
     return mix(left, environment_texel(first + columns.y, ENVIRONMENT_RADIANCE).rgb, share);
 }
@@ -34,7 +36,10 @@ vec3 sky(vec3 direction)
     ivec2 texel_at = ivec2(floor(at));
     vec2 share = at - vec2(texel_at);
     ivec2 columns = (ivec2(texel_at.x, texel_at.x + 1) + sky_size.x) % sky_size.x;
-    vec3 seen = mix(sky_row(texel_at.y, columns, share.x), sky_row(texel_at.y + 1, columns, share.x), share.y);
+    bool is_above = d.z > 0.0;
+    ivec2 blended = ivec2(is_above ? 0 : sky_rows_above, (is_above && sky_rows_above > 0 ? sky_rows_above : sky_size.y) - 1);
+    vec3 upper = sky_row(texel_at.y, blended, columns, share.x);
+    vec3 seen = mix(upper, sky_row(texel_at.y + 1, blended, columns, share.x), share.y);
 #ifdef HAS_SUN
     seen += sun(direction);
 #endif

@@ -75,6 +75,8 @@ def test_list_names_every_bench() -> None:
         "viewfactors",
         "measure",
         "height-field",
+        "parallel-rays",
+        "cie171",
         "lightmap",
         "jobs",
         "standard-scenes",
@@ -117,7 +119,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, height-field, lightmap, jobs, standard-scenes, image-tests, "
+            "shaft-options, viewfactors, measure, height-field, parallel-rays, cie171, lightmap, jobs, "
+            "standard-scenes, image-tests, "
             "start-up, footprint",
         ),
         (

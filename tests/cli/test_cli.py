@@ -118,6 +118,7 @@ def test_the_public_names_are_these() -> None:
         "Views",
         "__version__",
         "camera",
+        "daylight_coefficients",
         "element_error",
         "export",
         "irradiance",

@@ -429,6 +429,7 @@ from glpath.system import machine
 for command, *more in (
     ("render", "-o", "a.npz"), ("measure", "-o", "a.npz", "--plane", "y=1"),
     ("lightmap", "-o", "a.glb", "--uv", "keep"), ("radiosity", "-o", "a.npz"), ("viewfactors", "-o", "a.npz"),
+    ("daylight", "-o", "a.npz", "--points", "a.csv"),
 ):
     machine.limit_threads(64)
     done = CliRunner().invoke(app, [command, "no-such-scene", *more, "--threads", "1"])

@@ -615,6 +615,21 @@ def test_a_light_shines_as_mitsuba_has_it(light: str, tmp_path: Path) -> None:
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.02)
 
 
+def test_a_shifted_lens_is_mitsubas(tmp_path: Path) -> None:
+    """Written and read back; and the rays of Mitsuba's own camera, through some positions of the picture."""
+    scene = glpath.load_scene("cornell-box-36").with_camera(resolution=(40, 30), principal_point=(0.3, 0.7))
+    assert quietly(scene, tmp_path / "box.xml") == []
+    camera = read(tmp_path / "box.xml")[0].camera
+    np.testing.assert_allclose(camera.principal_point, (0.3, 0.7), atol=1e-7)
+    at = np.array([[0.5, 0.5], [12.0, 21.0], [39.5, 3.5]])
+    np.testing.assert_allclose(camera.rays(at), scene.camera.rays(at), atol=1e-6)
+    mi = pytest.importorskip("mitsuba", reason="needs the extra reference")
+    mi.set_variant("scalar_rgb")
+    sensor = mi.load_file(str(tmp_path / "box.xml")).sensors()[0]
+    rays = [sensor.sample_ray(0.0, 0.5, mi.Point2f(*(each / [40, 30])), mi.Point2f(0.5))[0] for each in at]
+    np.testing.assert_allclose([np.array(ray.d).ravel() for ray in rays], scene.camera.rays(at), atol=1e-5)
+
+
 def test_files_are_looked_for_where_paths_and_the_scene_are(tmp_path: Path) -> None:
     """As Mitsuba does: an included file's names start at the scene, too, and `<path>` adds folders."""
     (tmp_path / "shared/meshes").mkdir(parents=True)

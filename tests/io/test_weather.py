@@ -77,7 +77,7 @@ def test_hours_of_a_year(weather: Weather) -> None:
     bright = weather.diffuse_horizontal > 20
     efficacy = weather.diffuse_illuminance[bright] / weather.diffuse_horizontal[bright]
     assert 100 < efficacy.min() < efficacy.max() < 180
-    sunny = weather.direct_normal > 300
+    sunny = (weather.direct_normal > 300) & (weather.sun.altitude > 10)
     assert (weather.direct_illuminance[sunny] / weather.direct_normal[sunny]).min() > 70
     assert (weather.direct_illuminance[sunny] / weather.direct_normal[sunny]).max() < 115
 

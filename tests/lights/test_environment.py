@@ -91,6 +91,30 @@ def test_the_radiance_is_that_of_another_interpolation(size: tuple[int, int], up
     assert sky.radiance(d[0]).shape == (3,)
 
 
+@pytest.mark.parametrize("size", [(2, 3), (8, 5)])
+def test_a_map_that_is_cut_blends_no_row_with_one_beyond_the_horizon(size: tuple[int, int]):
+    """Seen from above it is a map that repeats its last row above, and from below its first one below."""
+    image, half = noise(*size), size[0] // 2
+    sky = Environment(image, np.eye(3)[2], 33.0, 2.5, cut=True)
+    upper, lower = image.copy(), image.copy()
+    upper[half:], lower[:half] = image[half - 1], image[half]
+    d = uniform_sphere(np.random.default_rng(1).random((4000, 2)))
+    d = np.concatenate([d, d * [1, 1, 1e-6] / np.linalg.norm(d * [1, 1, 1e-6], axis=1, keepdims=True)])
+    seen = [environment_radiance(Environment(each, sky.up, 33.0, 2.5), d) for each in (upper, lower)]
+    np.testing.assert_allclose(sky.radiance(d), np.where(d[:, 2:] > 0, *seen), atol=1e-5)
+    assert sky.digest != Environment(image, sky.up, 33.0, 2.5).digest
+
+
+def test_a_sky_over_a_black_ground_has_a_sharp_edge():
+    """Two rows, whose blend would be all of the map: pi on what faces up, half of it on what stands, none below."""
+    image = np.array([[[1.0] * 3] * 4, [[0.0] * 3] * 4], np.float32)
+    scene = replace(scene_of([FLOOR]), sky=Environment(image, np.array([0.0, 1, 0]), cut=True))
+    points, normals = np.array([0.0, 9.0, 0.0]) + np.eye(3) * 1e-3, [[0, 1, 0], [1, 0, 0], [0, -1, 0]]
+    found = glpath.irradiance(scene, points, normals, spp=1024, max_depth=1)
+    assert (found.standard_errors < 0.01).all()
+    np.testing.assert_allclose(found.values[:, 0], [np.pi, np.pi / 2, 0], atol=0.01)
+
+
 @pytest.mark.filterwarnings("ignore:The camera sees nothing")
 @pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
 @pytest.mark.parametrize("target", [(0.3, 0.1, 1), (0.01, 1, 0.02), (0.1, -1, 0.0), (0.0, 0.2, -1)])
@@ -110,13 +134,16 @@ def test_every_engine_shows_the_map_that_there_is(engine: dict[str, Any], target
 # Density.
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 3), (2, 4), (3, 1), (9, 16), (64, 128)])
+@pytest.mark.parametrize(
+    ("size", "cut"),
+    [((1, 1), 0), ((1, 3), 0), ((2, 4), 0), ((3, 1), 0), ((9, 16), 0), ((64, 128), 0), ((2, 4), 1), ((8, 16), 1)],
+)
 @pytest.mark.parametrize("brightest", [0.0, 300.0])
-def test_directions_are_as_dense_as_the_radiance(size: tuple[int, int], brightest: float):
+def test_directions_are_as_dense_as_the_radiance(size: tuple[int, int], cut: int, brightest: float):
     """By Pearson's test over cells of the sphere, against the density integrated in them."""
     image = noise(*size)
     image[size[0] // 3, size[1] // 2] += brightest
-    sky = Environment(image, np.array([0.3, 1, -0.2]), 20.0)
+    sky = Environment(image, np.array([0.3, 1, -0.2]), 20.0, cut=bool(cut))
     rng = np.random.default_rng(5)
     drawn = sky.directions(rng.random((100_000, 3)))
     np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0)

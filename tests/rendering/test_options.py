@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
-from glpath.cli.run_request import OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
+from glpath.cli.run_request import OF_DAYLIGHT, OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
 from glpath.cli.typed import as_typed
 from glpath.integrators.by_name import INTEGRATORS, IntegratorKeywords
 from glpath.integrators.gather_settings import GatherSettings
@@ -331,6 +331,7 @@ def test_every_command_has_an_option_once_and_heeds_it() -> None:
     assert offered["render"] == set(OF_RENDERS)
     assert offered["measure"] == offered["lightmap"] == offered["probes"] == set(OF_FILMS)
     assert offered["radiosity"] == set(OF_SOLVERS) >= {"checkpoint", "resume", "hang_limit", "progress", "quiet"}
+    assert offered["daylight"] == set(OF_DAYLIGHT) >= {"resume", "device", "progress", "quiet"}
     assert offered["viewfactors"] == set(OF_MATRICES) >= {"resume", "progress", "quiet"}
     assert not {"device", "cluster", "noise"} & set(OF_SOLVERS)
 

@@ -79,8 +79,20 @@ TASKS = (
     Task(
         "light",
         "Light in numbers",
-        "Lux and W/m2 at points, light probes and lightmaps.",
-        {"glpath": ("irradiance", "Irradiance", "lightmap", "Lightmap", "probes", "Probes")},
+        "Lux and W/m2 at points, daylight through the year, light probes and lightmaps.",
+        {
+            "glpath": (
+                "irradiance",
+                "Irradiance",
+                "daylight_coefficients",
+                "DaylightCoefficients",
+                "lightmap",
+                "Lightmap",
+                "probes",
+                "Probes",
+            ),
+            "glpath.daylight.visibility": ("visible",),
+        },
     ),
     Task(
         "terrain",

@@ -1,0 +1,143 @@
+"""A test case: a scene, where is measured, what is true there, and the measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import glpath
+from benchmarks.cie171.exact import Float64
+from glpath.film.image import luminance
+from glpath.film.units import conversion
+
+#: A value passes within this share of what is true, or within so many standard errors where these are not larger.
+TOLERANCE, ERRORS = 0.01, 3.0
+#: Paths of each copy of a point at first.
+_FIRST = 64
+#: What counts as 0, in truth and as measured: shares of the largest true value of the case. A shadow ray ends
+#: a little before the lamp, so that a lamp's edge shines through a wall that it touches.
+_DARK, _MEASURED_DARK = 1e-6, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One scene of a test case, and the points that are measured in it.
+
+    number  : of the report, such as 5.9
+    variant : which of its scenes
+    scene   : what `glpath.irradiance` takes, of unit "photometric"
+    points  : (N, 3), with their normals (N, 3)
+    names   : of the values, as the report has them
+    exact   : (M,) what is true, in `unit`
+    sum     : (M, N) of the points' illuminances that each value is; None for the illuminances themselves
+    sky     : 1 to 16, 0 without one
+    copies  : of each point, each by paths of its own
+    """
+
+    number: str
+    variant: str
+    scene: Any
+    points: Float64
+    normals: Float64
+    names: tuple[str, ...]
+    exact: Float64
+    unit: str = "lx"
+    sum: Float64 | None = None
+    sky: int = 0
+    copies: int = 64
+    options: dict[str, Any] = field(default_factory=lambda: {"max_depth": 1})
+
+    @property
+    def name(self) -> str:
+        return f"{self.number}, {self.variant}" + (f", sky {self.sky}" if self.sky else "")
+
+    def measured(self, target: float = 0.003, limit: int = 4096, seed: int = 171) -> Measured:
+        """What `glpath.irradiance` finds, by ever more paths.
+
+        target : the largest relative standard error that is enough
+        limit  : paths of each copy of a point at most
+        """
+        points, normals = (np.repeat(each, self.copies, axis=0) for each in (self.points, self.normals))
+        spp, film = _FIRST, None
+        while True:
+            how = {"spp": spp, "seed": seed, "film": film, **self.options}
+            found = glpath.irradiance(self.scene, points, normals, **how)
+            measured = self._batches(found)
+            if spp >= limit or measured.largest_error <= target:
+                return measured
+            spp, film = 2 * spp, found.film
+
+    def _batches(self, found: glpath.Irradiance) -> Measured:
+        counts = found.film.batch_counts
+        used = counts > 0
+        lux = luminance(found.film.radiance_sums[used]).reshape(int(used.sum()), -1)[:, : found.count]
+        lux = conversion(found.unit, "photometric") * np.pi * lux / counts[used][:, None]
+        batches = lux.reshape(len(lux), -1, self.copies).mean(axis=2)
+        if self.sum is not None:
+            batches = batches @ self.sum.T
+        return Measured(self, batches)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The values of a case by independent batches of path sets, as many in each.
+
+    batches : (B, M)
+    """
+
+    case: Case
+    batches: Float64
+
+    @cached_property
+    def values(self) -> Float64:
+        """(M,)."""
+        return np.asarray(self.batches.mean(axis=0))
+
+    @cached_property
+    def errors(self) -> Float64:
+        """(M,) one standard error of each value."""
+        return np.asarray(self.batches.std(axis=0, ddof=1) / np.sqrt(len(self.batches)))
+
+    @property
+    def lit(self) -> NDArray[np.bool_]:
+        """(M,) where there is light in truth."""
+        return np.asarray(self.case.exact > _DARK * self.case.exact.max())
+
+    @property
+    def largest_error(self) -> float:
+        """Of one standard error, relative, where there is light."""
+        return float((self.errors[self.lit] / self.case.exact[self.lit]).max())
+
+    @property
+    def off(self) -> Float64:
+        """(M,) relative errors; where there is no light, relative to the largest value of the case."""
+        whole = np.where(self.lit, self.case.exact, self.case.exact.max())
+        return np.asarray((self.values - self.case.exact) / whole)
+
+    @property
+    def passes(self) -> NDArray[np.bool_]:
+        """(M,) within 1 %, or within three standard errors of at most 1 % each; in the dark, without light."""
+        exact, found, errors = self.case.exact, np.abs(self.values - self.case.exact), self.errors
+        near = found <= TOLERANCE * exact
+        chance = (errors <= TOLERANCE * exact) & (found <= ERRORS * errors)
+        return np.asarray(np.where(self.lit, near | chance, self.values <= _MEASURED_DARK * exact.max()))
+
+    def row(self) -> dict[str, Any]:
+        """Of a report: numbers with five digits."""
+        lists = {"exact": self.case.exact, "value": self.values, "error": self.errors}
+        return {
+            "case": self.case.number,
+            "variant": self.case.variant,
+            "sky": self.case.sky or "",
+            "values": len(self.values),
+            "off, %": float(100 * np.abs(self.off).max()),
+            "error, %": 100 * self.largest_error,
+            "missed": int(np.count_nonzero(~self.passes)),
+            "unit": self.case.unit,
+            "names": list(self.case.names),
+            **{name: [float(f"{x:.5g}") for x in each] for name, each in lists.items()},
+        }

@@ -1,0 +1,270 @@
+"""Daylight coefficients: what each patch of the sky, and the sun in each of its positions, gives to a sensor.
+
+The matrix is kept as it was found: a bit for each sensor and direction, and the geometry from which the
+coefficients follow. It is 32 to 128 times smaller than the matrix in floats, and nothing of it is lost. Rows of
+floats are made block by block where they are needed.
+
+Source:   Tregenza & Waters 1983, Daylight coefficients; McNeil & Lee 2013, A validation of the Radiance three-phase
+          simulation method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.daylight.compass import Compass
+from glpath.daylight.receivers import RECEIVERS, Receiver, response
+from glpath.daylight.sky_patches import SkyPatches
+from glpath.errors import ImageError, UsageError
+from glpath.gl.parallel_rays import WORD
+from glpath.system.files import whole_file
+from glpath.system.npz import open_npz
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+#: Of the file; see CONTRIBUTING.md.
+FORMAT = 1
+# Floats of a block of rows: 64 MiB.
+_BLOCK = 1 << 24
+# Bytes of words from which on the file is not compressed.
+_PLAIN = 1 << 27
+
+
+@dataclass(frozen=True, eq=False)
+class DaylightCoefficients:
+    """Direct coefficients of sensors.
+
+    points, normals : (N, 3) float64, scene units; unit normals, a cylinder's axes
+    receiver    : "plane", "cylinder" or "sphere"
+    subdivision : of the sky: 1, 2 or 4; see `SkyPatches`
+    up, north   : (3,) unit
+    latitude    : degrees, that the suns are of; NaN without suns
+    samples     : directions of a patch
+    directions  : (D, 3) unit: those of the ground, of the sky's patches, then the suns
+    column      : (D,) of the matrix: 0 is the ground, then the sky's patches, then the suns
+    weight      : (D,) steradians of a direction of ground and sky, 1 of a sun
+    words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
+    shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
+    """
+
+    points: Float64
+    normals: Float64
+    receiver: Receiver
+    subdivision: int
+    up: Float64
+    north: Float64
+    latitude: float
+    samples: int
+    directions: Float64
+    column: NDArray[np.intp]
+    weight: Float64
+    words: NDArray[np.uint32]
+    shares: NDArray[np.float16] | None = None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def patches(self) -> SkyPatches:
+        """Of the sky; column i of `sky` is patch i."""
+        return SkyPatches(self.subdivision)
+
+    @cached_property
+    def compass(self) -> Compass:
+        """Where up and north are."""
+        (ux, uy, uz), (nx, ny, nz) = self.up.tolist(), self.north.tolist()
+        return Compass((ux, uy, uz), (nx, ny, nz))
+
+    @property
+    def suns(self) -> Float64:
+        """(S, 3) unit, positions of the sun."""
+        return self.directions[self._in_sky :]
+
+    def sky(self, rows: slice = slice(None)) -> Float32:
+        """(n, P) float32: irradiance of some sensors for unit radiance of the ground and each patch."""
+        chosen = range(len(self))[rows]
+        found = np.empty((len(chosen), len(self.patches)), np.float32)
+        for first, last in self._blocks(len(chosen)):
+            found[first:last] = self._summed(self._light(chosen[first:last], slice(0, self._in_sky)))
+        return found
+
+    def sun(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: irradiance for unit irradiance across the sun's direction, of some sensors."""
+        return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+
+    def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
+        """(N, T) float64: of all sensors at T times.
+
+        sky : (P, T) or (P,), radiance of the ground and the patches
+        sun : (S, T) or (S,), irradiance across the sun's direction at each of its positions; none by default
+        """
+        radiance = _times("sky", sky, len(self.patches))
+        normal = None if sun is None else _times("sun", sun, len(self.suns))
+        times = radiance.shape[1]
+        if normal is not None and normal.shape[1] != times:
+            raise UsageError(f"irradiance: sky has {times} times, sun {normal.shape[1]}.", "Give both alike.")
+        found = np.empty((len(self), times))
+        for first, last in self._blocks(len(self)):
+            rows = slice(first, last)
+            found[rows] = self.sky(rows) @ radiance.astype(np.float32)
+            if normal is not None:
+                found[rows] += self.sun(rows) @ normal.astype(np.float32)
+        return found
+
+    def sparse(self) -> Any:
+        """A `scipy.sparse.csr_array` (N, P + S) float32 of ground, sky and suns, without what is zero."""
+        from scipy import sparse
+
+        blocks = [
+            sparse.csr_array(np.concatenate([self.sky(slice(a, b)), self.sun(slice(a, b))], axis=1))
+            for a, b in self._blocks(len(self))
+        ]
+        return sparse.vstack(blocks, format="csr")
+
+    @cached_property
+    def sky_sums(self) -> Float64:
+        """(N,) float64: irradiance under ground and sky of unit radiance all around."""
+        return self._sums[0]
+
+    @cached_property
+    def standard_errors(self) -> Float64:
+        """(N,) float64, of `sky_sums`, one standard deviation: by the spread of pairs of directions in each patch.
+
+        Directions are of a lattice, so it is too large rather than too small. All sensors have the same directions:
+        errors of neighbours are alike. NaN below four samples of a patch.
+        """
+        return self._sums[1]
+
+    @cached_property
+    def sky_view(self) -> Float64:
+        """(N,) float64: sky view factors: the share of the irradiance under a white sky, the ground black, that an
+        open level plane has."""
+        return np.concatenate(
+            [self.sky(slice(a, b))[:, 1:].sum(axis=1, dtype=np.float64) / np.pi for a, b in self._blocks(len(self))]
+        )
+
+    @cached_property
+    def dark(self) -> int:
+        """How many sensors see nothing along any direction: inside of solids, or below the ground."""
+        return int(np.count_nonzero(~self.words.any(axis=0)))
+
+    # The parts.
+
+    @cached_property
+    def _in_sky(self) -> int:
+        """Directions of ground and sky."""
+        return int(np.count_nonzero(self.column < len(self.patches)))
+
+    @cached_property
+    def _starts(self) -> NDArray[np.intp]:
+        """Of the columns of ground and sky, their first direction."""
+        return np.searchsorted(self.column[: self._in_sky], np.arange(len(self.patches)))
+
+    @cached_property
+    def _sums(self) -> tuple[Float64, Float64]:
+        sums, errors = np.empty(len(self)), np.full(len(self), np.nan)
+        pairs = np.diff(np.append(self._starts, self._in_sky)) // 2
+        per_patch = self.weight[self._starts] * 2 * pairs
+        for first, last in self._blocks(len(self)):
+            light = self._light(range(first, last), slice(0, self._in_sky))
+            sums[first:last] = light.astype(np.float64) @ self.weight[: self._in_sky]
+            if self.samples < 4:
+                continue
+            paired = 0.5 * (light[:, 0::2] + light[:, 1::2]).astype(np.float64)
+            total = np.add.reduceat(paired, self._starts // 2, axis=1)
+            squares = np.add.reduceat(paired**2, self._starts // 2, axis=1)
+            variance = np.maximum(squares - total**2 / pairs, 0.0) / (pairs - 1)
+            errors[first:last] = np.sqrt((variance / pairs) @ per_patch**2)
+        return sums, errors
+
+    def _summed(self, light: Float32) -> Float32:
+        weighted = light * self.weight[: self._in_sky].astype(np.float32)
+        return np.asarray(np.add.reduceat(weighted, self._starts, axis=1), np.float32)
+
+    def _light(self, rows: range, which: slice) -> Float32:
+        """(n, d): response of sensors to light along some directions, 0 where it does not come."""
+        of = np.arange(rows.start, rows.stop, rows.step) if len(rows) else np.zeros(0, np.intp)
+        first, last = which.start // WORD, -(-which.stop // WORD)
+        words = self.words[first:last][:, of]
+        bits = np.unpackbits(np.ascontiguousarray(words.T).astype("<u4").view(np.uint8), axis=1, bitorder="little")
+        inside = slice(which.start - WORD * first, which.stop - WORD * first)
+        light = response(self.receiver, self.normals[of], self.directions[which])
+        light *= bits[:, inside]
+        if self.shares is not None:
+            light *= self.shares[which][:, of].T
+        return light
+
+    def _blocks(self, count: int) -> Iterator[tuple[int, int]]:
+        step = max(1, _BLOCK // max(1, len(self.directions)))
+        for first in range(0, count, step):
+            yield first, min(first + step, count)
+
+    # The file.
+
+    def save(self, path: str | Path) -> None:
+        """Write .npz, with format number and all fields. Raises ImageError where it cannot be written."""
+        arrays: dict[str, Any] = {
+            "glpath_daylight": FORMAT,
+            **{name: getattr(self, name) for name in (*_ARRAYS, "receiver", "subdivision", "latitude", "samples")},
+        }
+        if self.shares is not None:
+            arrays["shares"] = self.shares
+        # Zeros of large files would unfold to more than a reader takes for harmless.
+        write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
+        with whole_file(path) as part, open(part, "wb") as file:
+            write(file, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> DaylightCoefficients:
+        """Read what `save` has written. Raises ImageError for other files, and for another format."""
+        remedy = "`glpath daylight` writes such a file."
+        with open_npz(path, "daylight coefficients", remedy) as arrays:
+            found = int(arrays.read("glpath_daylight", "i", ()))
+            if found != FORMAT:
+                raise ImageError(
+                    f"{path}: has daylight coefficients of format {found}; this version reads {FORMAT}.",
+                    "Compute them anew.",
+                )
+            receiver = str(arrays.read("receiver", "U", ()))
+            if receiver not in RECEIVERS:
+                raise ValueError(f"its receiver is {receiver!r}, expected one of {', '.join(RECEIVERS)}")
+            directions = arrays.read("directions", "f", (None, 3))
+            points = arrays.read("points", "f", (None, 3))
+            d, n = len(directions), len(points)
+            words = -(-d // WORD)
+            return cls(
+                points=points,
+                normals=arrays.read("normals", "f", (n, 3)),
+                receiver=receiver,
+                subdivision=int(arrays.read("subdivision", "i", ())),
+                up=arrays.read("up", "f", (3,)),
+                north=arrays.read("north", "f", (3,)),
+                latitude=float(arrays.read("latitude", "f", ())),
+                samples=int(arrays.read("samples", "i", ())),
+                directions=directions,
+                column=arrays.read("column", "i", (d,)),
+                weight=arrays.read("weight", "f", (d,)),
+                words=arrays.read("words", "u", (words, n)),
+                shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
+            )
+
+
+_ARRAYS = ("points", "normals", "up", "north", "directions", "column", "weight", "words")
+
+
+def _times(name: str, values: ArrayLike, rows: int) -> Float64:
+    """(rows, T)"""
+    found = np.asarray(values, np.float64)
+    if found.ndim == 1:
+        found = found[:, None]
+    if found.ndim != 2 or len(found) != rows:
+        raise UsageError(f"{name}: of shape {np.shape(values)} where ({rows},) or ({rows}, times) is needed")
+    return found

@@ -1,0 +1,76 @@
+"""Where up and north are in a scene: directions of the sky in its coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import UsageError
+from glpath.scene import Scene
+
+Float64 = NDArray[np.float64]
+
+# North by the axis that is up: y where that is z, and the same after the usual turn of models to y up.
+_NORTH = {0: (0.0, 1.0, 0.0), 1: (0.0, 0.0, -1.0), 2: (0.0, 1.0, 0.0)}
+
+
+@dataclass(frozen=True)
+class Compass:
+    """up, north : unit vectors of the scene, at right angles"""
+
+    up: tuple[float, float, float]
+    north: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, scene: Scene, up: ArrayLike | None = None, north: ArrayLike | None = None) -> Compass:
+        """Of a scene.
+
+        up    : (3,), by default the up of the scene's sky, or else of its camera, rounded to the nearest axis
+        north : (3,), of which only the level part counts; by default y where z is up, -z where y is up
+
+        Raises UsageError for vectors that are none, and for a north that is up or down.
+        """
+        if up is None:
+            given = np.asarray(scene.camera.up if scene.sky is None else scene.sky.up, np.float64)
+            axis = int(np.argmax(np.abs(given)))
+            upward = np.zeros(3)
+            upward[axis] = np.sign(given[axis])
+        else:
+            upward = _unit("up", up)
+        given_north = _NORTH[int(np.argmax(np.abs(upward)))] if north is None else north
+        level = _unit("north", given_north)
+        level = level - (level @ upward) * upward
+        if np.linalg.norm(level) < 1e-6:
+            raise UsageError(
+                f"north: {given_north} is along up, {tuple(upward.tolist())}.", "Give a direction that is level."
+            )
+        level /= np.linalg.norm(level)
+        return cls(_triple(upward), _triple(level))
+
+    @property
+    def world_from_sky(self) -> Float64:
+        """(3, 3): columns are east, north and up."""
+        up, north = np.array(self.up), np.array(self.north)
+        return np.stack([np.cross(north, up), north, up], axis=1)
+
+    def directions(self, azimuth: ArrayLike, sin_altitude: ArrayLike) -> Float64:
+        """(..., 3) unit, of azimuths from north over east, radians, and sines of altitudes."""
+        sine = np.asarray(sin_altitude, np.float64)
+        level = np.sqrt(np.maximum(0.0, 1.0 - sine**2))
+        around = np.asarray(azimuth, np.float64)
+        sky = np.stack(np.broadcast_arrays(level * np.sin(around), level * np.cos(around), sine), axis=-1)
+        return np.asarray(sky @ self.world_from_sky.T)
+
+
+def _unit(name: str, vector: ArrayLike) -> Float64:
+    found = np.asarray(vector, np.float64)
+    if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
+        raise UsageError(f"{name}: {vector!r} where three finite numbers are needed, not all zero")
+    return np.asarray(found / np.linalg.norm(found))
+
+
+def _triple(vector: Float64) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z

@@ -1,0 +1,125 @@
+"""Patches of the sky: Tregenza's 145, and Reinhart's subdivisions of them into 577 and 2,305.
+
+Rows run around from north over east, from the horizon up; the last patch is a cap around the zenith. Patch 0 is the
+ground, the whole lower half. That is the order of Radiance's `reinsrc.cal` with MF:1, 2, 4, so matrices fit.
+
+Source:   Tregenza 1987, Subdivision of the sky hemisphere for luminance measurements; Reinhart & Walkenhorst 2001,
+          Validation of dynamic RADIANCE-based daylight simulations for a test office.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.daylight.compass import Compass
+from glpath.errors import UsageError
+
+Float64 = NDArray[np.float64]
+
+#: Patches in each of Tregenza's rows below the cap.
+_ROWS = (30, 30, 24, 24, 18, 12, 6)
+#: Subdivisions, and how many patches the sky has with each.
+SUBDIVISIONS = {1: 145, 2: 577, 4: 2305}
+#: Directions into the ground for each that a patch of the sky has.
+_GROUND = 16
+# A lattice of two dimensions without an end, whose points are even from the first on (Roberts 2018).
+_LATTICE = (0.7548776662466927, 0.5698402909980532)
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions into patches.
+
+    directions : (D, 3) unit, those of a patch side by side
+    patch      : (D,) int, its number
+    weight     : (D,) steradians that each stands for
+    samples    : directions of a patch of the sky; the ground has 16 times as many
+    """
+
+    directions: Float64
+    patch: NDArray[np.intp]
+    weight: Float64
+    samples: int
+
+
+@dataclass(frozen=True)
+class SkyPatches:
+    """subdivision : 1, 2 or 4; see `SUBDIVISIONS`. Raises UsageError for others."""
+
+    subdivision: int = 1
+
+    def __post_init__(self) -> None:
+        if self.subdivision not in SUBDIVISIONS:
+            allowed = ", ".join(f"{key} ({count} patches)" for key, count in SUBDIVISIONS.items())
+            raise UsageError(f"subdivision {self.subdivision!r} of the sky: allowed are {allowed}.")
+
+    def __len__(self) -> int:
+        """With the ground."""
+        return 1 + SUBDIVISIONS[self.subdivision]
+
+    @cached_property
+    def bounds(self) -> Float64:
+        """(P, 4): azimuths from and to, radians, and sines of the altitude from and to; the first is the ground."""
+        m = self.subdivision
+        height = np.pi / 2 / (len(_ROWS) * m + 0.5)
+        found = [[0.0, 2 * np.pi, -1.0, 0.0]]
+        for row in range(len(_ROWS) * m):
+            count = m * _ROWS[row // m]
+            half = np.pi / count
+            low, high = np.sin(row * height), np.sin((row + 1) * height)
+            found += [[2 * half * i - half, 2 * half * i + half, low, high] for i in range(count)]
+        found.append([0.0, 2 * np.pi, np.sin(len(_ROWS) * m * height), 1.0])
+        return np.array(found)
+
+    @cached_property
+    def solid_angles(self) -> Float64:
+        """(P,) steradians; of the ground 2 pi."""
+        azimuth_from, azimuth_to, low, high = self.bounds.T
+        return np.asarray((azimuth_to - azimuth_from) * (high - low))
+
+    def centres(self, compass: Compass) -> Float64:
+        """(P, 3) unit: the middle of each patch; the nadir for the ground, the zenith for the cap."""
+        azimuth_from, azimuth_to, low, high = self.bounds.T
+        altitude = 0.5 * (np.arcsin(low) + np.arcsin(high))
+        altitude[0], altitude[-1] = -np.pi / 2, np.pi / 2
+        return compass.directions(0.5 * (azimuth_from + azimuth_to), np.sin(altitude))
+
+    def directions(self, compass: Compass, samples: int = 4, seed: int = 0) -> Directions:
+        """Directions into all patches, uniform over each.
+
+        samples : of each patch: 1, its centre, or an even number: pairs that are each other's mirror image in the
+                  patch, so that a cosine's slope over it is no error
+
+        Pairs are points of a lattice, shifted at random in each patch.
+        """
+        ground = self._in(compass, np.zeros(1, np.intp), _GROUND * max(samples, 2), seed)
+        sky = np.arange(1, len(self))
+        if samples == 1:
+            return Directions(
+                np.concatenate([ground, self.centres(compass)[1:]]),
+                np.concatenate([np.zeros(len(ground), np.intp), sky]),
+                np.concatenate([np.full(len(ground), 2 * np.pi / len(ground)), self.solid_angles[1:]]),
+                samples,
+            )
+        return Directions(
+            np.concatenate([ground, self._in(compass, sky, samples, seed)]),
+            np.concatenate([np.zeros(len(ground), np.intp), np.repeat(sky, samples)]),
+            np.concatenate(
+                [np.full(len(ground), 2 * np.pi / len(ground)), np.repeat(self.solid_angles[1:] / samples, samples)]
+            ),
+            samples,
+        )
+
+    def _in(self, compass: Compass, which: NDArray[np.intp], samples: int, seed: int) -> Float64:
+        """(len(which) * samples, 3): pairs of mirror images, one after the other."""
+        random = np.random.default_rng([seed, samples, len(which)])
+        shift = random.random((len(which), 1, 2))
+        point = (shift + np.arange(1, samples // 2 + 1)[None, :, None] * np.array(_LATTICE)) % 1.0
+        point = np.stack([point, 1.0 - point], axis=2).reshape(len(which), samples, 2)
+        azimuth_from, azimuth_to, low, high = (each[:, None] for each in self.bounds[which].T)
+        azimuth = azimuth_from + (azimuth_to - azimuth_from) * point[..., 0]
+        return compass.directions(azimuth, low + (high - low) * point[..., 1]).reshape(-1, 3)

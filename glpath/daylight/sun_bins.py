@@ -1,0 +1,93 @@
+"""Positions that stand for the sun's through the year, along its band at a latitude.
+
+The band is a rectangle of hour angles and declinations. Its bins are squares of it, as large as a limit of their
+number makes them; those below the horizon are left out, but where the sun may be up in a part of them.
+
+Poor at:  weather of a few days, whose suns are fewer than the bins.
+Source:   Cooper 1969, The absorption of radiation in solar stills, for the obliquity; McNeil 2013, The five-phase
+          method, for suns in bins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.daylight.compass import Compass
+from glpath.errors import UsageError
+
+Float64 = NDArray[np.float64]
+
+#: Degrees that the sun is north or south of the equator at most.
+OBLIQUITY = 23.45
+#: Bins at most.
+MAX_BINS = 600
+
+
+@dataclass(frozen=True)
+class SunBins:
+    """directions : (S, 3) unit, of the scene, all above the horizon
+    spacing    : degrees from a bin to the next, about
+    latitude   : degrees, positive in the north
+    """
+
+    directions: Float64
+    spacing: float
+    latitude: float
+
+    @classmethod
+    def of(cls, latitude: float, compass: Compass, count: int = MAX_BINS) -> SunBins:
+        """At most `count` bins. Raises UsageError for a latitude that is none, and a count below 1."""
+        if not -90.0 <= latitude <= 90.0:
+            raise UsageError(f"latitude {latitude:g}: must be from -90 to 90 degrees, positive in the north.")
+        if not 1 <= count <= 100_000:
+            raise UsageError(f"{count} bins of the sun: must be from 1 to 100,000.")
+        # By bisection over the rows of declinations; a single bin is what is left in the end.
+        low, high = 1, 1
+        while len(_bins(latitude, high)[0]) <= count:
+            low, high = high, 2 * high
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if len(_bins(latitude, middle)[0]) <= count else (low, middle)
+        azimuth, sine = _bins(latitude, low)
+        if len(azimuth) > count:  # fewer than a row
+            chosen = np.unique(np.linspace(0, len(azimuth) - 1, count).round().astype(int))
+            azimuth, sine = azimuth[chosen], sine[chosen]
+        return cls(compass.directions(azimuth, sine), 2.0 * OBLIQUITY / low, latitude)
+
+    def nearest(self, directions: ArrayLike) -> NDArray[np.intp]:
+        """(N,): the bin that each direction (N, 3), unit, falls into."""
+        found = np.asarray(directions, np.float64)
+        return np.concatenate(
+            [
+                np.argmax(found[first : first + 4096] @ self.directions.T, axis=1)
+                for first in range(0, len(found), 4096)
+            ]
+            or [np.zeros(0, np.intp)]
+        )
+
+
+def sun_angles(latitude: float, declination: ArrayLike, hour_angle: ArrayLike) -> tuple[Float64, Float64]:
+    """Azimuths from north over east, radians, and sines of the altitude; all angles given in radians.
+
+    hour_angle : 0 at noon, positive in the afternoon
+    """
+    d, h = np.broadcast_arrays(np.asarray(declination, np.float64), np.asarray(hour_angle, np.float64))
+    sine = np.sin(latitude) * np.sin(d) + np.cos(latitude) * np.cos(d) * np.cos(h)
+    east = -np.cos(d) * np.sin(h)
+    north = np.cos(latitude) * np.sin(d) - np.sin(latitude) * np.cos(d) * np.cos(h)
+    return np.arctan2(east, north), np.clip(sine, -1.0, 1.0)
+
+
+def _bins(latitude: float, rows: int) -> tuple[Float64, Float64]:
+    """Azimuths and sines of the altitude of the bins that `rows` of declinations make."""
+    step = 2.0 * np.radians(OBLIQUITY) / rows
+    declination = -np.radians(OBLIQUITY) + step * (np.arange(rows) + 0.5)
+    columns = max(4, round(2.0 * np.pi / step))
+    hour = 2.0 * np.pi * (np.arange(columns) + 0.5) / columns - np.pi
+    azimuth, sine = sun_angles(np.radians(latitude), declination[:, None], hour)
+    # A bin whose middle has set may still have its edge above the horizon.
+    up = sine > -np.sin(0.5 * step)
+    return azimuth[up], np.maximum(sine[up], np.sin(0.05 * step))

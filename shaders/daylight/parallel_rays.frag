@@ -1,0 +1,95 @@
+// parallel_rays.frag: whether points see out of the scene along directions that all of them share, a bit for each.
+// Lanes of a vector are neighbouring points and one direction, so their rays walk through the same nodes of the BVH.
+// With thin dielectrics: the share of light that they let through instead, by its luminance.
+// Needs:  <SCENE>, <RAY_BVH>
+// Runs over: squares of points, one above the other for each word of 32 directions; with thin dielectrics for each direction.
+// Output: the word, bit k for direction k; or the share
+// Frame:  world
+#include "gl/texels.glsl"
+#include <CONSTANTS>
+#include <SCENE>
+#include "scene/ray_bvh.glsl"
+#ifdef HAS_THIN_DIELECTRICS
+// What lobes.glsl needs for whole paths; of it only thin_transmittance is called.
+#include "scene/surface.glsl"
+#include "sampling/random.glsl"
+#include "lights/light_sample.glsl"
+#include "path/path_vertex.glsl"
+#include "bsdf/cosine.glsl"
+#include "bsdf/lobes.glsl"
+#endif
+
+TEXELS(rgba32f, point_positions);   // a: is there a point?
+TEXELS(rgba32f, point_normals);     // directions behind the plane across it are not cast; 0 where there is no plane
+TEXELS(rgba32f, shared_directions); // unit, a row of 32 for each word; a: is there a direction?
+uniform int square;                 // points along its sides
+uniform int first_direction;        // number of the first one, for random numbers
+
+// Whether a direction is before a point's plane; the ray's random numbers are set for it.
+bool is_cast(ivec2 at, vec3 normal, vec4 direction, int number)
+{
+#ifdef HAS_ALPHA
+    opacity_key = pcg(uint(at.x) + (uint(at.y) << 16u) + pcg(opacity_seed + uint(first_direction + number)));
+#endif
+    return direction.w != 0.0 && (normal == vec3(0.0) || dot(direction.xyz, normal) > 0.0);
+}
+
+#ifdef HAS_THIN_DIELECTRICS
+layout(location = 0) out float share;
+
+const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
+
+void main()
+{
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    int number = at.y / square;
+    at.y -= number * square;
+    vec4 position = texel(point_positions, at), direction = texel(shared_directions, ivec2(number & 31, number >> 5));
+    share = 0.0;
+    if (position.w == 0.0 || !is_cast(at, texel(point_normals, at).xyz, direction, number)) return;
+    if (!is_blocked(position.xyz, direction.xyz, NO_HIT, -1)) share = dot(LUMINANCE, passed_thin_dielectrics);
+}
+#else
+layout(location = 0) out uint seen;
+
+// occluder: the item that blocked the ray before, which is asked first: it blocks the next direction most often.
+bool sees_out(vec3 origin, vec3 direction, inout int occluder)
+{
+#if defined(HAS_ALPHA) || defined(HAS_INSTANCES)
+    return !is_blocked(origin, direction, NO_HIT, -1);
+#else
+    Ray ray = ray_along(origin, direction);
+    int triangle;
+    uint flags;
+    bool blocked = occluder >= 0 && meet_item(ray, max(occluder, 0), -1, triangle, flags) < NO_HIT;
+    if (!blocked) {
+        Walk walk = walk_from_root();
+        do
+        {
+            int item = next_item(walk, ray, NO_HIT);
+            float at = item < 0 ? NO_HIT : meet_item(ray, item, -1, triangle, flags);
+            blocked = at < NO_HIT;
+            occluder = blocked ? item : occluder;
+        } while (!blocked && walk_continues(walk));
+    }
+    return !blocked;
+#endif
+}
+
+void main()
+{
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    int word = at.y / square;
+    at.y -= word * square;
+    vec4 position = texel(point_positions, at);
+    vec3 normal = texel(point_normals, at).xyz;
+    seen = 0u;
+    int occluder = -1, k = 0;
+    if (position.w != 0.0) do
+    {
+        vec4 direction = texel(shared_directions, ivec2(k, word));
+        if (is_cast(at, normal, direction, 32 * word + k) && sees_out(position.xyz, direction.xyz, occluder))
+            seen |= 1u << uint(k);
+    } while (++k < 32);
+}
+#endif

@@ -1,0 +1,54 @@
+"""`glpath daylight`: the file it writes, what it prints, and wrong usage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import glpath
+from glpath.cli.main import app
+
+
+@pytest.fixture
+def sensors(tmp_path: Path) -> Path:
+    path = tmp_path / "sensors.csv"
+    path.write_text("x,y,z,nx,ny,nz\n0,0,0,0,1,0\n0.3,0.1,0.2,0,1,0\n")
+    return path
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["daylight", *map(str, arguments)])
+
+
+def test_the_command_writes_what_the_call_returns(tmp_path: Path, sensors: Path) -> None:
+    out = tmp_path / "dc.npz"
+    options = ("--samples", 2, "--latitude", 40, "--suns", 30, "--north", "1,0,0", "--resume")
+    done = run("cornell-box", "-o", out, "--points", sensors, *options)
+    assert done.exit_code == 0, done.output
+    assert "2 sensors, 145 patches of the sky and the ground, " in done.output
+    assert "sky view factor: mean" in done.output
+    found = glpath.DaylightCoefficients.load(out)
+    at, up = [[0.0, 0, 0], [0.3, 0.1, 0.2]], [0.0, 1, 0]
+    expected = glpath.daylight_coefficients(
+        "cornell-box", at, up, samples=2, latitude=40.0, suns=30, north=[1, 0, 0]
+    )
+    assert np.array_equal(found.words, expected.words)
+    assert np.allclose(found.sky(), expected.sky())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["dc.npz", "sensors.csv"]
+
+
+def test_wrong_usage_is_refused_before_anything_is_computed(tmp_path: Path, sensors: Path) -> None:
+    for wrong, text in (
+        (("-o", tmp_path / "dc.csv", "--points", sensors), ".npz"),
+        (("-o", tmp_path / "dc.npz", "--points", sensors, "--receiver", "cube"), "cube"),
+        (("-o", tmp_path / "dc.npz", "--points", sensors, "--subdivision", 3), "577 patches"),
+        (("-o", tmp_path / "dc.npz", "--points", sensors, "--latitude", 95), "from -90 to 90"),
+        (("-o", tmp_path / "dc.npz", "--points", tmp_path / "none.csv"), "none.csv"),
+    ):
+        done = run("cornell-box", *wrong)
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+    assert not (tmp_path / "dc.npz").exists()
