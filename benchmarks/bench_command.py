@@ -153,8 +153,8 @@ def bench(
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, height-field, cie171, "
-            "lightmap, jobs, parallel-rays, standard-scenes: below 1, less work; 1.",
+            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, height-field, "
+            "cie171, lightmap, jobs, parallel-rays, standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
