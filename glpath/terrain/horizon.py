@@ -81,7 +81,7 @@ class Horizon:
             tangents_at(self.field.heights, *self._pyramid, receivers, gradient, found[begin:end])
 
         self._in_parts(find, _CHUNK, "horizon angles")
-        return self._shaped(np.degrees(np.arctan(found)))
+        return np.asarray(self._shaped(np.degrees(np.arctan(found))))
 
     def sky_view_factor(self) -> Float32:
         """The share of an even sky's light that arrives, 0 to 1: weighted by the cosine to the receiver's normal.
@@ -94,7 +94,7 @@ class Horizon:
             self._sweep_sky(sums)
         else:
             self._cast_sky(sums)
-        return self._shaped(sums)
+        return np.asarray(self._shaped(sums))
 
     def sun_hours(self, azimuth: ArrayLike, altitude: ArrayLike, hours: ArrayLike = 1.0) -> Float64:
         """Hours of sun on the receivers' fronts: the sum of the hours of those suns that they see.

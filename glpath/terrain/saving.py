@@ -59,7 +59,7 @@ def save(path: str | Path, found: Horizon, values: NDArray[Any]) -> None:
             np.save(file, values)
     elif kind == ".npz":
         x, y = found.field.coordinates()
-        at = {"x": x, "y": y} if found.points is None else {"points": found.points}
+        at: dict[str, Any] = {"x": x, "y": y} if found.points is None else {"points": found.points}
         with whole_file(path) as part, part.open("wb") as file:
             np.savez_compressed(file, values=values, **at)
     else:
