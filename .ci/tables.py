@@ -139,12 +139,35 @@ def cie171() -> str:
     return "\n".join(rows) + "\n"
 
 
+#: By case, variant, point and sky: what the report prints, as other validations quote it.
+_MISPRINTED = {
+    ("5.9", "4 x 4 m", "A", 5): 46.74,
+    ("5.9", "4 x 4 m", "G", 13): 42.07,
+    ("5.11", "4 x 3 m", "A", 14): 9.65,
+    ("5.11", "4 x 3 m", "G", 14): 10.48,
+    ("5.13", "overhang 1 m", "F", 1): 7.64,
+}
+
+
+def cie171_misprints() -> str:
+    """Of the page on CIE 171: printed values that are wrong, beside the exact ones."""
+    found = {(row["case"], row["variant"], row["sky"]): row for row in result("cie171")["rows"]}
+    rows = ["| case | point | sky | printed | exact |", "|---|---|---|---|---|"]
+    for (case, variant, point, sky), printed in _MISPRINTED.items():
+        row = found[case, variant, sky]
+        rows.append(
+            f"| {case}, {variant} | {point} | {sky} | {printed} | {row['exact'][row['names'].index(point)]:.2f} |"
+        )
+    return "\n".join(rows) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
     ("docs/explanation/parallel-light.md", "parallel-rays"): parallel_rays,
     ("docs/explanation/cie171.md", "cie171"): cie171,
+    ("docs/explanation/cie171.md", "cie171-misprints"): cie171_misprints,
     ("docs/howto/materials.md", "glazing"): glazing,
     ("README.md", "speed"): speed,
 }

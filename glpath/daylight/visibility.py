@@ -35,6 +35,8 @@ from glpath.scene.instances import instanced
 
 Float64 = NDArray[np.float64]
 
+__all__ = ["visible"]
+
 #: MiB of streamed triangles on the device.
 GEOMETRY_BUDGET = 256
 

@@ -85,7 +85,7 @@ class HeightField:
             raise SceneError(
                 f"{source}: {missing:,} of {values.size:,} heights are missing, the first at row {at[0]}, column "
                 f"{at[1]}.",
-                "Fill them, or say holes=True (--holes): holes shadow nothing, and get no result.",
+                "Fill them, or say holes=True: holes shadow nothing, and get no result.",
             )
         extreme = np.abs(values) > _HIGHEST
         if extreme.any():

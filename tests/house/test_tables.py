@@ -15,7 +15,7 @@ from tests.support.code_blocks import PAGES
 from tests.support.repository import ROOT
 
 #: Tables that `.ci/tables.py` writes.
-_WRITTEN = re.compile(r"<!-- (?P<name>[\w ]+): \.ci/tables\.py writes.*?<!-- end of (?P=name) -->", re.DOTALL)
+_WRITTEN = re.compile(r"<!-- (?P<name>[\w -]+): \.ci/tables\.py writes.*?<!-- end of (?P=name) -->", re.DOTALL)
 _FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 _FIGURE = re.compile(r"[-~<]?\d[\d.,]*(e-?\d+)?( (and|to) [\d.,]+)?( ?(s|ms|µs|min|h|%|MB|GB|times))?")
 

@@ -230,7 +230,7 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     "negative radius": (shape('type = "sphere"\nradius = -2'), ["shapes[1].radius is -2", "a number above 0"]),
     "unknown type of material": (
         SPHERE + '[materials.a]\ntype = "fong"',
-        ['materials.a.type is "fong"', "one of: diffuse, phong", 'Did you mean "phong"?'],
+        ['materials.a.type is "fong"', "one of: diffuse, glazing, phong", 'Did you mean "phong"?'],
     ),
     "mirror of a diffuse material": (
         SPHERE + '[materials.a]\ntype = "diffuse"\nmirror = 0.5',

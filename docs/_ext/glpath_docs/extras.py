@@ -21,6 +21,7 @@ MEANINGS = {
     "ktx2": "glTF files whose textures are KTX 2; its decoder is an alpha version",
     "frames": "pandas and xarray: `to_pandas()` and `to_xarray()` of results",
     "mesh": "PyVista: `to_pyvista()` of results",
+    "sky": "pvlib: the sun of a site and time, clear days, and weather files",
     "terrain": "rasterio and laspy: GeoTIFF, LAS and LAZ files of terrain for `glpath horizon`",
     "flip": "the measure FLIP of `glpath diff --mode flip` and of image tests",
     "lod": "simpler meshes for `--bounce-lod`",

@@ -15,7 +15,7 @@ TASKS: dict[str, tuple[str, ...]] = {
     "The camera and the picture": ("Camera", "Orthographic", "Panorama", "CameraKey", "Film"),
     "Shapes": ("Quad", "Box", "Sphere", "Mesh", "Plane", "Patches", "Displacement", "Stream"),
     "Placing and moving shapes": ("Step", "Rotation", "Key"),
-    "Materials and textures": ("Diffuse", "Principled", "Phong", "Image", "Checker"),
+    "Materials and textures": ("Diffuse", "Principled", "Phong", "Glazing", "Image", "Checker"),
     "Light": ("Emission", "PointLight", "SpotLight", "DirectionalLight", "Sky", "Portal"),
 }
 

@@ -21,7 +21,7 @@ def sensor_points(path: Path, grid: str | None = None) -> tuple[Float64, Float64
     grids = read_model_file(path).radiance.sensor_grids or []
     location = SourceLocation(str(path))
     if not grids:
-        raise location.error("has no sensor grids.", "Lay a grid in a plane: --plane z=0.8.")
+        raise location.error("has no sensor grids.", "Lay a grid in a plane, or name points of your own.")
     chosen = [each for each in grids if grid is None or grid in (each.identifier, each.display_name)]
     if not chosen:
         names = ", ".join(each.identifier for each in grids)
