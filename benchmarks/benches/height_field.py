@@ -51,7 +51,7 @@ def hills(side: int, seed: int = 43) -> HeightField:
     while size >= 2.0:
         count = math.ceil(side / size) + 2
         octaves.append(
-            (size, (0.5 * SPACING * size**0.85 * rng.standard_normal((count, count))).astype(np.float32))
+            (size, (0.2 * SPACING * size**0.85 * rng.standard_normal((count, count))).astype(np.float32))
         )
         size /= 2
     heights = np.zeros((side, side), np.float32)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 #: Where this environment variable is set, every figure has its change.
@@ -59,7 +60,8 @@ def _area_tinted(figure: Figure) -> None:
 
 
 def _one_level(figure: Figure) -> None:
-    figure.set_facecolor((254 / 255,) * 3)
+    *colour, opacity = to_rgba(figure.get_facecolor())
+    figure.set_facecolor((*(level - 1 / 255 for level in colour), opacity))
 
 
 #: What has changed; None where nobody sees it, so that a test should pass.

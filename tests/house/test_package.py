@@ -168,6 +168,7 @@ def test_a_type_checker_takes_a_program_and_finds_a_misspelt_option(
 
 def test_the_policy_names_the_numbers_of_formats_as_they_are() -> None:
     from glpath.compare import picture
+    from glpath.daylight import coefficients
     from glpath.film import npz_file
     from glpath.radiosity import solution
     from glpath.radiosity.view_factors import result
@@ -181,5 +182,6 @@ def test_the_policy_names_the_numbers_of_formats_as_they_are() -> None:
         "version": str(job._VERSION),
         "radiosity_format": str(solution.FORMAT),
         "glpath_view_factors": str(result.FORMAT),
+        "glpath_daylight": str(coefficients.FORMAT),
         "glpath.baseline": picture._VERSION,
     }

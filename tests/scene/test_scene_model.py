@@ -32,6 +32,7 @@ from glpath.scene.model import (
     TextureSlot,
 )
 from glpath.scene.portal import Portal
+from glpath.scene.sun import Sun
 from glpath.scene.tessellate import unit_sphere
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
@@ -121,9 +122,22 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
     whole = everything()
     seen = {whole.digest(): "the scene itself"}
     reached = set()
-    mapped = replace(whole, sky=Environment(np.ones((1, 2, 3), np.float32)))
+    mapped = replace(whole, sky=Environment(np.ones((2, 2, 3), np.float32)))
     of_map = ((f".Scene.sky{path}", replace(whole, sky=sky)) for path, sky in mutations(mapped.sky))
-    for path, changed in (*mutations(whole), ("the map.Scene.sky", mapped), *of_map):
+    sun = Sun(np.array([0.0, 1.0, 0.0]), np.ones(3))
+    of_sun = [
+        (f".Scene.sky.Environment.sun.Sun.{name}", replace(sun, **{name: value}))
+        for name, value in (
+            ("direction", np.array([1.0, 0, 0])),
+            ("irradiance", np.full(3, 2.0)),
+            ("diameter", 1.0),
+        )
+    ]
+    suns = [
+        (path, replace(whole, sky=replace(mapped.sky, sun=each)))
+        for path, each in ((".Scene.sky.Environment.sun", sun), *of_sun)
+    ]
+    for path, changed in (*mutations(whole), ("the map.Scene.sky", mapped), *of_map, *suns):
         names = re.findall(r"\.([A-Z]\w*)\.(\w+)", path)
         reached.update(names)
         digest = changed.digest()
@@ -134,7 +148,7 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
             seen[digest] = path
     kinds = (
         *(Scene, Camera, CameraKey, Shape, Motion, Mesh, Material, Texture, TextureSlot),
-        *(Light, LightProfile, Sky, Environment, Background, Portal),
+        *(Light, LightProfile, Sky, Environment, Sun, Background, Portal),
     )
     assert reached == {(kind.__name__, each.name) for kind in kinds for each in fields(kind)}
 
