@@ -60,8 +60,9 @@ def _area_tinted(figure: Figure) -> None:
 
 
 def _one_level(figure: Figure) -> None:
-    *colour, opacity = to_rgba(figure.get_facecolor())
-    figure.set_facecolor((*(level - 1 / 255 for level in colour), opacity))
+    red, green, blue, opacity = to_rgba(figure.get_facecolor())
+    level = 1 / 255
+    figure.set_facecolor((red - level, green - level, blue - level, opacity))
 
 
 #: What has changed; None where nobody sees it, so that a test should pass.
