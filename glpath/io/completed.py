@@ -71,10 +71,13 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     emitters = [shape for shape in scene.shapes if shape.emits]
     is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0))
     is_lit = is_lit or (bool(emitters) if glow_is_light else _lamps_light(scene))
-    # A scene of unlit materials alone is seen without light.
+    # A scene of unlit materials alone is seen without light, but a picture of it has a background as well. A camera
+    # of its own stands where the baked surroundings were meant to be seen from, and is left alone.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
-    if needs_light and not is_lit:
-        in_studio = not is_aside("picture")
+    in_studio = not is_aside("picture")
+    if not is_lit and not needs_light and not has_camera and in_studio:
+        scene = _in_studio(scene)
+    elif not is_lit and needs_light:
         scene = _in_studio(scene) if in_studio else replace(scene, sky=uniform_sky(assumed=True))
         what = "no light but what glows faintly" if emitters else "no light"
         if not is_aside("light"):

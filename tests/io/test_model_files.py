@@ -21,6 +21,7 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film.image import decode_srgb
 from glpath.io import scene_cameras, scene_parameters
+from glpath.io.completed import aside
 from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Environment, Material, Scene, check_scene
@@ -180,7 +181,13 @@ def test_what_sends_more_than_white_is_a_lamp_and_gets_no_sky(tmp_path: Path) ->
 
 def test_what_is_unlit_is_seen_without_light_and_lights_nothing(tmp_path: Path) -> None:
     unlit = {"extensions": {"KHR_materials_unlit": {}}}
-    assert quiet(Gltf().one_triangle(**unlit).write(tmp_path)).sky is None
+    path = Gltf().one_triangle(**unlit).write(tmp_path)
+    with aside("picture"):
+        assert quiet(path).sky is None
+    pictured = quiet(path)
+    assert not any("no light" in text for text in said(path)), "it needs none"
+    assert pictured.background is not None, "else it would stand before black"
+    assert pictured.background.ground is not None
     mixed = Gltf().one_triangle(**unlit).one_triangle()
     assert quiet(mixed.write(tmp_path)).sky is not None
 
