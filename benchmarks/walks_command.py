@@ -57,7 +57,8 @@ def walks(
             rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels, system)
             row = rows[name]
             say(f"{name}: {row['reading_min']:.1f} min to read, {row['run_s']:.0f} s to run", err=True)
-    write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
+            # After each, so that one that fails loses no other.
+            write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
 
 
 def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
