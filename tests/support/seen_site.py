@@ -32,7 +32,7 @@ for (const each of document.querySelectorAll('article *')) {
   if (right > width + 1 && !scrolls(each)) found.push([each.tagName, each.className, Math.round(right)])
 }
 const root = document.documentElement
-if (root.scrollWidth > window.innerWidth) found.push(['HTML', 'scrollWidth', root.scrollWidth])
+if (root.scrollWidth > width) found.push(['HTML', 'scrollWidth', root.scrollWidth])
 return found.slice(0, 5)
 """
 
