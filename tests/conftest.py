@@ -17,6 +17,7 @@ import pytest
 from glpath.film.batches import blocks
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata
+from tests.support.repository import TESTS
 
 # A project of its own; `test_pytest_plugin` runs it.
 collect_ignore = ["example_project"]
@@ -97,6 +98,21 @@ def make_film() -> MakeFilm:
 def _path_set(index: int, height: int, width: int) -> np.ndarray:
     quanta = np.random.default_rng(index).integers(0, 2**36, (height, width, 3))
     return quanta * 2.0**-36
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What `slow.txt` names is evidence."""
+    slow = slow_tests()
+    for item in items:
+        if item.nodeid.removeprefix("tests/") in slow:
+            item.add_marker(pytest.mark.evidence)
+
+
+def slow_tests() -> frozenset[str]:
+    """Node ids without `tests/`."""
+    lines = (TESTS / "slow.txt").read_text().splitlines()
+    return frozenset(line for line in lines if line and not line.startswith("#"))
 
 
 def pytest_collection_finish() -> None:

@@ -43,6 +43,8 @@ MAX_PATHS = 1 << NUMBER_BITS
 #: Triangle numbers of up to this many bits share a float with the depth, which has all that are left. Beyond, depth
 #: would have too few levels, and the scene is scanned twice.
 MAX_PACKED_BITS = 17
+# Bits that a triangle's number gets.
+_ID_BITS = (8, 11, 14, 15, 16, MAX_PACKED_BITS)
 #: With at most so many cells a triangle, most triangles touch few, and a compute shader takes those.
 SPLIT_CELLS = 16
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
@@ -160,7 +162,9 @@ class PathBuffer(Owner):
         count = cells[0] * cells[1]
         self._stream = scene.stream
         triangles = scene.triangle_count + (self._stream.count if self._stream is not None else 0)
-        self.id_bits = max(1, (triangles - 1).bit_length())
+        bits = (triangles - 1).bit_length()
+        # In steps, so that most small scenes share their programs, which take longer to compile than to run.
+        self.id_bits = next((step for step in _ID_BITS if step >= bits), bits)
         self.occlusion = occlusion
         self.packed = self.id_bits <= MAX_PACKED_BITS and not occlusion
         self.defines: dict[str, object] = {"NOTHING_FOUND": "3e38", "VIEWS": views}

@@ -89,9 +89,12 @@ class HandedOn:
         uniform = _UNIFORM.match(line) if self._conditions.kept else None
         if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
             return line
-        name, kind, array = uniform["name"], uniform["type"], uniform["array"] or ""
+        name, kind = uniform["name"], uniform["type"]
+        # The vertex shader need not know the name of the size.
+        size = int(str(self._defines[uniform["size"]])) if uniform["array"] else 0
+        array = f"[{size}]" if size else ""
         # An element of an array has a location of its own.
-        needed = 4 * int(str(self._defines[uniform["size"]])) if array else _components(kind)
+        needed = 4 * size if size else _components(kind)
         if needed > self._left:
             return line
         self._left -= needed

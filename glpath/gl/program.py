@@ -108,8 +108,9 @@ class Source:
         self._folder = shader_folder()
         #: The files that were read, and as they were then.
         self.read: dict[Path, tuple[int, int]] = {}
-        head = "".join(f"#define {key} {value}\n" for key, value in defines.items())
-        self.text = f"{GLSL_VERSION}\n{head}{self._flatten(name, '')}"
+        body = self._flatten(name, "")
+        head = "".join(f"#define {key} {value}\n" for key, value in _mentioned(defines, body).items())
+        self.text = f"{GLSL_VERSION}\n{head}{body}"
 
     def _flatten(self, name: str, included_from: str) -> str:
         path = self._folder / name
@@ -165,6 +166,18 @@ class Source:
             return f"shaders/{self.files[number]}:{match['line']}"
 
         return _LOCATION.sub(named, log)
+
+
+def _mentioned(defines: Mapping[str, object], text: str) -> dict[str, object]:
+    """Those that a text mentions, itself or by others: what it does not ask makes no other program of it."""
+    kept: dict[str, object] = {}
+    searched = [text]
+    while searched:
+        part = searched.pop()
+        found = {key: value for key, value in defines.items() if key not in kept and key in part}
+        kept |= found
+        searched += [str(value) for value in found.values()]
+    return {key: value for key, value in defines.items() if key in kept}
 
 
 def _stamp(path: Path) -> tuple[int, int]:

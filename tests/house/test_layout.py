@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import slow_tests
 from tests.support.repository import ROOT, TESTS
 
 #: Of no room: the repository, whole pictures, the witnesses against each other, a project of its own.
@@ -38,3 +39,11 @@ def test_a_misplaced_one_is_found(file: str):
 @pytest.mark.parametrize("file", ["io/gltf/test_a.py", "benchmarks/peers/test_a.py", "pictures/test_a.py"])
 def test_one_in_its_room_is_not(file: str):
     assert has_room(Path(file))
+
+
+def test_each_slow_test_is_there():
+    named = {line.split("[")[0] for line in slow_tests()}
+    assert len(named) > 100
+    texts = {file: (TESTS / file).read_text() for file in {line.split("::")[0] for line in named}}
+    missing = [line for line in sorted(named) if f"def {line.split('::')[-1]}(" not in texts[line.split("::")[0]]]
+    assert missing == []
