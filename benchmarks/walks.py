@@ -7,7 +7,7 @@ page from its first line to the end of one. Code counts as words do, at 200 word
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,15 +19,14 @@ MAX_MINUTES = 5
 LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
 
 #: Lines of the shell that are not run, by a pattern: why.
-SKIPPED = {
-    r"^apt-get\b": "the system's packages are there",
-    r"^#SBATCH\b": "needs Slurm",
-    r"^make\b": "sets up a checkout; the walk has the wheel",
-}
+SKIPPED = {r"^make\b": "sets up a checkout; the walk has the wheel"}
+#: That is not run either, unless the machine is the walk's own.
+SYSTEM = {r"^apt-get\b": "changes the machine"}
 #: Programs that wait for a person: what does the same without one.
-REPLACED = {r"^jupyter lab (\S+)": r"jupyter execute \1"}
+REPLACED = {r"^jupyter lab (\S+)": r"jupyter execute \1", r"^apt-get install": "apt-get install -y"}
 
-_FENCE = re.compile(r"^```(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
+#: A block of code of a page: its language and its text.
+FENCE = re.compile(r"^```(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Reading:
             section = self.text.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
             if not section:
                 raise LookupError(f"{self.page}: has no section {title!r} before the end of {self.until!r}")
-            for found in _FENCE.finditer(section):
+            for found in FENCE.finditer(section):
                 yield found["kind"], found["text"], section[: found.start()]
 
 
@@ -101,16 +100,25 @@ def words_of(text: str) -> int:
     return sum(any(c.isalnum() for c in word) for word in shown.split())
 
 
-def lines_of(block: str) -> Iterator[str]:
-    """Commands of a block of the shell, without comments; none of a script for a scheduler."""
-    if any(line.startswith("#SBATCH") for line in block.splitlines()):
-        return
+def commands_of(block: str, not_run: Iterable[str]) -> Iterator[str]:
+    """Commands of a block of the shell, without comments and what matches one of the patterns `not_run`."""
     for line in re.sub(r"\\\n", " ", block).splitlines():
         command = re.sub(r"(^|\s)#.*", "", line).strip()
-        if command and not any(re.search(pattern, command) for pattern in SKIPPED):
-            for pattern, instead in REPLACED.items():
-                command = re.sub(pattern, instead, command)
+        if command and not any(re.search(pattern, command) for pattern in not_run):
             yield command
+
+
+def lines_of(block: str, system: bool = False) -> Iterator[str]:
+    """Commands of a block as a walk runs them; none of a script for a scheduler.
+
+    system : with those that install packages of the system
+    """
+    if any(line.startswith("#SBATCH") for line in block.splitlines()):
+        return
+    for command in commands_of(block, SKIPPED if system else {**SKIPPED, **SYSTEM}):
+        for pattern, instead in REPLACED.items():
+            command = re.sub(pattern, instead, command)
+        yield command
 
 
 def file_of(kind: str, text: str, before: str) -> str:

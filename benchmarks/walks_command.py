@@ -1,7 +1,7 @@
 """`python -m benchmarks walks`: from the README's first line to a result, in an empty folder, as six readers go.
 
-The wheel is built, and each walk has an environment of its own, in which pip installs what the pages say. Homes are
-empty, so that shaders and kernels are compiled. Only pip keeps its cache and its settings.
+The wheel is built as `make wheel` does, and each walk makes the environment and installs what the pages say. Homes
+are empty, so that shaders and kernels are compiled. Only pip keeps its cache and its settings.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,10 +26,11 @@ from benchmarks.walks import LAMP, MAX_MINUTES, ROOT, WALKS, Walk, file_of, line
 from glpath.errors import GlpathError, UsageError
 from glpath.system.files import write_bytes
 from glpath.system.terminal import say
-from glpath.system.versions import versions
 
 RESULT = Path("benchmarks/results/walks.json")
 _SECONDS = 1800
+_PACKAGES = ("glpath", "moderngl", "numpy", "numba")
+_INSTALLERS = ("apt-get ", "python3 -m venv ", "pip ")
 
 
 def walks(
@@ -38,6 +38,9 @@ def walks(
         list[str] | None, typer.Argument(metavar="[NAME]...", help="Some of them; all by default.")
     ] = None,
     result: Annotated[Path, typer.Option(metavar="FILE", help="Where the result goes.")] = RESULT,
+    system: Annotated[
+        bool, typer.Option("--system", help="Run apt-get too: of a machine that may be changed.")
+    ] = False,
 ) -> None:
     """Follow the documentation as six readers would, and write how long each takes to a result.
 
@@ -51,10 +54,11 @@ def walks(
     with tempfile.TemporaryDirectory() as folder:
         wheels = built_wheel(Path(folder))
         for name in names or known:
-            rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels)
+            rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels, system)
             row = rows[name]
             say(f"{name}: {row['reading_min']:.1f} min to read, {row['run_s']:.0f} s to run", err=True)
-    write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
+            # After each, so that one that fails loses no other.
+            write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
 
 
 def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
@@ -73,30 +77,29 @@ def built_wheel(folder: Path) -> Path:
     return folder / "dist"
 
 
-def walked(walk: Walk, folder: Path, wheels: Path) -> dict[str, Any]:
+def walked(walk: Walk, folder: Path, wheels: Path, system: bool = False) -> dict[str, Any]:
     """Run all that a walk's pages say, and return its row. Raises GlpathError where a command fails."""
-    venv.create(folder / ".venv", with_pip=True)
-    (folder / "home").mkdir()
+    (folder / "home").mkdir(parents=True)
     shutil.copytree(wheels, folder / "dist")
     bring(walk.brought, folder)
     environment = environment_of(folder)
-    spent = dict.fromkeys(("install_s", "install_processor_s", "run_s", "run_processor_s"), 0.0)
+    spent = dict.fromkeys(("install_s", "run_s", "processor_s"), 0.0)
     commands = 0
     for reading in walk.readings:
-        for command in prepared(list(reading.blocks()), folder):
-            installs = command.startswith("pip ")
+        for command in prepared(list(reading.blocks()), folder, system):
+            installs = command.startswith(_INSTALLERS)
             home = {} if installs else {"HOME": str(folder / "home")}
-            what = "install" if installs else "run"
             start, before = time.perf_counter(), processor_s()
             run_line(f"{walk.name}: {reading.page}", command, folder, {**environment, **home})
-            spent[f"{what}_s"] += time.perf_counter() - start
-            spent[f"{what}_processor_s"] += processor_s() - before
+            spent["install_s" if installs else "run_s"] += time.perf_counter() - start
+            spent["processor_s"] += processor_s() - before
             commands += 1
     if not (folder / walk.result).exists():
         raise GlpathError(f"walks: {walk.name} ends without {walk.result}")
     return {
         "name": walk.name,
         "reader": walk.reader,
+        "versions": installed(folder / ".venv" / "bin" / "python"),
         "pages": ", ".join(Path(reading.page).name for reading in walk.readings),
         "lines": walk.lines,
         "words": walk.words,
@@ -105,6 +108,21 @@ def walked(walk: Walk, folder: Path, wheels: Path) -> dict[str, Any]:
         **spent,
         "result": walk.result,
     }
+
+
+def installed(python: Path) -> dict[str, str]:
+    """The versions of an environment's Python and of what renders in it."""
+    code = "; ".join(
+        (
+            "import json, platform",
+            "from importlib.metadata import version",
+            f"found = {{name: version(name) for name in {_PACKAGES}}}",
+            "print(json.dumps({'Python': platform.python_version(), **found}))",
+        )
+    )
+    done = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True)
+    found: dict[str, str] = json.loads(done.stdout)
+    return found
 
 
 def processor_s() -> float:
@@ -129,20 +147,22 @@ def bring(names: Sequence[str], folder: Path) -> None:
 
 
 def environment_of(folder: Path) -> dict[str, str]:
-    """That of this process, in which the walk's own environment of Python comes first."""
+    """That of this process, in which the environment of Python that the walk makes comes first."""
     left_out = ("PYTHONPATH", "PYTHONHOME", "CI", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MESA_SHADER_CACHE_DIR")
     kept = {name: value for name, value in os.environ.items() if name not in left_out}
-    links = f"{kept.get('PIP_FIND_LINKS', '')} {folder / 'dist'}".strip()
     path = os.pathsep.join([str(folder / ".venv" / "bin"), kept.get("PATH", os.defpath)])
-    return {**kept, "PATH": path, "VIRTUAL_ENV": str(folder / ".venv"), "PIP_FIND_LINKS": links}
+    return {**kept, "PATH": path, "VIRTUAL_ENV": str(folder / ".venv")}
 
 
-def prepared(blocks: Sequence[tuple[str, str, str]], folder: Path) -> list[str]:
-    """The commands of blocks, in order; scenes and tests that they need are written first."""
+def prepared(blocks: Sequence[tuple[str, str, str]], folder: Path, system: bool = False) -> list[str]:
+    """The commands of blocks, in order; scenes and tests that they need are written first.
+
+    system : with those that install packages of the system
+    """
     commands = []
     for kind, text, before in blocks:
         if kind == "sh":
-            commands += list(lines_of(text))
+            commands += list(lines_of(text, system))
         elif kind in ("toml", "python"):
             name = file_of(kind, text, before)
             if name == "walk.py":
@@ -158,6 +178,7 @@ def run_line(where: str, command: str, folder: Path, environment: Mapping[str, s
         ["sh", "-e", "-c", command],
         cwd=folder,
         env=dict(environment),
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         check=False,
@@ -174,13 +195,12 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
     measured = {
         "walks": float(len(rows)),
         "longest_reading_min": max(row["reading_min"] for row in rows),
-        "processor_s": math.fsum(row["install_processor_s"] + row["run_processor_s"] for row in rows),
+        "processor_s": math.fsum(row["processor_s"] for row in rows),
     }
     rule = (Condition("longest_reading_min", "<=", float(MAX_MINUTES)),)
     claim, holds = judge("from the README's first line to a result in five minutes of reading", rule, measured)
     found = machine(get_context().info.renderer)
-    named = {"Python": sys.version.split()[0], **versions("glpath", "moderngl", "numpy", "numba")}
-    return Report("walks", claim, measured, holds, list(rows), found, named)
+    return Report("walks", claim, measured, holds, list(rows), found, rows[-1]["versions"])
 
 
 def register(app: typer.Typer) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
+import glpath
 from benchmarks import walks_command
 from benchmarks.walks import MAX_MINUTES, WALKS, Reading, Walk, file_of, lines_of, words_of
 from glpath import GlpathError
@@ -33,8 +35,9 @@ def test_a_page_is_linked_where_the_reader_is(walk: Walk) -> None:
 def test_what_a_walk_runs_installs_and_makes_the_result(walk: Walk) -> None:
     blocks = [block for reading in walk.readings for block in reading.blocks()]
     commands = [line for kind, text, _ in blocks if kind == "sh" for line in lines_of(text)]
-    assert commands[0].startswith("pip install")
-    assert any(not command.startswith("pip ") for command in commands)
+    assert commands[0].startswith("python3 -m venv .venv ")
+    assert commands[1].startswith("pip install ")
+    assert any(not command.startswith(("python3 ", "pip ")) for command in commands)
     assert not any(command.startswith(("apt-get", "make", "jupyter lab")) for command in commands)
     for name in walk.brought:
         assert any(name in text for _, text, _ in blocks), name
@@ -66,6 +69,7 @@ def test_lines_are_commands_without_comments() -> None:
     )
     found = [" ".join(line.split()) for line in lines_of(text)]
     assert found == ['pip install "glpath[bake]"', "glpath render a -o b", "jupyter execute a.ipynb"]
+    assert next(lines_of(text, system=True)) == "apt-get install -y a"
     assert list(lines_of("#!/bin/bash\n#SBATCH --array=0-15\nglpath render a -o b\n")) == []
 
 
@@ -96,11 +100,15 @@ def test_a_command_that_fails_says_where(tmp_path: Path) -> None:
 def test_a_walk_has_an_environment_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("PYTHONPATH", "CI"):
         monkeypatch.setenv(name, "1")
-    monkeypatch.setenv("PIP_FIND_LINKS", "/wheels")
     found = walks_command.environment_of(tmp_path)
     assert not {"PYTHONPATH", "CI"} & set(found)
-    assert found["PATH"].startswith(str(tmp_path / ".venv" / "bin"))
-    assert found["PIP_FIND_LINKS"] == f"/wheels {tmp_path / 'dist'}"
+    assert found["PATH"].startswith(str(tmp_path / ".venv" / "bin") + os.pathsep)
+
+
+def test_versions_are_those_of_the_environment() -> None:
+    found = walks_command.installed(Path(sys.executable))
+    assert found["Python"] == sys.version.split()[0]
+    assert found["glpath"] == glpath.__version__
 
 
 @pytest.mark.evidence
@@ -109,4 +117,4 @@ def test_all_walks_end_with_their_results(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "walks.json").read_text("utf-8"))
     assert [row["name"] for row in found["rows"]] == [walk.name for walk in WALKS]
     assert found["holds"] is True
-    assert found["versions"]["Python"] == sys.version.split()[0]
+    assert found["versions"] == found["rows"][-1]["versions"]

@@ -39,6 +39,22 @@ def test_examples_of_docstrings_run(name: str, tmp_path: Path, monkeypatch: pyte
     assert result.failed == 0
 
 
+# ---- the changelog -----------------------------------------------------------------------------------------------
+
+
+def test_the_changelog_has_the_form_of_keep_a_changelog() -> None:
+    """Version 1.1.0: the newest release first, each with a date, and six kinds of changes."""
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert text.startswith("# Changelog\n")
+    releases = re.findall(r"^## (.+)$", text, re.MULTILINE)
+    assert releases[0] == "[Unreleased]"
+    assert [each for each in releases[1:] if not re.fullmatch(r"\[\d+\.\d+\.\d+\] - \d{4}-\d\d-\d\d", each)] == []
+    for release in re.split(r"^## .+$", text, flags=re.MULTILINE)[1:]:
+        kinds = re.findall(r"^### (.+)$", release, re.MULTILINE)
+        assert len(set(kinds)) == len(kinds)
+        assert set(kinds) <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+
+
 # ---- links -------------------------------------------------------------------------------------------------------
 
 

@@ -251,6 +251,10 @@ def test_a_table_has_the_numbers_of_the_result_and_its_machine(results: Path) ->
     made = results_table(["speed"], columns_of(["ours, s: ours_s .2f", "holds: holds"]), False, results)
     assert "| 0.12 | yes |" in made
     assert "Measured on 2 cores of a CPU, llvmpipe, glpath 0.1.0." in made
+    other = (results / "speed.json").read_text("utf-8").replace("a CPU", "another")
+    (results / "again.json").write_text(other)
+    made = results_table(["speed", "again"], columns_of(["name: name"]), False, results)
+    assert "Measured on 2 cores of a CPU, llvmpipe, glpath 0.1.0; and on 2 cores of another, llvmp" in made
     assert "| 2 | 1.5 |" in results_table(["speed"], columns_of(["n: size", "s: s .1f"]), True, results)
 
 

@@ -38,15 +38,16 @@ def test_no_page_is_wider_than_a_phone(site: seen_site.Site) -> None:
 
 
 def test_pictures_are_there_and_have_a_text_and_words_can_be_read(site: seen_site.Site) -> None:
-    missing, faint = {}, {}
+    missing, faint, cut = {}, {}, {}
     for page in seen_site.pages(site.folder):
         site.look(page, "desk", "light")
-        missing[page] = site.without_text()
+        missing[page], cut[page] = site.without_text(), site.wider()
         for theme in seen_site.THEMES:
             site.set_theme(theme)
             faint[page, theme] = site.faint()
     assert {page: one for page, one in missing.items() if one} == {}
     assert {page: one for page, one in faint.items() if one} == {}
+    assert {page: one for page, one in cut.items() if one} == {}, "wider than a desk"
 
 
 def test_what_is_wrong_is_found(site: seen_site.Site, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,14 +9,12 @@ from pathlib import Path
 import trimesh
 
 import glpath
-from benchmarks.walks import LAMP
+from benchmarks.walks import FENCE, LAMP, commands_of
 from tests.support.honeybee_model import two_rooms
 from tests.support.honeybee_model import write as write_honeybee
 from tests.support.repository import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-
-_FENCE = re.compile(r"^```(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^```[ \t]*$", re.MULTILINE | re.DOTALL)
 
 #: Languages that say nothing to a program.
 PROSE = ("", "text")
@@ -46,6 +43,7 @@ NOT_RUN = {
 LINES_NOT_RUN = {
     r"\b(apt-get|pip) install\b": "changes the machine",
     r"^make\b": "sets a checkout up",
+    r"^python3 -m venv\b": "makes an environment for what pip installs",
     r"^python -m benchmarks\b": "tests of benchmarks run it",
     r"\bdocker\b": "needs Docker",
     r"^srun\b|^sbatch\b": "needs Slurm",
@@ -86,10 +84,7 @@ class Block:
 
     def commands(self) -> Iterator[str]:
         """Lines of a shell block that are run, without their comments."""
-        for line in re.sub(r"\\\n", " ", self.text).splitlines():
-            command = re.sub(r"(^|\s)#.*", "", line).strip()
-            if command and not any(re.search(pattern, command) for pattern in LINES_NOT_RUN):
-                yield command
+        return commands_of(self.text, LINES_NOT_RUN)
 
 
 def blocks_of(page: Path) -> list[Block]:
@@ -97,7 +92,7 @@ def blocks_of(page: Path) -> list[Block]:
     text = page.read_text("utf-8")
     return [
         Block(page, text.count("\n", 0, found.start()) + 2, found["kind"], found["text"])
-        for found in _FENCE.finditer(text)
+        for found in FENCE.finditer(text)
         if not text[found.start() + 3 :].startswith("{")
     ]
 

@@ -16,7 +16,7 @@ from typing import Any
 from tests.support import browser
 
 #: (width, height) in CSS pixels, by what one reads on.
-SCREENS = {"phone": (390, 844), "desk": (1280, 900)}
+SCREENS = {"phone": (390, 844), "desk": (1440, 900)}
 THEMES = ("light", "dark")
 
 #: What sticks out of the window to the right and is not in a box that scrolls: (tag, class, right edge) of each.
@@ -32,7 +32,7 @@ for (const each of document.querySelectorAll('article *')) {
   if (right > width + 1 && !scrolls(each)) found.push([each.tagName, each.className, Math.round(right)])
 }
 const root = document.documentElement
-if (root.scrollWidth > window.innerWidth) found.push(['HTML', 'scrollWidth', root.scrollWidth])
+if (root.scrollWidth > width) found.push(['HTML', 'scrollWidth', root.scrollWidth])
 return found.slice(0, 5)
 """
 

@@ -62,7 +62,7 @@ def page(name: str, command: Any, above: Any) -> str:
     everyday: frozenset[str] = getattr(command, "everyday", frozenset())
     if everyday:
         rows = [
-            (code(", ".join([*each.opts, *each.secondary_opts])), help_of(about))
+            (", ".join(map(code, [*each.opts, *each.secondary_opts])), help_of(about))
             for each, (_, about) in options
             if each.name in everyday or each.required
         ]

@@ -29,6 +29,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from glpath_docs.markdown import table
 
+_ON = "Measured on "
 RESULTS = Path(__file__).resolve().parents[3] / "benchmarks" / "results"
 _COLUMN = re.compile(r"(?P<title>.+):\s+(?:\"(?P<quoted>[^\"]+)\"|(?P<key>\S+))(?:\s+(?P<format>\S+))?")
 
@@ -114,8 +115,8 @@ def results_table(names: Sequence[str], columns: Sequence[Column], rows: bool, f
         for name, each in found.items()
         for record in records(name, each, rows)
     ]
-    sources = "; ".join(dict.fromkeys(source(each) for each in found.values()))
-    return f"{table([column.title for column in columns], body)}\n{sources}.\n"
+    sources = "; and on ".join(dict.fromkeys(source(each).removeprefix(_ON) for each in found.values()))
+    return f"{table([column.title for column in columns], body)}\n{_ON}{sources}.\n"
 
 
 def source(found: Mapping[str, Any]) -> str:
@@ -127,7 +128,7 @@ def source(found: Mapping[str, Any]) -> str:
     said = ", ".join(part for part in parts if part)
     if not said:
         raise MissingResultError(f"{found.get('name', 'a result')}: does not say on which machine it was measured")
-    return f"Measured on {said}" + (f", {found['date']}" if "date" in found else "")
+    return f"{_ON}{said}" + (f", {found['date']}" if "date" in found else "")
 
 
 class Results(SphinxDirective):
@@ -143,7 +144,11 @@ class Results(SphinxDirective):
         for name in names:
             self.env.note_dependency(str(RESULTS / f"{name}.json"))
         text = results_table(names, columns_of(list(self.content)), "rows" in self.options)
-        return self.parse_text_to_nodes(text)
+        made = self.parse_text_to_nodes(text)
+        for each in made:
+            if isinstance(each, nodes.table):
+                each["classes"].append("numbers")
+        return made
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
