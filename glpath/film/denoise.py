@@ -31,6 +31,8 @@ _BEYOND = 16
 _SMOOTH, _EDGES = 0.004, 0.1
 # The smaller network: of albedo and normals as good as the large one, in half the time.
 _SOON: Flags = {"quality": "OIDN_QUALITY_BALANCED"}
+# The smallest: of two halves that are only compared. Their difference is 5 % less, in half the time again.
+_SOONEST: Flags = {"quality": "OIDN_QUALITY_FAST"}
 
 
 def require_denoiser() -> Any:
@@ -98,14 +100,14 @@ def is_free_of_noise(guide: ArrayLike) -> bool:
 
 
 def soon_denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
-    """As `denoised`, by a smaller network and guides as they are: a third of the time, 3 to 8 % more error."""
+    """As `denoised`, by the smallest network and guides as they are: a fifth of the time, for what is only compared."""
     oidn = require_denoiser()
     images = {
         oidn.OIDN_IMAGE_COLOR: radiance,
         oidn.OIDN_IMAGE_ALBEDO: albedo,
         oidn.OIDN_IMAGE_NORMAL: normal,
     }
-    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", _SOON | {"hdr": True})
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", _SOONEST | {"hdr": True})
 
 
 def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
