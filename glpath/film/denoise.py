@@ -100,7 +100,7 @@ def is_free_of_noise(guide: ArrayLike) -> bool:
 
 
 def soon_denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
-    """As `denoised`, by the smallest network and guides as they are: a fifth of the time, for what is only compared."""
+    """As `denoised`, by the smallest network and guides as they are: a quarter of the time, only to compare."""
     oidn = require_denoiser()
     images = {
         oidn.OIDN_IMAGE_COLOR: radiance,
