@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from glpath.daylight.compute import DaylightProgress
     from glpath.daylight.receivers import Receiver
 
-_POINTS, _SKY = "Points", "Sun and sky"
+_POINTS, _SKY, _BOUNCES = "Points", "Sun and sky", "Reflected light"
 _RECEIVERS = ("plane", "cylinder", "sphere")
 
 
@@ -96,6 +96,20 @@ def daylight(
     suns: Annotated[
         int, typer.Option(metavar="N", help="Positions of the sun at most.", rich_help_panel=_SKY)
     ] = 600,
+    max_depth: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Surfaces that light meets, the sensor among them, at most: 1 is direct light; all.",
+            rich_help_panel=_BOUNCES,
+        ),
+    ] = None,
+    elements: Annotated[
+        int, typer.Option(metavar="N", help="Of the surfaces, about.", rich_help_panel=_BOUNCES)
+    ] = 2000,
+    gather_rays: Annotated[
+        int, typer.Option(metavar="N", help="Of each sensor, for reflected light.", rich_help_panel=_BOUNCES)
+    ] = 1024,
     north: Annotated[
         str | None,
         typer.Option(metavar="X,Y,Z", help="Default: y where z is up, -z where y is up.", rich_help_panel=_SKY),
@@ -106,7 +120,8 @@ def daylight(
     run: RunRequest,
 ) -> None:
     """Daylight coefficients: the irradiance of each sensor for unit radiance of each patch of the sky and of the
-    ground, and for unit irradiance by the sun in each of its positions. Direct light alone.
+    ground, and for unit irradiance by the sun in each of its positions. With all reflections, by a solution to
+    which all surfaces are diffuse.
 
     Patches are Tregenza's, or Reinhart's subdivisions, in the order of Radiance's reinsrc (MF:1, 2, 4). Sensors may
     lie on surfaces or be free. The scene needs neither camera nor light.
@@ -138,6 +153,9 @@ def daylight(
                 latitude=latitude,
                 suns=suns,
                 receiver=cast("Receiver", receiver),
+                max_depth=max_depth,
+                elements=elements,
+                gather_rays=gather_rays,
                 north=vector("--north", north),
                 seed=seed,
                 resume=part,
@@ -179,6 +197,12 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
         lit = found.sky_sums > 0
         if lit.any():
             yield f"  standard error of a row's sum: {100 * np.median(relative[lit]):.2g} % in the median"
+    if found.indirect is None:
+        yield "  direct light alone"
+    else:
+        direct = np.concatenate([found.direct_sky(slice(a, a + 1024)).sum(1) for a in range(0, len(found), 1024)])
+        share = 1.0 - direct.sum() / max(float(found.sky_sums.sum()), 1e-30)
+        yield f"  {100 * share:.0f} % of the light under a uniform sky is reflected"
     if found.dark:
         yield f"  {found.dark:,} sensors see nothing at all: inside of solids, or below the ground"
 
@@ -186,7 +210,9 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
 def _event(progress: DaylightProgress) -> ProgressEvent:
     rays = progress.done * progress.sensors
     speed = f", {rays / progress.elapsed_s / 1e6:,.3g} million rays/s" if progress.elapsed_s > 0 and rays else ""
-    text = f"{progress.done:,} of {progress.total:,} directions{speed}"
+    text = (
+        f"{progress.done:,} of {progress.total:,} directions{speed}" if progress.stage == "rays" else progress.stage
+    )
     return ProgressEvent(
         stage=progress.stage,
         elapsed_s=progress.elapsed_s,

@@ -1,8 +1,8 @@
 """Daylight coefficients: what each patch of the sky, and the sun in each of its positions, gives to a sensor.
 
-The matrix is kept as it was found: a bit for each sensor and direction, and the geometry from which the
-coefficients follow. It is 32 to 128 times smaller than the matrix in floats, and nothing of it is lost. Rows of
-floats are made block by block where they are needed.
+Direct light is kept as it was found: a bit for each sensor and direction, and the geometry from which the
+coefficients follow. It is 32 to 128 times smaller than the matrix in floats, and nothing of it is lost. Reflected
+light is a product of two smaller matrices. Rows of floats are made block by block where they are needed.
 
 Source:   Tregenza & Waters 1983, Daylight coefficients; McNeil & Lee 2013, A validation of the Radiance three-phase
           simulation method.
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.daylight.compass import Compass
+from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.errors import ImageError, UsageError
@@ -30,8 +31,8 @@ from glpath.system.npz import open_npz
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: Of the file; see CONTRIBUTING.md.
-FORMAT = 1
+#: Of the file; see CONTRIBUTING.md. Format 1 has no reflected light, and is read as well.
+FORMAT = 2
 # Floats of a block of rows: 64 MiB.
 _BLOCK = 1 << 24
 # Bytes of words from which on the file is not compressed.
@@ -40,7 +41,7 @@ _PLAIN = 1 << 27
 
 @dataclass(frozen=True, eq=False)
 class DaylightCoefficients:
-    """Direct coefficients of sensors.
+    """Coefficients of sensors.
 
     points, normals : (N, 3) float64, scene units; unit normals, a cylinder's axes
     receiver    : "plane", "cylinder" or "sphere"
@@ -53,6 +54,7 @@ class DaylightCoefficients:
     weight      : (D,) steradians of a direction of ground and sky, 1 of a sun
     words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
     shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
+    indirect    : what comes after one reflection or more; None of direct light alone
     """
 
     points: Float64
@@ -68,6 +70,7 @@ class DaylightCoefficients:
     weight: Float64
     words: NDArray[np.uint32]
     shares: NDArray[np.float16] | None = None
+    indirect: Indirect | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -90,14 +93,22 @@ class DaylightCoefficients:
 
     def sky(self, rows: slice = slice(None)) -> Float32:
         """(n, P) float32: irradiance of some sensors for unit radiance of the ground and each patch."""
+        return self._with_indirect(self.direct_sky(rows), rows, slice(0, len(self.patches)))
+
+    def sun(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: irradiance for unit irradiance across the sun's direction, of some sensors."""
+        return self._with_indirect(self.direct_sun(rows), rows, slice(len(self.patches), None))
+
+    def direct_sky(self, rows: slice = slice(None)) -> Float32:
+        """(n, P) float32: as `sky`, without what surfaces reflect."""
         chosen = range(len(self))[rows]
         found = np.empty((len(chosen), len(self.patches)), np.float32)
         for first, last in self._blocks(len(chosen)):
             found[first:last] = self._summed(self._light(chosen[first:last], slice(0, self._in_sky)))
         return found
 
-    def sun(self, rows: slice = slice(None)) -> Float32:
-        """(n, S) float32: irradiance for unit irradiance across the sun's direction, of some sensors."""
+    def direct_sun(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: as `sun`, without what surfaces reflect."""
         return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
 
     def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
@@ -136,10 +147,12 @@ class DaylightCoefficients:
 
     @cached_property
     def standard_errors(self) -> Float64:
-        """(N,) float64, of `sky_sums`, one standard deviation: by the spread of pairs of directions in each patch.
+        """(N,) float64, of `sky_sums`, one standard deviation: by the spread of pairs of directions in each patch,
+        and by that of the rays that gather reflected light.
 
         Directions are of a lattice, so it is too large rather than too small. All sensors have the same directions:
-        errors of neighbours are alike. NaN below four samples of a patch.
+        errors of neighbours are alike. What the solution of the elements has wrong is not in it. NaN below four
+        samples of a patch.
         """
         return self._sums[1]
 
@@ -148,7 +161,10 @@ class DaylightCoefficients:
         """(N,) float64: sky view factors: the share of the irradiance under a white sky, the ground black, that an
         open level plane has."""
         return np.concatenate(
-            [self.sky(slice(a, b))[:, 1:].sum(axis=1, dtype=np.float64) / np.pi for a, b in self._blocks(len(self))]
+            [
+                self.direct_sky(slice(a, b))[:, 1:].sum(axis=1, dtype=np.float64) / np.pi
+                for a, b in self._blocks(len(self))
+            ]
         )
 
     @cached_property
@@ -183,7 +199,17 @@ class DaylightCoefficients:
             squares = np.add.reduceat(paired**2, self._starts // 2, axis=1)
             variance = np.maximum(squares - total**2 / pairs, 0.0) / (pairs - 1)
             errors[first:last] = np.sqrt((variance / pairs) @ per_patch**2)
+        if self.indirect is not None:
+            in_sky = slice(0, len(self.patches))
+            of_sides = self.indirect.radiosity[:, in_sky].sum(axis=1, dtype=np.float64)
+            sums += self.indirect.weights @ of_sides
+            errors = np.hypot(errors, self.indirect.errors)
         return sums, errors
+
+    def _with_indirect(self, direct: Float32, rows: slice, columns: slice) -> Float32:
+        if self.indirect is not None:
+            direct += self.indirect.rows(np.arange(len(self))[rows], columns)
+        return direct
 
     def _summed(self, light: Float32) -> Float32:
         weighted = light * self.weight[: self._in_sky].astype(np.float32)
@@ -217,6 +243,8 @@ class DaylightCoefficients:
         }
         if self.shares is not None:
             arrays["shares"] = self.shares
+        if self.indirect is not None:
+            arrays |= self.indirect.arrays()
         # Zeros of large files would unfold to more than a reader takes for harmless.
         write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
@@ -228,9 +256,9 @@ class DaylightCoefficients:
         remedy = "`glpath daylight` writes such a file."
         with open_npz(path, "daylight coefficients", remedy) as arrays:
             found = int(arrays.read("glpath_daylight", "i", ()))
-            if found != FORMAT:
+            if not 1 <= found <= FORMAT:
                 raise ImageError(
-                    f"{path}: has daylight coefficients of format {found}; this version reads {FORMAT}.",
+                    f"{path}: has daylight coefficients of format {found}; this version reads 1 to {FORMAT}.",
                     "Compute them anew.",
                 )
             receiver = str(arrays.read("receiver", "U", ()))
@@ -254,6 +282,7 @@ class DaylightCoefficients:
                 weight=arrays.read("weight", "f", (d,)),
                 words=arrays.read("words", "u", (words, n)),
                 shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
+                indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
             )
 
 

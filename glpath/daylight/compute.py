@@ -1,4 +1,4 @@
-"""Daylight coefficients computed: rays from all sensors along all directions, word by word."""
+"""Daylight coefficients computed: rays of all sensors along all directions; then what is reflected."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.daylight.bounces import DEFAULT_ELEMENTS, GATHER_RAYS, POINTS, ReflectingSides, gathered, solved
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
 from glpath.daylight.kept_words import KeptWords
@@ -19,7 +21,7 @@ from glpath.daylight.receivers import RECEIVERS, Receiver
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.sun_bins import MAX_BINS, SunBins
 from glpath.daylight.visibility import PointVisibility
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warn
 from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
@@ -27,6 +29,7 @@ from glpath.io.completed import aside
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.rendering.options import check_word
 from glpath.rendering.points import checked_points
+from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
 
@@ -59,6 +62,9 @@ def daylight_coefficients(
     latitude: float | None = None,
     suns: int = MAX_BINS,
     receiver: Receiver = "plane",
+    max_depth: int | None = None,
+    elements: int = DEFAULT_ELEMENTS,
+    gather_rays: int = GATHER_RAYS,
     up: ArrayLike | None = None,
     north: ArrayLike | None = None,
     seed: int = 0,
@@ -69,10 +75,11 @@ def daylight_coefficients(
     device: int | None = None,
     require_gpu: bool = False,
 ) -> DaylightCoefficients:
-    """What each patch of the sky, the ground and the sun in each of its positions give to sensors, directly.
+    """What each patch of the sky, the ground and the sun in each of its positions give to sensors.
 
-    Direct light alone: reflected light is none of it. Windows of thin glass let through what their material says,
-    of surfaces with an opacity a share, at random.
+    Windows of thin glass let through what their material says, of surfaces with an opacity a share, at random.
+    Reflected light is that of a radiosity solution, to which all surfaces are diffuse, gathered by rays of
+    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light alone, with a SceneWarning.
 
     Parameters
     ----------
@@ -84,6 +91,9 @@ def daylight_coefficients(
     latitude    : degrees, positive in the north, for positions of the sun; None for none
     suns        : positions of the sun at most
     receiver    : "plane", "cylinder" (whose axis the normal is) or "sphere": see `glpath.daylight.receivers`
+    max_depth   : surfaces and the sensor that light meets, at most: 1 is direct light; None for all there are
+    elements    : of the surfaces, about; a triangle has one at least
+    gather_rays : of each sensor, for reflected light
     up, north   : (3,); by default the up of the scene, and y where z is up, -z where y is
     seed        : of the directions in the patches
     resume      : a file that keeps what is done, word by word, and from which another call with the same sensors
@@ -95,7 +105,8 @@ def daylight_coefficients(
     ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words.
 
     Cost:     0.05 to 0.2 microseconds of a core for each sensor and direction; memory of 4 bytes for each sensor
-              and word of 32 directions.
+              and word of 32 directions. Reflected light: some seconds for the solution, a microsecond for each ray
+              of a sensor, and 8 bytes for each element that a sensor sees.
     Poor at:  patches that are seen through small openings: take more samples of each.
 
     >>> found = daylight_coefficients("cornell-box", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], samples=2)
@@ -104,6 +115,11 @@ def daylight_coefficients(
     """
     started = time.perf_counter()
     check_word("receiver", receiver, RECEIVERS)
+    for name, value in (("elements", elements), ("gather_rays", gather_rays)):
+        if not (isinstance(value, int) and value >= 1):
+            raise UsageError(f"{name}: {value!r} where a whole number from 1 is needed")
+    if not (max_depth is None or (isinstance(max_depth, int) and max_depth >= 1)):
+        raise UsageError(f"max_depth: {max_depth!r} where None or a whole number from 1 is needed")
     if not (isinstance(samples, int) and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES))):
         raise UsageError(f"samples: {samples!r} where 1 or an even number up to {MAX_SAMPLES} is needed")
     if normals is None:
@@ -114,6 +130,10 @@ def daylight_coefficients(
     patches = SkyPatches(subdivision)
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)
+    reflects = max_depth != 1
+    if reflects and path_traceable(loaded.still(), streams=True).shapes.total("stream"):
+        warn(f"{loaded.source or loaded.name}: has a stream, so there is direct light alone.")
+        reflects = False
     compass = Compass.of(loaded, up, north)
     of_sky = patches.directions(compass, samples, seed)
     sun = np.zeros((0, 3)) if latitude is None else SunBins.of(latitude, compass, suns).directions
@@ -155,23 +175,79 @@ def daylight_coefficients(
             report("rays", min(WORD * done, len(directions)))
             if flag:
                 raise KeyboardInterrupt
+        direct = DaylightCoefficients(
+            points=positions,
+            normals=facing,
+            receiver=receiver,
+            subdivision=subdivision,
+            up=np.array(compass.up),
+            north=np.array(compass.north),
+            latitude=float("nan") if latitude is None else float(latitude),
+            samples=samples,
+            directions=directions,
+            column=column,
+            weight=weight,
+            words=found,
+            shares=None if shares is None else shares.reshape(words * WORD, count),
+        )
+        if not reflects:
+            total = direct
+        else:
+            report("elements", len(directions))
+            scene_in_triangles = path_traceable(loaded.still())
+            sides = ReflectingSides(scene_in_triangles, elements)
+            radiosity = _radiosity(context.gl, loaded, sides, direct, max_depth, seed)
+            if flag:
+                raise KeyboardInterrupt
+
+            def gathering(done: int) -> None:
+                report("gathering", len(directions))
+                if flag:
+                    raise KeyboardInterrupt
+
+            shift = scene_in_triangles.origin - loaded.origin
+            indirect = gathered(
+                sides, radiosity, positions - shift, facing, receiver, len(patches), gather_rays, seed, gathering
+            )
+            total = replace(direct, indirect=indirect)
         if kept is not None:
             kept.remove()
-    return DaylightCoefficients(
-        points=positions,
-        normals=facing,
-        receiver=receiver,
-        subdivision=subdivision,
-        up=np.array(compass.up),
-        north=np.array(compass.north),
-        latitude=float("nan") if latitude is None else float(latitude),
-        samples=samples,
-        directions=directions,
-        column=column,
-        weight=weight,
-        words=found,
-        shares=None if shares is None else shares.reshape(words * WORD, count),
+    return total
+
+
+def _radiosity(
+    gl: moderngl.Context,
+    scene: Scene,
+    sides: ReflectingSides,
+    like: DaylightCoefficients,
+    max_depth: int | None,
+    seed: int,
+) -> NDArray[np.float32]:
+    """(R, C) float32: of the sides, for each column of `like`."""
+    columns = len(like.patches) + len(like.suns)
+    if not len(sides):
+        return np.zeros((0, columns), np.float32)
+    shift = path_traceable(scene.still()).origin - scene.origin
+    points = sides.points + shift
+    words = -(-len(like.directions) // WORD)
+    with PointVisibility(gl, scene, points, sides.normals) as rays:
+        seen = list(rays.see_out(like.directions))
+    shares = [each.share for each in seen if each.share is not None]
+    of_points = replace(
+        like,
+        points=points,
+        normals=sides.normals,
+        receiver="plane",
+        words=np.stack([each.word for each in seen]),
+        shares=np.concatenate(shares).reshape(words * WORD, len(points)) if shares else None,
     )
+    direct = np.empty((len(sides), columns), np.float32)
+    step = 1024
+    for first in range(0, len(sides), step):
+        part = slice(POINTS * first, POINTS * min(first + step, len(sides)))
+        light = np.concatenate([of_points.direct_sky(part), of_points.direct_sun(part)], axis=1)
+        direct[first : first + step] = light.reshape(-1, POINTS, columns).mean(axis=1)
+    return solved(sides, direct, max_depth, seed)
 
 
 def _key(scene: str, points: Float64, normals: Float64, directions: Float64, receiver: str) -> str:

@@ -26,6 +26,7 @@ def run(*arguments: object) -> Result:
 def test_the_command_writes_what_the_call_returns(tmp_path: Path, sensors: Path) -> None:
     out = tmp_path / "dc.npz"
     options = ("--samples", 2, "--latitude", 40, "--suns", 30, "--north", "1,0,0", "--resume")
+    options += ("--elements", 60, "--gather-rays", 256)
     done = run("cornell-box", "-o", out, "--points", sensors, *options)
     assert done.exit_code == 0, done.output
     assert "2 sensors, 145 patches of the sky and the ground, " in done.output
@@ -33,10 +34,11 @@ def test_the_command_writes_what_the_call_returns(tmp_path: Path, sensors: Path)
     found = glpath.DaylightCoefficients.load(out)
     at, up = [[0.0, 0, 0], [0.3, 0.1, 0.2]], [0.0, 1, 0]
     expected = glpath.daylight_coefficients(
-        "cornell-box", at, up, samples=2, latitude=40.0, suns=30, north=[1, 0, 0]
+        "cornell-box", at, up, samples=2, latitude=40.0, suns=30, north=[1, 0, 0], elements=60, gather_rays=256
     )
     assert np.array_equal(found.words, expected.words)
     assert np.allclose(found.sky(), expected.sky())
+    assert "of the light under a uniform sky is reflected" in done.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dc.npz", "sensors.csv"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,14 @@ from benchmarks.peers import radiance as radiance_peer
 from benchmarks.scenes.city import City
 from glpath.daylight import compute
 from glpath.daylight.coefficients import DaylightCoefficients
-from glpath.daylight.compute import DaylightProgress, daylight_coefficients
+from glpath.daylight.compute import DaylightProgress
 from glpath.daylight.visibility import visible
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.io import scene_from_dict
 
 Float64 = NDArray[np.float64]
+# Reflected light has tests of its own.
+daylight_coefficients = partial(compute.daylight_coefficients, max_depth=1)
 VIEW = {"position": [0, -9, 2], "target": [0, 0, 0], "up": [0, 0, 1]}
 
 

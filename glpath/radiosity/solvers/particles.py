@@ -120,7 +120,7 @@ def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
 
 
 @inner_kernel
-def _random(state):  # type: ignore[no-untyped-def]
+def next_random(state):  # type: ignore[no-untyped-def]
     """The next of a sequence of numbers in [0, 1): splitmix64 (Steele et al. 2014). Returns state and number."""
     state += np.uint64(0x9E3779B97F4A7C15)
     z = state
@@ -142,8 +142,8 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
     if len(lamps.cdf) == 0 and len(starts.triangle) == 0:
         return hits
     o, d, w, found = work[0], work[1], work[2], work[3]
-    state, _ = _random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
-    state, _ = _random(state ^ (np.uint64(number) << np.uint64(32)))
+    state, _ = next_random(np.uint64(seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(number))
+    state, _ = next_random(state ^ (np.uint64(number) << np.uint64(32)))
     for particle in range(BATCH):
         if particle < len(starts.triangle):
             triangle, back = starts.triangle[particle], starts.back[particle]
@@ -158,11 +158,11 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
             part = 0 if triangle < 0 else 1
             leaves = d[0] == 0 and d[1] == 0 and d[2] == 0
         else:
-            state, u = _random(state)
+            state, u = next_random(state)
             which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
             triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # direct, until it is reflected
-            state, u = _random(state)
-            state, v = _random(state)
+            state, u = next_random(state)
+            state, v = next_random(state)
             root = np.sqrt(u)
             for k in range(3):
                 o[k] = corners[which, k] + root * ((1 - v) * corners[which, 3 + k] + v * corners[which, 6 + k])
@@ -208,7 +208,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 survival = max(survival, reflectance[back, triangle, k] + through)
                 reflected = max(reflected, reflectance[back, triangle, k])
                 across = max(across, through)
-            state, u = _random(state)
+            state, u = next_random(state)
             chance, hit_surface = survival, u < surfaces.opacity[triangle]
             if is_glass and hit_surface:
                 # As a path of the shaders: mirrored, transmitted, or at the diffuse part of the base.
@@ -216,7 +216,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 mirrored, left = at_glass(glass, triangle, abs(along), inside)
                 clear = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
                 through = clear * left
-                state, u = _random(state)
+                state, u = next_random(state)
                 if u < mirrored + through:
                     passed += 1
                     if passed > _MAX_THROUGH:
@@ -245,7 +245,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 chance = survival / (rest * surfaces.opacity[triangle])
             if is_culled and not surfaces.from_eye and back == 0:
                 # It is reflected, and what is behind is lit as well: one of both, with the energy of both.
-                state, u = _random(state)
+                state, u = next_random(state)
                 for k in range(3):
                     w[k] *= 1 + chance
                 if u * (1 + chance) >= chance:
@@ -264,7 +264,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 part = 1
                 if across > 0:
                     share = across / (reflected + across)
-                    state, u = _random(state)
+                    state, u = next_random(state)
                     if u < share:
                         for k in range(3):
                             w[k] *= surfaces.transmittance[back, triangle, k] / (survival * share)
@@ -309,8 +309,8 @@ def _bin(normal, d):  # type: ignore[no-untyped-def]
 @kernel_part
 def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
     """Fill d with a direction by the cosine about a side's normal: a point of the unit sphere about its tip."""
-    state, u = _random(state)
-    state, v = _random(state)
+    state, u = next_random(state)
+    state, v = next_random(state)
     z = 1 - 2 * u
     r = np.sqrt(max(0.0, 1 - z * z))
     sign = -1.0 if back else 1.0
