@@ -44,8 +44,8 @@ DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
 POINTS = 4
 #: Sides up to which the matrix is dense: 144 MB.
 DENSE = 6000
-# Of the largest column's sum, by which a sparse solution changes at last; and reflections at most.
-_CHANGE, _MOST = 1e-4, 500
+# Of the largest column's sum, by which a sparse solution changes at last; and the limit of reflections.
+_CHANGE, _MAX_REFLECTIONS = 1e-4, 500
 
 
 class ReflectingSides:
@@ -140,7 +140,7 @@ def solved(sides: ReflectingSides, direct: Float32, max_depth: int | None, seed:
     if len(sides) <= DENSE:
         system = np.eye(len(sides), dtype=np.float32) - (sent @ between).toarray()
         return np.asarray(linalg.solve(system, first, overwrite_a=True, check_finite=False), np.float32)
-    return _series(sent, between, first, _MOST)
+    return _series(sent, between, first, _MAX_REFLECTIONS)
 
 
 def _series(sent: Any, between: Any, first: Float32, reflections: int) -> Float32:

@@ -1,7 +1,7 @@
 """What rays from points first meet of a scene's elements: the weights by which those light the points.
 
 Rays go by the cosine from a plane, all around from a cylinder or a sphere, in strata of batches. Glass mirrors them
-and lets them through, what is partly opaque lets them pass, both by chance, as in the radiosity solver.
+and lets them through, what is partly opaque lets them pass, both stochastically, as in the radiosity solver.
 
 Cost:     about a microsecond of a core for each ray.
 """
