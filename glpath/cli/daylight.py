@@ -38,6 +38,8 @@ def register(app: typer.Typer) -> None:
         ("glpath daylight city.glb -o dc.npz --points sensors.csv", "145 patches of the sky"),
         ("glpath daylight city.glb -o dc.npz --points sensors.csv --latitude 51.5", "and the suns of the year"),
         ("glpath daylight office.toml -o dc.npz --points desk.csv --subdivision 4 --resume", "2,305 patches"),
+        everyday="scene out points normal receiver subdivision samples latitude suns max_depth north resume device "
+        "parameters quiet",
     )
     epilog = (
         "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
