@@ -113,7 +113,7 @@ class Lock:
     def _acquire(self) -> None:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         while True:
-            descriptor = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            descriptor = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o666)
             try:
                 if self._enter(descriptor):
                     self._descriptor, descriptor = descriptor, -1

@@ -22,7 +22,10 @@ pytestmark = browser.marks("sphinx", "furo")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[seen_site.Site]:
     folder = Path(os.environ.get("SITE", tmp_path_factory.mktemp("site") / "html")).resolve()
     if "SITE" not in os.environ:
-        assert build(folder, folder.parent / "work", ROOT / "out" / "notebooks") == 0
+        stored = ROOT / "out" / "notebooks"
+        if not stored.is_dir():
+            pytest.skip("`make test` stores the results of the notebooks, without which there is no whole site")
+        assert build(folder, folder.parent / "work", stored) == 0
     with browser.chrome() as driver:
         yield seen_site.Site(driver, folder)
 

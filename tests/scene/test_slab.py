@@ -50,7 +50,11 @@ def test_transmittance_at_normal_incidence_is_the_one_that_is_given() -> None:
 
 @pytest.mark.evidence  # needs the reference extra
 def test_shares_of_clear_glass_beside_mitsuba() -> None:
-    """Mitsuba's thindielectric, by the chances of its two directions."""
+    """Mitsuba's thindielectric, by the chances of its two directions.
+
+    It takes the mean of both polarizations before it adds the beams up, where each goes on as it is: up to 3.5 %
+    less light, and straight ahead the same.
+    """
     mitsuba = pytest.importorskip("mitsuba")
     mitsuba.set_variant("scalar_rgb")
     glass = mitsuba.load_dict({"type": "thindielectric", "int_ior": 1.52, "ext_ior": 1.0})
@@ -59,7 +63,13 @@ def test_shares_of_clear_glass_beside_mitsuba() -> None:
         hit.wi = mitsuba.Vector3f(float(np.sqrt(1 - cosine**2)), 0.0, cosine)
         sampled, _ = glass.sample(mitsuba.BSDFContext(), hit, 0.999999, mitsuba.Point2f(0.5, 0.5), True)
         assert sampled.wo.z < 0
-        assert float(sampled.pdf) == pytest.approx(float(slab(cosine, 1.52, 1.0)[1]), rel=1e-4)
+        within = np.sqrt(1 - (1 - cosine**2) / 1.52**2)
+        across = (cosine - 1.52 * within) / (cosine + 1.52 * within)
+        along = (1.52 * cosine - within) / (1.52 * cosine + within)
+        mixed = (across**2 + along**2) / 2
+        assert float(sampled.pdf) == pytest.approx(1 - 2 * mixed / (1 + mixed), rel=1e-4)
+        excess = float(slab(cosine, 1.52, 1.0)[1]) / float(sampled.pdf) - 1
+        assert -1e-4 < excess < (1e-4 if cosine == 1 else 0.035)
 
 
 def test_light_from_everywhere() -> None:

@@ -44,7 +44,8 @@ LINES_NOT_RUN = {
     r"\b(apt-get|pip) install\b": "changes the machine",
     r"^make\b": "sets a checkout up",
     r"^python3 -m venv\b": "makes an environment for what pip installs",
-    r"^python -m benchmarks\b": "tests of benchmarks run it",
+    r"\bpython -m benchmarks\b": "tests of benchmarks run it",
+    r"^npm install\b": "needs a network",
     r"\bdocker\b": "needs Docker",
     r"^srun\b|^sbatch\b": "needs Slurm",
     r"--cluster (?!local)": "needs a cluster",
@@ -126,7 +127,7 @@ def write_models(folder: Path) -> None:
         "shapes": [seat],
         "lights": [{"type": "point", "position": [0, 3, 2], "intensity": 10}],
     }
-    for name in ("model.glb", "chair.glb", "parlour.glb"):
+    for name in ("model.glb", "chair.glb", "parlour.glb", "city.glb"):
         glpath.export(scene, folder / name)
 
 

@@ -16,7 +16,7 @@ SMALLER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("--resolution", "--spp", "--noise", "--clean", "--time-limit", "--crop"),
         ("--resolution", "24x16"),
     ),
-    "lightmap": (("--size", "--spp", "--noise", "--clean"), ("--size", "64", "--spp", "2")),
+    "lightmap": (("--size", "--spp", "--noise", "--clean"), ("--size", "512", "--spp", "2")),
     "measure": (("--spp", "--noise"), ("--spp", "4")),
     "probes": (("--spp", "--noise", "--grid"), ("--spp", "2", "--grid", "2x2x2")),
     "radiosity": (("--patches", "--particles"), ("--patches", "100")),

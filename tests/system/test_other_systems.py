@@ -19,8 +19,10 @@ from tests.support.repository import ROOT
 FCNTL = "import sys; sys.modules['fcntl'] = None"
 RESOURCE = "import sys; sys.modules['resource'] = None"
 SIGUSR1 = "import signal; del signal.SIGUSR1"
-CALLS = """
-import os, sys
+# Systems without these have no fcntl either.
+CALLS = f"""
+{FCNTL}
+import os
 hidden = "O_CLOEXEC O_NONBLOCK O_DIRECTORY pread pwrite sched_getaffinity fork register_at_fork"
 for name in hidden.split():
     delattr(os, name)
