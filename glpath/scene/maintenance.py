@@ -51,8 +51,6 @@ def maintained(scene: Scene, factor: float | None) -> Scene:
 
 def factors_of(scene: Scene) -> list[float]:
     """Those of all lamps, 1 where none was given, in the order of punctual lights, then shapes that emit."""
-    lamps = [
-        *(light for light in scene.lights if light.kind != "directional"),
-        *(s for s in scene.shapes if s.emits),
-    ]
+    lamps: list[Light | Shape] = [light for light in scene.lights if light.kind != "directional"]
+    lamps += [shape for shape in scene.shapes if shape.emits]
     return [1.0 if lamp.maintenance_factor is None else lamp.maintenance_factor for lamp in lamps]

@@ -6,6 +6,7 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from tests.io.test_vtk import arrays
 pytest.importorskip("matplotlib")
 
 CANDELA = 500.0
-ROOM = {
+ROOM: dict[str, Any] = {
     "unit": "photometric",
     "camera": {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40},
     "materials": {"black": {"reflectance": 0}},
@@ -38,7 +39,7 @@ ROOM = {
 def lux(points: np.ndarray) -> np.ndarray:
     """0.8 of it, below the lamp."""
     to_lamp = np.array([0, 0, 2]) - points
-    return 0.8 * CANDELA * to_lamp[:, 2] / np.linalg.norm(to_lamp, axis=1) ** 3
+    return np.asarray(0.8 * CANDELA * to_lamp[:, 2] / np.linalg.norm(to_lamp, axis=1) ** 3)
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +188,7 @@ def test_a_model_says_what_it_leaves_out(tmp_path: Path) -> None:
 
 def test_a_factor_is_of_the_lamps_that_have_none_and_of_no_sky() -> None:
     """Closed forms: candela over the distance squared; a small panel far away; a sky of radiance 1."""
-    base = {**ROOM, "shapes": ROOM["shapes"][:1]}  # type: ignore[index]
+    base = {**ROOM, "shapes": ROOM["shapes"][:1]}
     other = {"type": "point", "position": [0, 0, 4], "intensity": 1600, "maintenance_factor": 0.5}
     panel = {
         "type": "quad",
@@ -195,21 +196,21 @@ def test_a_factor_is_of_the_lamps_that_have_none_and_of_no_sky() -> None:
         "emission": {"radiance": 1e6},
         "material": "black",
     }
-    at: dict[str, object] = {"points": [[0, 0, 0]], "normals": [0, 0, 1], "max_depth": 1, "spp": 16}
-    scene = {**base, "lights": [*ROOM["lights"], other]}  # type: ignore[misc]
-    (one,) = glpath.irradiance(scene, maintenance_factor=0.8, **at).illuminance()  # type: ignore[arg-type]
+    at: dict[str, Any] = {"points": [[0, 0, 0]], "normals": [0, 0, 1], "max_depth": 1, "spp": 16}
+    scene = {**base, "lights": [*ROOM["lights"], other]}
+    (one,) = glpath.irradiance(scene, maintenance_factor=0.8, **at).illuminance()
     assert one == pytest.approx(0.8 * CANDELA / 4 + 0.5 * 1600 / 16, rel=1e-4)
-    (plain,) = glpath.irradiance(scene, **at).illuminance()  # type: ignore[arg-type]
+    (plain,) = glpath.irradiance(scene, **at).illuminance()
     assert plain == pytest.approx(CANDELA / 4 + 0.5 * 1600 / 16, rel=1e-4)
-    bright = {**base, "shapes": [*base["shapes"], panel], "lights": []}  # type: ignore[misc]
-    (shape,) = glpath.irradiance(bright, maintenance_factor=0.8, **at).illuminance()  # type: ignore[arg-type]
+    bright = {**base, "shapes": [*base["shapes"], panel], "lights": []}
+    (shape,) = glpath.irradiance(bright, maintenance_factor=0.8, **at).illuminance()
     assert shape == pytest.approx(0.8 * 1e6 * 0.01 / 100, rel=1e-3)
     own = {**panel, "emission": {"radiance": 1e6, "maintenance_factor": 0.5}}
-    bright["shapes"] = [*base["shapes"], own]  # type: ignore[misc]
-    (shape,) = glpath.irradiance(bright, maintenance_factor=0.8, **at).illuminance()  # type: ignore[arg-type]
+    bright["shapes"] = [*base["shapes"], own]
+    (shape,) = glpath.irradiance(bright, maintenance_factor=0.8, **at).illuminance()
     assert shape == pytest.approx(0.5 * 1e6 * 0.01 / 100, rel=1e-3)
     sky = {**base, "lights": [], "sky": {"zenith": 1}}
-    (open_ground,) = glpath.irradiance(sky, maintenance_factor=0.8, **{**at, "spp": 256}).illuminance()  # type: ignore[arg-type]
+    (open_ground,) = glpath.irradiance(sky, maintenance_factor=0.8, **{**at, "spp": 256}).illuminance()
     assert open_ground == pytest.approx(np.pi, rel=0.02)
 
 

@@ -26,7 +26,10 @@ UNEVEN = np.array([0, 20, 90, 100, 180, 250, 270, 280.0])
 def web(c: Float64, gamma: Float64) -> Float64:
     """(C, gamma) of a luminaire without any symmetry."""
     c, gamma = np.radians(c)[:, None], np.radians(gamma)[None]
-    return 90 + 40 * np.cos(c + 0.4) * np.sin(gamma) + 20 * np.sin(2 * c) * np.sin(gamma) ** 2 + 10 * np.cos(gamma)
+    found: Float64 = (
+        90 + 40 * np.cos(c + 0.4) * np.sin(gamma) + 20 * np.sin(2 * c) * np.sin(gamma) ** 2 + 10 * np.cos(gamma)
+    )
+    return found
 
 
 # By symmetry: the planes that are stored, and for any C the one among them that it is like.
@@ -193,10 +196,10 @@ def test_a_lamp_of_a_scene_lights_the_floor_as_its_ies_file_does(tmp_path: Path)
             {"type": "quad", "corners": [[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]], "material": "grey"}
         ],
     }
-    points = [[0, 0, 0], [1, 0.5, 0]]
+    points = np.array([[0, 0, 0], [1, 0.5, 0]])
     found = []
     for name in ("a.ldt", "a.ies"):
-        lamp = {"type": "point", "position": [0, 0, 2], "profile": str(tmp_path / name)}
+        lamp: dict[str, Any] = {"type": "point", "position": [0, 0, 2], "profile": str(tmp_path / name)}
         found.append(glpath.irradiance({**scene, "lights": [lamp]}, points, [0, 0, 1], spp=1, max_depth=1))
     np.testing.assert_array_equal(found[0].values, found[1].values)
     assert found[0].illuminance()[0] == pytest.approx(3 * 62.5, rel=1e-4)
