@@ -132,11 +132,11 @@ def _lamps(scene: Scene) -> Iterator[str]:
         position = ", ".join(f"{x:.4g}" for x in lamp.get("position", ()))
         factor = lamp.get("maintenance_factor", 1.0)
         rows.append(
-            (lamp["name"], lamp["kind"], position, "" if lumens is None else f"{lumens:,.4g}", f"{factor:g}")
+            (lamp["name"], lamp["kind"], position, "" if lumens is None else _lumens(lumens), f"{factor:g}")
         )
     yield _list(("name", "kind", "position", "lm, maintained", "maintenance factor"), rows[:_LAMP_ROWS], 3)
     more = f"the first {_LAMP_ROWS} of {len(rows):,}; " if len(rows) > _LAMP_ROWS else ""
-    yield f'<p class="quiet">{more}all together {total:,.4g} lm, as far as a flux is known.</p>'
+    yield f'<p class="quiet">{more}all together {_lumens(total)} lm, as far as a flux is known.</p>'
 
 
 def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
@@ -172,6 +172,10 @@ def _colours(values: np.ndarray[Any, Any], top: float) -> tuple[list[list[str]],
 
 def _lux(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def _lumens(value: float) -> str:
+    return f"{value:,.0f}" if value >= 1000 else f"{value:.4g}"
 
 
 def _table_of_points(measured: Measured) -> Iterator[str]:

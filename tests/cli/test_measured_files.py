@@ -103,7 +103,7 @@ def test_a_report_has_the_figures_the_lamps_and_the_values_on_the_plan(measured:
     assert told["EN 12464-1"] == "9 x 6 points or more for 6 x 4 m; this grid has fewer"
     assert told["light"] == "1 punctual light (maintenance factor 0.8)"
     (lamp,) = (row for row in page.rows if row and row[0] == "lamp <1>")
-    assert lamp[1:] == ["point", "0, 0, 2", f"{4 * np.pi * 0.8 * CANDELA:,.4g}", "0.8"]
+    assert lamp[1:] == ["point", "0, 0, 2", f"{4 * np.pi * 0.8 * CANDELA:,.0f}", "0.8"]
     # The plan: its first row is the grid's last.
     rows = [row for row in page.rows if row and row[0].startswith("y ")]
     assert [row[0] for row in rows] == ["y 1.5", "y 0.5", "y -0.5", "y -1.5"]
