@@ -29,7 +29,7 @@ from glpath.scene.model import Float64, Scene
 class Facets:
     """Flat faces in space, each with a value, which colours it.
 
-    corners  : (F, K, 3) float64, of triangles (K = 3) or quadrilaterals (4), around
+    corners  : (F, 4, 3) float64, around; a triangle has its last corner twice
     quantity : what the values are of, such as illuminance
     values   : (F,) float64; NaN where there is none
     unit     : of the values
@@ -51,20 +51,26 @@ class Facets:
         """The value of the last colour; the first is of 0."""
         return float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
 
+    @property
+    def _triangular(self) -> NDArray[np.bool_]:
+        return np.asarray((self.corners[:, 2] == self.corners[:, 3]).all(axis=1))
+
     def to_vtk(self, data: Mapping[str, Any] | None = None) -> VtkMesh:
         """Polygons with values on them: their own, or others by name, each (F,) or (F, k)."""
-        count, sides, _ = self.corners.shape
-        numbers = np.arange(count * sides).reshape(count, sides).tolist()
+        numbers = [
+            [first, first + 1, first + 2] if three else [first, first + 1, first + 2, first + 3]
+            for first, three in zip(range(0, 4 * len(self.corners), 4), self._triangular.tolist(), strict=True)
+        ]
         shown = {self.quantity: self.values} if data is None else data
         return VtkMesh(self.corners.reshape(-1, 3), numbers, cell_data=shown)
 
     def add_to(self, file: Glb, origin: Float64) -> None:
         """Put them into a file whose coordinates are relative to an origin (3,)."""
-        count, sides, _ = self.corners.shape
         colours = decode_srgb(false_colours(self.values, self.top))
         position = (self.corners - origin).reshape(-1, 3).astype(np.float32)
-        first = sides * np.arange(count)[:, None]
-        faces = np.stack([first + np.array([0, i, i + 1]) for i in range(1, sides - 1)], axis=1)
+        first = 4 * np.arange(len(self.corners))[:, None]
+        halves = np.array([[0, 1, 2]]), np.array([[0, 2, 3]])
+        faces = np.concatenate([first + halves[0], first[~self._triangular] + halves[1]])
         file.materials.append(
             gltf_json.Material(
                 name="false colours",
@@ -76,7 +82,7 @@ class Facets:
         primitive = gltf_json.Primitive(
             attributes={
                 "POSITION": file.add_array(position, bounds=True),
-                "COLOR_0": file.add_array(np.repeat(colours, sides, axis=0).astype(np.float32)),
+                "COLOR_0": file.add_array(np.repeat(colours, 4, axis=0).astype(np.float32)),
             },
             indices=file.add_array(faces.astype(np.uint32).ravel(), indices=True),
             material=len(file.materials) - 1,
