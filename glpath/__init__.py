@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from glpath.compare import relative_mse
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.compute import daylight_coefficients
+    from glpath.daylight.year import DaylightYear, daylight_year
     from glpath.errors import (
         ContextError,
         GlpathError,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 _HOME = {
     "ContextError": "errors",
     "DaylightCoefficients": "daylight.coefficients",
+    "DaylightYear": "daylight.year",
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
@@ -75,6 +77,7 @@ _HOME = {
     "Views": "rendering.views",
     "camera": "scene.camera_matrices",
     "daylight_coefficients": "daylight.compute",
+    "daylight_year": "daylight.year",
     "element_error": "rendering",
     "export": "io.export",
     "horizon": "terrain.horizon",
@@ -96,6 +99,7 @@ _HOME = {
 __all__ = [
     "ContextError",
     "DaylightCoefficients",
+    "DaylightYear",
     "ElementError",
     "Film",
     "GlpathError",
@@ -121,6 +125,7 @@ __all__ = [
     "__version__",
     "camera",
     "daylight_coefficients",
+    "daylight_year",
     "element_error",
     "export",
     "horizon",

@@ -114,6 +114,18 @@ class DaylightCoefficients:
         """(n, S) float32: as `sun`, without what surfaces reflect."""
         return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
 
+    def sunlight(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: the share of the sun's light that arrives from each position, whatever angle it falls at.
+
+        0 of positions behind a plane.
+        """
+        return self._arrives(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+
+    def indirect_sun(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: as `sun`, what surfaces reflect alone."""
+        nothing = np.zeros((len(range(len(self))[rows]), len(self.suns)), np.float32)
+        return self._with_indirect(nothing, rows, slice(len(self.patches), None))
+
     def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
         """(N, T) float64: of all sensors at T times.
 
@@ -220,16 +232,21 @@ class DaylightCoefficients:
 
     def _light(self, rows: range, which: slice) -> Float32:
         """(n, d): response of sensors to light along some directions, 0 where it does not come."""
-        of = np.arange(rows.start, rows.stop, rows.step) if len(rows) else np.zeros(0, np.intp)
+        light = self._arrives(rows, which)
+        light *= response(self.receiver, self.normals[np.array(rows, np.intp)], self.directions[which])
+        return light
+
+    def _arrives(self, rows: range, which: slice) -> Float32:
+        """(n, d): the share of light that arrives along some directions."""
+        of = np.array(rows, np.intp)
         first, last = which.start // WORD, -(-which.stop // WORD)
         words = self.words[first:last][:, of]
         bits = np.unpackbits(np.ascontiguousarray(words.T).astype("<u4").view(np.uint8), axis=1, bitorder="little")
         inside = slice(which.start - WORD * first, which.stop - WORD * first)
-        light = response(self.receiver, self.normals[of], self.directions[which])
-        light *= bits[:, inside]
+        found = bits[:, inside].astype(np.float32)
         if self.shares is not None:
-            light *= self.shares[which][:, of].T
-        return light
+            found *= self.shares[which][:, of].T
+        return found
 
     def _blocks(self, count: int) -> Iterator[tuple[int, int]]:
         step = max(1, _BLOCK // max(1, len(self.directions)))

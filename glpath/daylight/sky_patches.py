@@ -88,6 +88,19 @@ class SkyPatches:
         altitude[0], altitude[-1] = -np.pi / 2, np.pi / 2
         return compass.directions(0.5 * (azimuth_from + azimuth_to), np.sin(altitude))
 
+    def containing(self, directions: Float64, compass: Compass) -> NDArray[np.intp]:
+        """(N,): the patch that each direction (N, 3), unit, of a scene lies in."""
+        east, north, up = (directions @ compass.world_from_sky).T
+        rows = len(_ROWS) * self.subdivision
+        height = np.pi / 2 / (rows + 0.5)
+        row = np.floor(np.arcsin(np.clip(up, -1.0, 1.0)) / height).astype(np.intp)
+        counts = np.array([self.subdivision * _ROWS[i // self.subdivision] for i in range(rows)] + [1])
+        first = 1 + np.concatenate([[0], np.cumsum(counts)[:-1]])
+        of_row = np.clip(row, 0, rows)
+        share = np.arctan2(east, north) / (2 * np.pi) * counts[of_row]
+        found = first[of_row] + np.round(share).astype(np.intp) % counts[of_row]
+        return np.where(up < 0, 0, found)
+
     def directions(self, compass: Compass, samples: int = 4, seed: int = 0) -> Directions:
         """Directions into all patches, uniform over each.
 

@@ -97,6 +97,7 @@ def test_the_public_names_are_these() -> None:
     assert glpath.__all__ == [
         "ContextError",
         "DaylightCoefficients",
+        "DaylightYear",
         "ElementError",
         "Film",
         "GlpathError",
@@ -122,6 +123,7 @@ def test_the_public_names_are_these() -> None:
         "__version__",
         "camera",
         "daylight_coefficients",
+        "daylight_year",
         "element_error",
         "export",
         "horizon",

@@ -10,6 +10,7 @@ from typer.testing import CliRunner, Result
 
 import glpath
 from glpath.cli.main import app
+from tests.support.weather_files import write_epw
 
 
 @pytest.fixture
@@ -54,3 +55,38 @@ def test_wrong_usage_is_refused_before_anything_is_computed(tmp_path: Path, sens
         assert done.exit_code != 0
         assert text in done.output, done.output
     assert not (tmp_path / "dc.npz").exists()
+
+
+def test_a_year_from_the_scene_and_from_its_coefficients(tmp_path: Path, sensors: Path) -> None:
+    """Files of both are alike, and blinds of the same scene change nothing but the name."""
+    epw = write_epw(tmp_path / "nowhere.epw")
+    dc, csv, again = tmp_path / "dc.npz", tmp_path / "year.csv", tmp_path / "again.csv"
+    options = ("--points", sensors, "--samples", 2, "--suns", 30, "--max-depth", 1)
+    done = run("cornell-box", "-o", csv, "-o", dc, "--weather", epw, "--occupied", "9-17", *options)
+    assert done.exit_code == 0, done.output
+    assert "2,920 occupied hours" in done.output
+    assert "sDA counts with blinds" in done.output
+    done = run(dc, "-o", again, "--weather", epw, "--occupied", "9-17", "--blinds", dc)
+    assert done.exit_code == 0, done.output
+    assert "sDA300/50%: " in done.output
+    assert again.read_bytes() == csv.read_bytes()
+    assert csv.read_text().startswith("x,y,z,nx,ny,nz,daylight_autonomy,")
+
+
+def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: Path, sensors: Path) -> None:
+    epw = write_epw(tmp_path / "nowhere.epw")
+    year = ("cornell-box", "-o", tmp_path / "year.nc", "--points", sensors)
+    for wrong, text in (
+        (year, "--weather"),
+        ((*year, "--weather", tmp_path / "none.epw"), "none.epw"),
+        ((*year, "--weather", epw, "--latitude", 40), "--latitude"),
+        ((*year, "--weather", epw, "--occupied", "8"), "8-18"),
+        ((*year[:3], "--weather", epw), "No --points"),
+        (("cornell-box", "-o", tmp_path / "dc.npz", "--points", sensors, "--blinds", "office"), "--weather"),
+        ((tmp_path / "dc.npz", "-o", tmp_path / "other.npz"), "has coefficients already"),
+        (("cornell-box", "-o", tmp_path / "year.txt", "--points", sensors, "--weather", epw), ".nc or .csv"),
+    ):
+        done = run(*wrong)
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["nowhere.epw", "sensors.csv"]

@@ -74,3 +74,10 @@ def test_the_first_patch_is_in_the_north_and_the_next_east_of_it() -> None:
 def test_other_subdivisions_are_refused() -> None:
     with pytest.raises(UsageError, match="2305 patches"):
         SkyPatches(3)
+
+
+@pytest.mark.parametrize("subdivision", [1, 2, 4])
+def test_directions_into_a_patch_are_contained_in_it(subdivision: int) -> None:
+    compass = Compass((0.0, 1.0, 0.0), (0.6, 0.0, -0.8))
+    into = SkyPatches(subdivision).directions(compass, 4)
+    assert np.array_equal(SkyPatches(subdivision).containing(into.directions, compass), into.patch)

@@ -86,6 +86,8 @@ TASKS = (
                 "Irradiance",
                 "daylight_coefficients",
                 "DaylightCoefficients",
+                "daylight_year",
+                "DaylightYear",
                 "lightmap",
                 "Lightmap",
                 "probes",
