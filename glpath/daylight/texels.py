@@ -82,19 +82,21 @@ class Texels:
         about = {"area": self.areas, "shape": self.shape}
         return Facets(self.corners, "area", self.areas, "").to_vtk(data | about)
 
-    def to_glb(self, scene: AnyScene, path: str | Path, values: ArrayLike, quantity: str, unit: str) -> None:
-        """Write the texels in false colours of values (N,) as .glb, seen by the camera of their scene.
+    def to_glb(
+        self, path: str | Path, values: ArrayLike, *, quantity: str, unit: str = "", up: ArrayLike = (0.0, 0.0, 1.0)
+    ) -> None:
+        """Write the texels in false colours of values (N,) as .glb, with a camera that shows all of them.
 
-        quantity, unit : what the values are, for the file's own words: it has no legend
+        quantity, unit : what the values are, which the file says, as it has no legend
+        up             : (3,) of the scene, an axis; glTF's is y
 
         Raises UsageError for another suffix or number of values, ImageError, and GlpathError without matplotlib.
         """
         target = Path(path)
         if target.suffix.lower() != ".glb":
             raise UsageError(f"{path}: a model in false colours is written as .glb.", "For example city.glb.")
-        with aside("camera", "light"):
-            loaded = load_scene(scene)
-        write_facets(Facets(self.corners, quantity, np.asarray(values, np.float64), unit), loaded, target)
+        facets = Facets(self.corners, quantity, np.asarray(values, np.float64), unit)
+        write_facets(facets, np.asarray(up, np.float64), target)
 
     def arrays(self) -> dict[str, Any]:
         """For a file: what `read` takes."""

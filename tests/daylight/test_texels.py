@@ -98,10 +98,12 @@ def test_values_are_shown_on_the_model(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["CellData/rgb"], at.points)
     pytest.importorskip("matplotlib")
     trimesh = pytest.importorskip("trimesh")
-    at.to_glb(BLOCK, tmp_path / "a.glb", values, "height", "m")
+    at.to_glb(tmp_path / "a.glb", values, quantity="height", unit="m")
     model = trimesh.load(tmp_path / "a.glb", force="scene")
     (mesh,) = model.geometry.values()
     assert mesh.area == pytest.approx(at.areas.sum())
+    # glTF has y up, and x as it was.
+    np.testing.assert_allclose(model.bounds, [[0, 0, -5], [20.3, 7, 0]], atol=1e-5)
     content = (tmp_path / "a.glb").read_bytes()
     told = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])["extras"]
     assert (told["quantity"], told["unit"]) == ("height", "m")
@@ -121,8 +123,8 @@ def test_what_cannot_be_texels_is_refused(tmp_path: Path) -> None:
         texels({**BLOCK, "shapes": [*BLOCK["shapes"], plane]}, 1)
     at = texels(BLOCK, 2)
     with pytest.raises(UsageError, match="faces"):
-        at.to_glb(BLOCK, tmp_path / "a.glb", [1.0], "height", "m")
+        at.to_glb(tmp_path / "a.glb", [1.0], quantity="height")
     with pytest.raises(UsageError, match="cells"):
         at.to_vtk({"height": [1.0]})
     with pytest.raises(UsageError, match=r"written as \.glb"):
-        at.to_glb(BLOCK, tmp_path / "a.obj", at.areas, "height", "m")
+        at.to_glb(tmp_path / "a.obj", at.areas, quantity="height")

@@ -9,7 +9,7 @@ Cost:   36 bytes a corner in .glb, as faces do not share vertices.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,13 @@ from glpath.errors import UsageError
 from glpath.film.charts import COLOUR_MAP, false_colours
 from glpath.film.image import decode_srgb
 from glpath.io.export import gltf_json
-from glpath.io.export.glb import Glb
+from glpath.io.export.glb import Glb, y_up_from
 from glpath.io.vtk import VtkMesh
-from glpath.scene.model import Float64, Scene
+from glpath.scene.camera import framing
+from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Shapes
+
+# Of the camera.
+_RESOLUTION = (1200, 900)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +106,21 @@ class Facets:
         }
 
 
-def write_facets(facets: Facets, scene: Scene, path: Path) -> None:
-    """Write the faces alone, as .glb, seen by the scene's camera; `write_gltf` writes them inside of the scene.
+def write_facets(facets: Facets, up: Float64, path: Path) -> None:
+    """Write the faces alone, as .glb, with a camera that shows all; `write_gltf` writes them inside of a scene.
+
+    up : (3,), near an axis, which becomes y
 
     Raises ImageError, and GlpathError without matplotlib.
     """
-    centred = scene.centred
-    file = Glb(centred)
-    facets.add_to(file, centred.origin)
+    turned = replace(facets, corners=facets.corners @ y_up_from(up).T)
+    points = turned.corners.reshape(-1, 3)
+    camera = framing(points, _RESOLUTION)
+    # For its bounds and its origin.
+    mesh = Mesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 4)[:, :3])
+    scene = Scene(facets.quantity, camera, Shapes([Shape("faces", mesh, 0)]), (Material("faces", np.ones(3)),))
+    file = Glb(scene.centred)
+    turned.add_to(file, scene.centred.origin)
     file.save(path, **facets.legend)
 
 
