@@ -5,7 +5,7 @@ across their longest edge until no edge is longer than a texel. A sensor is the 
 the front of its surface does: backs have none.
 
 Cost:     128 bytes a texel, and what a sensor costs.
-Poor at:  surfaces whose fronts look the wrong way; light that changes within a texel.
+Poor at:  surfaces whose fronts look inwards; light that changes within a texel.
 Source:   Rivara 1984, bisection of longest edges, which keeps angles from becoming small.
 """
 
@@ -138,7 +138,7 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     Raises UsageError for a size that is none, for too many texels and for names that no shape has; SceneError for
     what has no triangles in memory: endless planes and streams.
 
-    >>> found = texels("cornell-box", 0.25)
+    >>> found = texels("cornell-box", 100)
     >>> found.points.shape == found.normals.shape == (len(found), 3)
     True
     """
@@ -155,10 +155,11 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     corners, four, shape, areas = corners[areas > 0], four[areas > 0], shape[areas > 0], areas[areas > 0]
     if not len(corners):
         raise SceneError(f"{loaded.source or loaded.name}: has no triangles to be texels.")
-    # Each has the area of a square of that size at most.
-    if areas.sum() / size**2 > MAX_TEXELS:
+    # The area of each is that of a square of that size at most, or of a triangle with such sides.
+    fewest = (areas / np.where(four, 1.0, 0.25 * np.sqrt(3.0))).sum() / size**2
+    if fewest > MAX_TEXELS:
         raise UsageError(
-            f"texels: {areas.sum() / size**2:,.0f} or more of size {size:g}; at most {MAX_TEXELS:,} are allowed.",
+            f"texels: {fewest:,.0f} or more of size {size:g}; at most {MAX_TEXELS:,} are allowed.",
             "Take larger ones, or some shapes alone.",
         )
     cells, of_cell = _grids(corners[four], shape[four], size)
