@@ -56,7 +56,7 @@ class Texels:
     def points(self) -> Float64:
         """(N, 3) their middles."""
         of_three, of_four = self.corners[:, :3].mean(axis=1), self.corners.mean(axis=1)
-        return np.where(self._triangular[:, None], of_three, of_four)
+        return np.asarray(np.where(self._triangular[:, None], of_three, of_four))
 
     @cached_property
     def normals(self) -> Float64:
