@@ -23,6 +23,7 @@ from glpath.daylight.compass import Compass
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
 from glpath.daylight.sky_patches import SkyPatches
+from glpath.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
 from glpath.system.files import whole_file
@@ -55,6 +56,7 @@ class DaylightCoefficients:
     words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
     shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
     indirect    : what comes after one reflection or more; None of direct light alone
+    texels      : the faces of the scene that the sensors are of; None of other sensors
     """
 
     points: Float64
@@ -71,6 +73,7 @@ class DaylightCoefficients:
     words: NDArray[np.uint32]
     shares: NDArray[np.float16] | None = None
     indirect: Indirect | None = None
+    texels: Texels | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -262,6 +265,8 @@ class DaylightCoefficients:
             arrays["shares"] = self.shares
         if self.indirect is not None:
             arrays |= self.indirect.arrays()
+        if self.texels is not None:
+            arrays |= self.texels.arrays()
         # Zeros of large files would unfold to more than a reader takes for harmless.
         write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
@@ -300,6 +305,7 @@ class DaylightCoefficients:
                 words=arrays.read("words", "u", (words, n)),
                 shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
                 indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
+                texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
             )
 
 

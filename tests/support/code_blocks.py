@@ -13,6 +13,7 @@ from benchmarks.walks import FENCE, LAMP, commands_of
 from tests.support.honeybee_model import two_rooms
 from tests.support.honeybee_model import write as write_honeybee
 from tests.support.repository import ROOT
+from tests.support.weather_files import write_epw
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
@@ -119,6 +120,8 @@ def write_models(folder: Path) -> None:
     (folder / "dem.asc").write_text(
         header + "\n".join(" ".join(str(r * c % 7) for c in range(16)) for r in range(12))
     )
+    write_epw(folder / "zurich.epw")
+    write_epw(folder / "bern.epw", latitude=46.9)
     (folder / "suns.csv").write_text("azimuth,altitude,hours\n120,20,365\n180,35,365\n")
     seat = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "Seat"}
     scene = {
