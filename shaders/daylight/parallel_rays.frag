@@ -1,6 +1,7 @@
 // parallel_rays.frag: whether points see out of the scene along directions that all of them share, a bit for each.
 // Lanes of a vector are neighbouring points and one direction, so their rays walk through the same nodes of the BVH.
 // With thin dielectrics: the share of light that they let through instead, by its luminance.
+// ASKED: a word has bits already, and those of rays that meet something are cleared: a scene in parts, one after the other.
 // Needs:  <SCENE>, <RAY_BVH>
 // Runs over: squares of points, one above the other for each word of 32 directions; with thin dielectrics for each direction.
 // Output: the word, bit k for direction k; or the share
@@ -76,6 +77,26 @@ bool sees_out(vec3 origin, vec3 direction, inout int occluder)
 #endif
 }
 
+#ifdef ASKED
+UINT_TEXELS(r32ui, asked_words);  // as the output
+
+void main()
+{
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    int word = at.y / square;
+    seen = texel(asked_words, at).r;
+    at.y -= word * square;
+    vec3 position = texel(point_positions, at).xyz;
+    int occluder = -1, k = 0;
+    if (seen != 0u) do
+    {
+        vec4 direction = texel(shared_directions, ivec2(k, word));
+        uint bit = 1u << uint(k);
+        // In a only where any of the points may meet the part.
+        if ((seen & bit) != 0u && direction.w != 0.0 && !sees_out(position, direction.xyz, occluder)) seen &= ~bit;
+    } while (++k < 32);
+}
+#else
 void main()
 {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -92,4 +113,5 @@ void main()
             seen |= 1u << uint(k);
     } while (++k < 32);
 }
+#endif
 #endif
