@@ -75,6 +75,7 @@ def test_list_names_every_bench() -> None:
         "viewfactors",
         "measure",
         "parallel-rays",
+        "daylight",
         "cie171",
         "height-field",
         "lightmap",
