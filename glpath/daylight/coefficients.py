@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.daylight.compass import Compass
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
+from glpath.daylight.shard import Shard
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
 from glpath.system.files import whole_file
-from glpath.system.npz import open_npz
+from glpath.system.npz import Arrays, open_npz
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -55,6 +56,7 @@ class DaylightCoefficients:
     words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
     shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
     indirect    : what comes after one reflection or more; None of direct light alone
+    shard       : which of the sensors these are; None for all
     """
 
     points: Float64
@@ -71,6 +73,7 @@ class DaylightCoefficients:
     words: NDArray[np.uint32]
     shares: NDArray[np.float16] | None = None
     indirect: Indirect | None = None
+    shard: Shard | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -262,6 +265,8 @@ class DaylightCoefficients:
             arrays["shares"] = self.shares
         if self.indirect is not None:
             arrays |= self.indirect.arrays()
+        if self.shard is not None:
+            arrays |= {"shard": [self.shard.first, self.shard.total], "shard_work": self.shard.work}
         # Zeros of large files would unfold to more than a reader takes for harmless.
         write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
@@ -300,7 +305,13 @@ class DaylightCoefficients:
                 words=arrays.read("words", "u", (words, n)),
                 shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
                 indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
+                shard=_shard(arrays) if "shard" in arrays else None,
             )
+
+
+def _shard(arrays: Arrays) -> Shard:
+    first, total = arrays.read("shard", "i", (2,)).tolist()
+    return Shard(first, total, str(arrays.read("shard_work", "U", ())))
 
 
 _ARRAYS = ("points", "normals", "up", "north", "directions", "column", "weight", "words")

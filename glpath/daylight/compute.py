@@ -19,6 +19,7 @@ from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
 from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.daylight.receivers import RECEIVERS, Receiver
+from glpath.daylight.shard import Shard, shard_range
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.sun_bins import MAX_BINS, SunBins
 from glpath.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
@@ -72,6 +73,7 @@ def daylight_coefficients(
     up: ArrayLike | None = None,
     north: ArrayLike | None = None,
     seed: int = 0,
+    shard: tuple[int, int] | None = None,
     resume: str | Path | None = None,
     on_progress: Callable[[DaylightProgress], None] | None = None,
     parameters: Mapping[str, object] | None = None,
@@ -102,6 +104,8 @@ def daylight_coefficients(
     geometry_budget : MiB for streamed triangles, on the device and off it
     up, north   : (3,); by default the up of the scene, and y where z is up, -z where y is
     seed        : of the directions in the patches
+    shard       : (k, n), the k-th of n shards from 1: a range of the sensors, which `merged` puts together with the
+                  others (`glpath.daylight.merging`): the same bits as of all at once
     resume      : a file that keeps what is done, word by word, of a stream every half minute, and from which
                   another call with the same sensors and directions resumes. It is removed in the end
     on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
@@ -154,6 +158,13 @@ def daylight_coefficients(
     directions = np.concatenate([of_sky.directions, sun])
     column = np.concatenate([of_sky.patch, len(patches) + np.arange(len(sun))])
     weight = np.concatenate([of_sky.weight, np.ones(len(sun))])
+    part, first_sensor = None, 0
+    if shard is not None:
+        settings = (max_depth, elements, gather_rays, seed) if reflects else ()
+        work = _key(f"{loaded.digest(camera=False)} {settings}", positions, facing, directions, receiver)
+        first_sensor, end = shard_range(shard, len(positions))
+        part = Shard(first_sensor, len(positions), work)
+        positions, facing = positions[first_sensor:end], facing[first_sensor:end]
     count = len(positions)
 
     def report(stage: str, done: int) -> None:
@@ -198,6 +209,7 @@ def daylight_coefficients(
             weight=weight,
             words=found,
             shares=None if shares is None else shares.reshape(-1, count),
+            shard=part,
         )
         if not reflects:
             total = direct
@@ -215,8 +227,9 @@ def daylight_coefficients(
                     raise KeyboardInterrupt
 
             shift = scene_in_triangles.origin - loaded.origin
+            sensors = positions - shift, facing, receiver
             indirect = gathered(
-                sides, radiosity, positions - shift, facing, receiver, len(patches), gather_rays, seed, gathering
+                sides, radiosity, *sensors, len(patches), gather_rays, seed, gathering, first_sensor
             )
             total = replace(direct, indirect=indirect)
         if kept is not None:

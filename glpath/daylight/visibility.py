@@ -53,6 +53,7 @@ class PointVisibility(Owner):
     points   : (N, 3), normals (N, 3) unit
     receiver : directions behind a "plane" are not asked; all are, of the others
     budget   : MiB for streamed triangles
+    first    : number of the first point, which random numbers of blended surfaces follow from
 
     transmits : there are thin dielectrics, whose share of the light is found, too
     chunks    : of streamed triangles; 0 where there are none, and then words come one after the other
@@ -66,6 +67,7 @@ class PointVisibility(Owner):
         normals: Float64,
         receiver: Receiver = "plane",
         budget: int = GEOMETRY_BUDGET,
+        first: int = 0,
     ) -> None:
         self.count = len(points)
         traced = path_traceable(scene.still(), streams=True)
@@ -84,7 +86,7 @@ class PointVisibility(Owner):
             positions, planes = positions + lift * normals, normals
         else:
             planes = np.zeros_like(normals)
-        self._rays = ParallelRays(gl, device, RayBvh(gl, device), positions, planes)
+        self._rays = ParallelRays(gl, device, RayBvh(gl, device), positions, planes, first=first)
         self.transmits = self._rays.transmits
         self.chunks = 0
         if parts is not None:

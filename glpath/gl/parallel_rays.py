@@ -30,6 +30,8 @@ from glpath.gl.thin_dielectrics import thin_dielectric_variants
 WORD = 32
 # Points along a square, up to so many; and of all squares of a draw, a word each: half a second on two cores.
 _MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
+# Whole numbers that a float tells apart, but 0.
+_NUMBERS = (1 << 24) - 1
 
 
 class Seen(NamedTuple):
@@ -54,6 +56,7 @@ class ParallelRays(Owner):
                 that has none
     transmits : there are thin dielectrics, which light goes straight through
     sort      : False where the points are neighbours already, in their order
+    first     : number of the first point, which random numbers of blended surfaces follow from
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class ParallelRays(Owner):
         normals: NDArray[np.float64],
         *,
         sort: bool = True,
+        first: int = 0,
     ) -> None:
         self.count = len(positions)
         self._uniforms = {**scene.uniforms, **bvh.uniforms}
@@ -88,13 +92,14 @@ class ParallelRays(Owner):
         self._seen = texel_table(gl, (square, rows * (WORD if thin else 1)), "f4" if thin else "u4", 1)
         target = gl.framebuffer([self._seen])
         self._squares: list[tuple[NDArray[np.intp], Pass]] = []
-        for first in range(0, self.count, square**2):
-            which = order[first : first + square**2]
+        numbers = 1 + (first + np.arange(self.count)) % _NUMBERS
+        for begin in range(0, self.count, square**2):
+            which = order[begin : begin + square**2]
             textures = {**scene.textures, **bvh.textures, "shared_directions": self._directions}
             for name, values in (("point_positions", positions), ("point_normals", normals)):
                 texels = np.zeros((square**2, 4), np.float32)
                 texels[across[: len(which)], :3] = values[which]
-                texels[across[: len(which)], 3] = 1.0
+                texels[across[: len(which)], 3] = numbers[which]
                 textures[name] = texel_table(gl, (square, square), "f4", 4)
                 textures[name].write(texels.tobytes())
             self._squares.append((which, Pass("parallel rays", gl, program, target, textures=textures)))

@@ -20,17 +20,17 @@
 #include "bsdf/lobes.glsl"
 #endif
 
-TEXELS(rgba32f, point_positions);   // a: is there a point?
+TEXELS(rgba32f, point_positions);   // a: number of the point + 1, for random numbers; 0 where there is none
 TEXELS(rgba32f, point_normals);     // directions behind the plane across it are not cast; 0 where there is no plane
 TEXELS(rgba32f, shared_directions); // unit, a row of 32 for each word; a: is there a direction?
 uniform int square;                 // points along its sides
 uniform int first_direction;        // number of the first one, for random numbers
 
 // Whether a direction is before a point's plane; the ray's random numbers are set for it.
-bool is_cast(ivec2 at, vec3 normal, vec4 direction, int number)
+bool is_cast(float point, vec3 normal, vec4 direction, int number)
 {
 #ifdef HAS_ALPHA
-    opacity_key = pcg(uint(at.x) + (uint(at.y) << 16u) + pcg(opacity_seed + uint(first_direction + number)));
+    opacity_key = pcg(uint(point) + pcg(opacity_seed + uint(first_direction + number)));
 #endif
     return direction.w != 0.0 && (normal == vec3(0.0) || dot(direction.xyz, normal) > 0.0);
 }
@@ -47,7 +47,7 @@ void main()
     at.y -= number * square;
     vec4 position = texel(point_positions, at), direction = texel(shared_directions, ivec2(number & 31, number >> 5));
     share = 0.0;
-    if (position.w == 0.0 || !is_cast(at, texel(point_normals, at).xyz, direction, number)) return;
+    if (position.w == 0.0 || !is_cast(position.w, texel(point_normals, at).xyz, direction, number)) return;
     if (!is_blocked(position.xyz, direction.xyz, NO_HIT, -1)) share = dot(LUMINANCE, passed_thin_dielectrics);
 }
 #else
@@ -109,7 +109,7 @@ void main()
     if (position.w != 0.0) do
     {
         vec4 direction = texel(shared_directions, ivec2(k, word));
-        if (is_cast(at, normal, direction, 32 * word + k) && sees_out(position.xyz, direction.xyz, occluder))
+        if (is_cast(position.w, normal, direction, 32 * word + k) && sees_out(position.xyz, direction.xyz, occluder))
             seen |= 1u << uint(k);
     } while (++k < 32);
 }
