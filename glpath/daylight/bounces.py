@@ -165,18 +165,20 @@ def gathered(
     rays: int,
     seed: int,
     report: Callable[[int], None],
+    number: int = 0,
 ) -> Indirect:
     """What the sides give to sensors.
 
     in_sky : columns of ground and sky, which come first
     report : called with the number of sensors that are done
+    number : of the first sensor, which random numbers follow from
     """
     from scipy import sparse
 
     at = points + sides.lift * normals if receiver == "plane" else points
     of_sky = radiosity[:, :in_sky].sum(axis=1)
     parts, errors = [], []
-    for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + 1):
+    for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + 1, number):
         parts.append(sides.weights(hits))
         errors.append(sides.spread(hits, of_sky))
         report(hits.first + len(hits.side))

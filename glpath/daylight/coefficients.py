@@ -22,12 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.daylight.compass import Compass
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
+from glpath.daylight.shard import Shard
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
 from glpath.system.files import whole_file
-from glpath.system.npz import open_npz
+from glpath.system.npz import Arrays, open_npz
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -57,6 +58,7 @@ class DaylightCoefficients:
     shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
     indirect    : what comes after one reflection or more; None of direct light alone
     texels      : the faces of the scene that the sensors are of; None of other sensors
+    shard       : which of the sensors these are; None for all
     """
 
     points: Float64
@@ -74,6 +76,7 @@ class DaylightCoefficients:
     shares: NDArray[np.float16] | None = None
     indirect: Indirect | None = None
     texels: Texels | None = None
+    shard: Shard | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -267,6 +270,8 @@ class DaylightCoefficients:
             arrays |= self.indirect.arrays()
         if self.texels is not None:
             arrays |= self.texels.arrays()
+        if self.shard is not None:
+            arrays |= {"shard": [self.shard.first, self.shard.total], "shard_work": self.shard.work}
         # Zeros of large files would unfold to more than a reader takes for harmless.
         write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
@@ -306,7 +311,13 @@ class DaylightCoefficients:
                 shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
                 indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
                 texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
+                shard=_shard(arrays) if "shard" in arrays else None,
             )
+
+
+def _shard(arrays: Arrays) -> Shard:
+    first, total = arrays.read("shard", "i", (2,)).tolist()
+    return Shard(first, total, str(arrays.read("shard_work", "U", ())))
 
 
 _ARRAYS = ("points", "normals", "up", "north", "directions", "column", "weight", "words")

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import moderngl
@@ -16,22 +17,25 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.daylight.bounces import DEFAULT_ELEMENTS, GATHER_RAYS, POINTS, ReflectingSides, gathered, solved
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
-from glpath.daylight.kept_words import KeptWords
+from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.daylight.receivers import RECEIVERS, Receiver
+from glpath.daylight.shard import Shard, shard_range
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.sun_bins import MAX_BINS, SunBins
-from glpath.daylight.visibility import PointVisibility
-from glpath.errors import UsageError, warn
+from glpath.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
+from glpath.errors import SceneError, UsageError, warn
 from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
-from glpath.rendering.interrupts import interrupt_as_flag
+from glpath.rendering.interrupts import Flag, interrupt_as_flag
 from glpath.rendering.options import check_word
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
+Words = NDArray[np.uint32]
+Shares = NDArray[np.float16]
 
 #: Directions of a patch at most.
 MAX_SAMPLES = 256
@@ -40,7 +44,7 @@ MAX_SAMPLES = 256
 @dataclass(frozen=True)
 class DaylightProgress:
     """stage : what is done
-    done, total : directions, of all sensors together
+    done, total : directions, of all sensors together; of the stage "stream" its chunks
     sensors  : how many
     elapsed_s : since the call
     """
@@ -65,9 +69,11 @@ def daylight_coefficients(
     max_depth: int | None = None,
     elements: int = DEFAULT_ELEMENTS,
     gather_rays: int = GATHER_RAYS,
+    geometry_budget: int = GEOMETRY_BUDGET,
     up: ArrayLike | None = None,
     north: ArrayLike | None = None,
     seed: int = 0,
+    shard: tuple[int, int] | None = None,
     resume: str | Path | None = None,
     on_progress: Callable[[DaylightProgress], None] | None = None,
     parameters: Mapping[str, object] | None = None,
@@ -79,7 +85,8 @@ def daylight_coefficients(
 
     Windows of thin glass let through what their material says, of surfaces with an opacity a share, at random.
     Reflected light is that of a radiosity solution, to which all surfaces are diffuse, gathered by rays of
-    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light alone, with a SceneWarning.
+    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light alone, with a SceneWarning
+    where max_depth does not say so; one pass over the stream serves all sensors and directions.
 
     Parameters
     ----------
@@ -94,19 +101,23 @@ def daylight_coefficients(
     max_depth   : surfaces and the sensor that light meets, at most: 1 is direct light; None for all there are
     elements    : of the surfaces, about; a triangle has one at least
     gather_rays : of each sensor, for reflected light
+    geometry_budget : MiB for streamed triangles, on the device and off it
     up, north   : (3,); by default the up of the scene, and y where z is up, -z where y is
     seed        : of the directions in the patches
-    resume      : a file that keeps what is done, word by word, and from which another call with the same sensors
-                  and directions resumes. It is removed in the end
-    on_progress : called after each word of 32 directions, with a `DaylightProgress`
+    shard       : (k, n), the k-th of n shards from 1: a range of the sensors, which `merged` puts together with the
+                  others (`glpath.daylight.merging`): the same bits as of all at once
+    resume      : a file that keeps what is done, word by word, of a stream every half minute, and from which
+                  another call with the same sensors and directions resumes. It is removed in the end
+    on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
 
     Raises UsageError for options and points that are none; SceneError for a scene that no ray can be traced in;
-    ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words.
+    ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words or parts.
 
     Cost:     0.05 to 0.2 microseconds of a core for each sensor and direction; memory of 4 bytes for each sensor
               and word of 32 directions. Reflected light: some seconds for the solution, a microsecond for each ray
-              of a sensor, and 8 bytes for each element that a sensor sees.
+              of a sensor, and 8 bytes for each element that a sensor sees. A stream: a microsecond of a core for
+              each triangle, once, and rays through each part of it that they may meet.
     Poor at:  patches that are seen through small openings: take more samples of each.
 
     >>> found = daylight_coefficients("cornell-box", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], samples=2)
@@ -115,7 +126,8 @@ def daylight_coefficients(
     """
     started = time.perf_counter()
     check_word("receiver", receiver, RECEIVERS)
-    for name, value in (("elements", elements), ("gather_rays", gather_rays)):
+    of_counts = (("elements", elements), ("gather_rays", gather_rays), ("geometry_budget", geometry_budget))
+    for name, value in of_counts:
         if not (isinstance(value, int) and value >= 1):
             raise UsageError(f"{name}: {value!r} where a whole number from 1 is needed")
     if not (max_depth is None or (isinstance(max_depth, int) and max_depth >= 1)):
@@ -131,7 +143,13 @@ def daylight_coefficients(
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)
     reflects = max_depth != 1
-    if reflects and path_traceable(loaded.still(), streams=True).shapes.total("stream"):
+    if reflects and loaded.shapes.streams:
+        if max_depth is not None:
+            raise SceneError(
+                f"{loaded.source or loaded.name}: has a stream, from which no light is reflected: max_depth is "
+                f"{max_depth}.",
+                "Take max_depth=1, direct light, or hold the triangles in memory.",
+            )
         warn(f"{loaded.source or loaded.name}: has a stream, so there is direct light alone.")
         reflects = False
     compass = Compass.of(loaded, up, north)
@@ -140,7 +158,14 @@ def daylight_coefficients(
     directions = np.concatenate([of_sky.directions, sun])
     column = np.concatenate([of_sky.patch, len(patches) + np.arange(len(sun))])
     weight = np.concatenate([of_sky.weight, np.ones(len(sun))])
-    count, words = len(positions), -(-len(directions) // WORD)
+    part, first_sensor = None, 0
+    if shard is not None:
+        settings = (max_depth, elements, gather_rays, seed) if reflects else ()
+        work = _key(f"{loaded.digest(camera=False)} {settings}", positions, facing, directions, receiver)
+        first_sensor, end = shard_range(shard, len(positions))
+        part = Shard(first_sensor, len(positions), work)
+        positions, facing = positions[first_sensor:end], facing[first_sensor:end]
+    count = len(positions)
 
     def report(stage: str, done: int) -> None:
         if on_progress is not None:
@@ -148,33 +173,28 @@ def daylight_coefficients(
             on_progress(DaylightProgress(stage, done, len(directions), count, passed))
 
     with ExitStack() as held:
-        kept = None if resume is None else held.enter_context(KeptWords(Path(resume)))
+        kept: KeptWords | KeptPass | None = None
+        if resume is not None:
+            kept = held.enter_context((KeptPass.of if loaded.shapes.streams else KeptWords)(Path(resume)))
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)
         report("building the BVH", 0)
-        rays = held.enter_context(PointVisibility(context.gl, loaded, positions, facing, receiver))
-        found = np.empty((words, count), np.uint32)
-        shares = np.zeros((words, WORD, count), np.float16) if rays.transmits else None
-        done = 0
-        if kept is not None:
-            key = _key(loaded.digest(camera=False), positions, facing, directions, receiver)
-            for seen in kept.read(key, count, rays.transmits)[:words]:
-                found[done] = seen.word
-                if shares is not None and seen.share is not None:
-                    shares[done] = seen.share
-                done += 1
+        rays = held.enter_context(PointVisibility(context.gl, loaded, positions, facing, receiver, geometry_budget))
+        key = "" if kept is None else _key(loaded.digest(camera=False), positions, facing, directions, receiver)
         flag = held.enter_context(interrupt_as_flag())
-        for seen in rays.see_out(directions[WORD * done :], WORD * done):
-            found[done] = seen.word
-            if shares is not None and seen.share is not None:
-                shares[done] = seen.share
-            if kept is not None:
-                kept.append(seen)
-            done += 1
-            report("rays", min(WORD * done, len(directions)))
-            if flag:
-                raise KeyboardInterrupt
+        if rays.chunks:
+            assert not isinstance(kept, KeptWords), "a pass is kept as a whole"
+
+            def passed(done: int) -> None:
+                if on_progress is not None:
+                    since = time.perf_counter() - started
+                    on_progress(DaylightProgress("stream", done, rays.chunks, count, since))
+
+            found, shares = _words_of_pass(rays, directions, kept, key, passed, flag)
+        else:
+            assert not isinstance(kept, KeptPass), "words are kept one by one"
+            found, shares = _words(rays, directions, kept, key, partial(report, "rays"), flag)
         direct = DaylightCoefficients(
             points=positions,
             normals=facing,
@@ -188,7 +208,8 @@ def daylight_coefficients(
             column=column,
             weight=weight,
             words=found,
-            shares=None if shares is None else shares.reshape(words * WORD, count),
+            shares=None if shares is None else shares.reshape(-1, count),
+            shard=part,
         )
         if not reflects:
             total = direct
@@ -206,13 +227,73 @@ def daylight_coefficients(
                     raise KeyboardInterrupt
 
             shift = scene_in_triangles.origin - loaded.origin
+            sensors = positions - shift, facing, receiver
             indirect = gathered(
-                sides, radiosity, positions - shift, facing, receiver, len(patches), gather_rays, seed, gathering
+                sides, radiosity, *sensors, len(patches), gather_rays, seed, gathering, first_sensor
             )
             total = replace(direct, indirect=indirect)
         if kept is not None:
             kept.remove()
     return total
+
+
+def _words(
+    rays: PointVisibility,
+    directions: Float64,
+    kept: KeptWords | None,
+    key: str,
+    report: Callable[[int], None],
+    flag: Flag,
+) -> tuple[Words, Shares | None]:
+    """Words (W, N) and shares (W, 32, N), one after the other; report is called with the directions done."""
+    words = -(-len(directions) // WORD)
+    found = np.empty((words, rays.count), np.uint32)
+    shares = np.zeros((words, WORD, rays.count), np.float16) if rays.transmits else None
+    done = 0
+    if kept is not None:
+        for seen in kept.read(key, rays.count, rays.transmits)[:words]:
+            found[done] = seen.word
+            if shares is not None and seen.share is not None:
+                shares[done] = seen.share
+            done += 1
+    for seen in rays.see_out(directions[WORD * done :], WORD * done):
+        found[done] = seen.word
+        if shares is not None and seen.share is not None:
+            shares[done] = seen.share
+        if kept is not None:
+            kept.append(seen)
+        done += 1
+        report(min(WORD * done, len(directions)))
+        if flag:
+            raise KeyboardInterrupt
+    return found, shares
+
+
+def _words_of_pass(
+    rays: PointVisibility,
+    directions: Float64,
+    kept: KeptPass | None,
+    key: str,
+    report: Callable[[int], None],
+    flag: Flag,
+) -> tuple[Words, Shares | None]:
+    """As `_words`, in one pass over a stream; report is called with the chunks done."""
+    done, found, shares = 0, None, None
+    if kept is not None:
+        done, found = kept.read(key, (-(-len(directions) // WORD), rays.count))
+    if found is None or rays.transmits:
+        resident, shares = rays.see_out_of_resident(directions)
+        found = resident if found is None else found
+    for done in rays.pass_over(directions, found, done):
+        if kept is not None and (flag or kept.due(done)):
+            kept.keep(done, found)
+        report(done)
+        if flag:
+            raise KeyboardInterrupt
+    if shares is not None:
+        for share, word in zip(shares, found, strict=True):
+            share[:] = masked(share, word)
+    return found, shares
 
 
 def _radiosity(

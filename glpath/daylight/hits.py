@@ -53,12 +53,13 @@ def ray_count(rays: int) -> int:
 
 
 def cast_hits(
-    surfaces: Surfaces, points: Float64, axes: Float64, receiver: Receiver, rays: int, seed: int
+    surfaces: Surfaces, points: Float64, axes: Float64, receiver: Receiver, rays: int, seed: int, number: int = 0
 ) -> Iterator[Hits]:
     """What the rays of points meet, block by block; the same whatever the threads.
 
     points : (N, 3) off the surfaces that they lie on; axes (N, 3) unit, normals of planes
     rays   : of each point, as `ray_count` says
+    number : of the first point, which random numbers follow from
     """
     count = ray_count(rays)
     step = 4 * max(1, _BLOCK // count // 4)  # points of a side of an element stay together
@@ -74,7 +75,7 @@ def cast_hits(
                      weight: NDArray[np.float32] = weight) -> None:  # fmt: skip
                 numbers = np.arange(first + part.start, first + part.stop)
                 _cast(
-                    Shooting(points[numbers], axes[numbers], numbers, kind, seed),
+                    Shooting(points[numbers], axes[numbers], number + numbers, kind, seed),
                     surfaces, side[part], weight[part], np.empty((3, 3)),
                 )  # fmt: skip
 

@@ -330,7 +330,7 @@ class Shapes(tuple[Shape, ...]):
         for _, stream in self.streams:
             points = np.concatenate([points, *(corner[None] for corner in stream.bounds)])
         if not len(points):
-            points = self.planes[:, :, 3]
+            points = self.planes[:, :, 3] if len(self.planes) else np.zeros((1, 3))
         return _box(points)
 
     def total(self, primitive: Primitive) -> int:
