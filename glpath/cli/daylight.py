@@ -237,7 +237,8 @@ def daylight(
             # With blinds, too, of the scene without.
             faces = texels.of(loaded) if of_texels is None else of_texels
             found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
-            return replace(found, texels=faces)
+            first = 0 if found.shard is None else found.shard.first
+            return replace(found, texels=faces[first : first + len(found)])
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
         check_within(at, loaded, f"--points {points}")

@@ -52,6 +52,15 @@ class Texels:
     def __len__(self) -> int:
         return len(self.corners)
 
+    def __getitem__(self, which: slice) -> Texels:
+        return Texels(self.corners[which], self.shape[which], self.shape_names)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Texels]) -> Texels:
+        """Texels of one scene, one behind the other."""
+        corners = np.concatenate([part.corners for part in parts])
+        return cls(corners, np.concatenate([part.shape for part in parts]), parts[0].shape_names)
+
     @cached_property
     def points(self) -> Float64:
         """(N, 3) their middles."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.daylight.merging import merge_coefficients
 from glpath.daylight.texels import Texels, texels
 from glpath.errors import SceneError, UsageError
 from tests.io.test_vtk import arrays
@@ -83,6 +84,22 @@ def test_a_block_in_the_open_sees_all_of_the_sky_from_its_roof_and_half_from_its
     assert read.texels.shape_names == ("block",)
     found.save(tmp_path / "plain.npz")
     assert glpath.DaylightCoefficients.load(tmp_path / "plain.npz").texels is None
+
+
+def test_shards_have_their_own_texels_and_together_all(tmp_path: Path) -> None:
+    at = texels(BLOCK, 2.0)
+    options: dict[str, Any] = {"samples": 2, "max_depth": 1}
+    for k in (2, 1):
+        part = glpath.daylight_coefficients(BLOCK, at.points, at.normals, shard=(k, 2), **options)
+        assert part.shard is not None
+        first = part.shard.first
+        replace(part, texels=at[first : first + len(part)]).save(tmp_path / f"{k}.npz")
+    whole, _ = merge_coefficients([tmp_path / "2.npz", tmp_path / "1.npz"])
+    assert whole.shard is None
+    assert whole.texels is not None
+    np.testing.assert_array_equal(whole.texels.corners, at.corners)
+    np.testing.assert_array_equal(whole.texels.shape, at.shape)
+    np.testing.assert_allclose(whole.texels.points, whole.points)
 
 
 def test_values_are_shown_on_the_model(tmp_path: Path) -> None:
