@@ -27,8 +27,8 @@ class Compass:
     def of(cls, scene: Scene, up: ArrayLike | None = None, north: ArrayLike | None = None) -> Compass:
         """Of a scene.
 
-        up    : (3,), by default the up of the scene's sky, or else of its camera, rounded to the nearest axis. A sky
-                that only stands in for light has none
+        up    : (3,), by default the up of the scene's sky, or else of its camera, rounded to the nearest axis. A
+                sky that only stands in for light has none
         north : (3,), of which only the level part counts; by default y where z is up, -z where y is up
 
         Raises UsageError for vectors that are none, and for a north that is up or down.
