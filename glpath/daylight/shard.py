@@ -25,7 +25,9 @@ def shard_range(shard: object, sensors: int) -> tuple[int, int]:
     """The first sensor of shard (k, n), from 1, and the one after its last. Raises UsageError."""
     right = isinstance(shard, tuple) and len(shard) == 2 and all(isinstance(each, int) for each in shard)
     if not (right and 1 <= shard[0] <= shard[1]):  # type: ignore[index]
-        raise UsageError(f"shard: {shard!r} where (k, n) with k from 1 to n is needed", "(1, 4) is the first of four.")
+        raise UsageError(
+            f"shard: {shard!r} where (k, n) with k from 1 to n is needed", "(1, 4) is the first of four."
+        )
     k, n = shard  # type: ignore[misc]
     if n > sensors:
         raise UsageError(f"shard: {n} shards of {sensors} sensors", "Give each shard a sensor at least.")

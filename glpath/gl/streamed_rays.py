@@ -1,8 +1,8 @@
 """Which points see out along shared directions of a scene that is never in memory all at once: part after part.
 
 A ray is blocked where any part blocks it, so parts may come in any order, and each only once: all directions of all
-points are asked while it is there. A ray that is blocked already is not cast again, nor is one of a square of points
-whose rays of its direction all pass the part's box.
+points are asked while it is there. A ray that is blocked already is not cast again, nor is one of a square of
+points whose rays of its direction all pass the part's box.
 
 Cost:     the BVH of each part once, half a microsecond a triangle on two cores; a ray of `ParallelRays` for each
           point, direction and part that it may meet. 16 bytes a point on the device.
