@@ -35,7 +35,7 @@ from glpath.gl.context import get_context
 from glpath.io import scene_from_dict
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
-from glpath.system.machine import core_count, peak_resident_bytes
+from glpath.system.machine import core_count, peak_resident_bytes, return_memory
 from glpath.system.versions import versions
 from glpath.terrain.height_field import HeightField
 
@@ -99,6 +99,7 @@ def _row(scene: Scene, points: Float64, budget: int, alone: bool) -> Row:
         row["build_s"] = time.process_time() - before
     # Of what is no part: points, their textures, and words. Found by the same without any part.
     with PointVisibility(get_context().gl, scene, points, np.broadcast_to(_UP, points.shape), "plane", budget):
+        return_memory()
         resident = resident_bytes()
     started, before = time.perf_counter(), time.process_time()
     found = daylight_coefficients(scene, points, _UP, **given)

@@ -175,7 +175,8 @@ def daylight_coefficients(
     with ExitStack() as held:
         kept: KeptWords | KeptPass | None = None
         if resume is not None:
-            kept = held.enter_context((KeptPass.of if loaded.shapes.streams else KeptWords)(Path(resume)))
+            kept = KeptPass.of(Path(resume)) if loaded.shapes.streams else KeptWords(Path(resume))
+            held.enter_context(kept)
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)

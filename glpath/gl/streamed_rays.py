@@ -101,12 +101,12 @@ class StreamedRays(Owner):
                 lower - high - self._margin, upper - low + self._margin, directions
             )
             by_word = toward.reshape(len(words), WORD, 4)
-            met = np.flatnonzero(by_word[:, :, 3].any(axis=1))
-            if not len(met):
+            asking = np.flatnonzero(by_word[:, :, 3].any(axis=1))
+            if not len(asking):
                 continue
-            asked = words[np.ix_(met, which)]
+            asked = words[np.ix_(asking, which)]
             open_ = asked.any(axis=1)
-            met, asked = met[open_], asked[open_]
+            asking, asked = asking[open_], asked[open_]
             rays = Pass(
                 "parallel rays",
                 self._gl,
@@ -114,9 +114,9 @@ class StreamedRays(Owner):
                 self._target,
                 textures={**textures, "point_positions": positions},
             )
-            for first in range(0, len(met), self._words):
+            for first in range(0, len(asking), self._words):
                 some = slice(first, first + self._words)
-                words[np.ix_(met[some], which)] = self._drawn(rays, uniforms, by_word[met[some]], asked[some])
+                words[np.ix_(asking[some], which)] = self._drawn(rays, uniforms, by_word[asking[some]], asked[some])
 
     def _drawn(
         self, rays: Pass, uniforms: dict[str, object], toward: NDArray[np.float32], asked: NDArray[np.uint32]
