@@ -86,6 +86,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "sky view factors and sun hours: a million points of 20 million triangles, beside Embree's rays",
         ("--scale",),
     ),
+    "streamed-field": (
+        "the same field as a stream: what a million points see of 145 patches in 256 MiB, and the law of its time",
+        ("--scale",),
+    ),
     "lightmap": (
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
@@ -158,7 +162,7 @@ def bench(
         typer.Option(
             metavar="S",
             help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, cie171, lightmap, "
-            "jobs, parallel-rays, daylight, height-field, standard-scenes: below 1, less work; 1.",
+            "jobs, parallel-rays, daylight, height-field, streamed-field, standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
@@ -294,6 +298,10 @@ def _measure(
         from benchmarks.benches.height_field import bench_height_field
 
         return bench_height_field(scale, progress)
+    if name == "streamed-field":
+        from benchmarks.benches.streamed_field import bench_streamed_field
+
+        return bench_streamed_field(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 

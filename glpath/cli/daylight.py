@@ -20,7 +20,7 @@ from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
 from glpath.cli.scene import HELP, Parameters, read_scene
 from glpath.cli.signals import exit_code, result_of
-from glpath.cli.values import check_choice, vector
+from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_writable, save_all
@@ -156,6 +156,22 @@ def daylight(
         typer.Option(metavar="X,Y,Z", help="Default: y where z is up, -z where y is up.", rich_help_panel=_SKY),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the directions.", rich_help_panel=_SKY)] = 0,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K/N",
+            help="The K-th of N parts of the sensors alone, which `glpath merge` puts together with the others.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    geometry_budget: Annotated[
+        int,
+        typer.Option(
+            metavar="MIB",
+            help='Of memory for the triangles of shapes of type "stream", whose light is direct.',
+            rich_help_panel=_BOUNCES,
+        ),
+    ] = 256,
     weather: Annotated[
         Path | None,
         typer.Option(
@@ -218,13 +234,20 @@ def daylight(
         "gather_rays": gather_rays,
         "north": vector("--north", north),
         "seed": seed,
+        "shard": shard_of(shard),
+        "geometry_budget": geometry_budget,
     }
+    if shard is not None and year is not None:
+        raise UsageError("--shard: a part of the sensors has no sDA.", "Merge the shards, then give --weather.")
 
     def coefficients_of(which: str, beside: Path) -> DaylightCoefficients:
         if which.lower().endswith(".npz"):
             from glpath.daylight.coefficients import DaylightCoefficients
 
-            return DaylightCoefficients.load(which)
+            found = DaylightCoefficients.load(which)
+            if found.shard is not None:
+                raise UsageError(f"{which}: is a shard, a part of the sensors.", "Merge all: `glpath merge`.")
+            return found
         if points is None and texels is None:
             raise UsageError(
                 "daylight: where? No --points.", f"A CSV file of sensors; or the surfaces, --receiver {TEXELS}."
@@ -333,8 +356,9 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
 def _event(progress: DaylightProgress) -> ProgressEvent:
     rays = progress.done * progress.sensors
     speed = f", {rays / progress.elapsed_s / 1e6:,.3g} million rays/s" if progress.elapsed_s > 0 and rays else ""
-    text = (
-        f"{progress.done:,} of {progress.total:,} directions{speed}" if progress.stage == "rays" else progress.stage
+    of = f"{progress.done:,} of {progress.total:,}"
+    text = {"rays": f"{of} directions{speed}", "stream": f"{of} chunks of the stream"}.get(
+        progress.stage, progress.stage
     )
     return ProgressEvent(
         stage=progress.stage,

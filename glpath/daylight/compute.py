@@ -175,13 +175,17 @@ def daylight_coefficients(
     with ExitStack() as held:
         kept: KeptWords | KeptPass | None = None
         if resume is not None:
-            kept = held.enter_context((KeptPass.of if loaded.shapes.streams else KeptWords)(Path(resume)))
+            kept = KeptPass.of(Path(resume)) if loaded.shapes.streams else KeptWords(Path(resume))
+            held.enter_context(kept)
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)
         report("building the BVH", 0)
-        rays = held.enter_context(PointVisibility(context.gl, loaded, positions, facing, receiver, geometry_budget))
-        key = "" if kept is None else _key(loaded.digest(camera=False), positions, facing, directions, receiver)
+        rays = held.enter_context(
+            PointVisibility(context.gl, loaded, positions, facing, receiver, geometry_budget, first_sensor)
+        )
+        scene_and_number = f"{loaded.digest(camera=False)} {first_sensor}"
+        key = "" if kept is None else _key(scene_and_number, positions, facing, directions, receiver)
         flag = held.enter_context(interrupt_as_flag())
         if rays.chunks:
             assert not isinstance(kept, KeptWords), "a pass is kept as a whole"
@@ -284,10 +288,10 @@ def _words_of_pass(
     if found is None or rays.transmits:
         resident, shares = rays.see_out_of_resident(directions)
         found = resident if found is None else found
-    for done in rays.pass_over(directions, found, done):
-        if kept is not None and (flag or kept.due(done)):
-            kept.keep(done, found)
-        report(done)
+    for seen in rays.pass_over(directions, found, done):
+        if kept is not None and (flag or kept.due(seen)):
+            kept.keep(seen, found)
+        report(seen)
         if flag:
             raise KeyboardInterrupt
     if shares is not None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,7 @@ from glpath.daylight.indirect import Indirect
 from glpath.daylight.shard import Shard
 from glpath.daylight.texels import Texels
 from glpath.errors import UsageError
-
-__all__ = ["merge_coefficients"]
+from glpath.system.npz import open_npz
 
 
 def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, list[Path]]:
@@ -54,7 +54,7 @@ def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, lis
     if not found:
         raise UsageError("merge: no shard is named.", "Name the files of those that are to be put together.")
     parts = sorted(found, key=lambda path: _range(found[path])[0])
-    for before, after in zip(parts, parts[1:], strict=False):
+    for before, after in pairwise(parts):
         end, begin = _range(found[before])[1], _range(found[after])[0]
         if begin < end:
             raise UsageError(
@@ -67,6 +67,14 @@ def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, lis
                 "Name the shard that has them.",
             )
     return _together([found[path] for path in parts]), repeated
+
+
+def is_coefficients(path: Path) -> bool:
+    """Whether a file has daylight coefficients, and not a film. Raises ImageError for one that is no .npz."""
+    with open_npz(
+        path, "film or daylight coefficients", "Name .npz of `glpath render` or `glpath daylight`."
+    ) as of:
+        return "glpath_daylight" in of
 
 
 def _range(part: DaylightCoefficients) -> tuple[int, int]:

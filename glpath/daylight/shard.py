@@ -23,12 +23,15 @@ class Shard:
 
 def shard_range(shard: object, sensors: int) -> tuple[int, int]:
     """The first sensor of shard (k, n), from 1, and the one after its last. Raises UsageError."""
-    right = isinstance(shard, tuple) and len(shard) == 2 and all(isinstance(each, int) for each in shard)
-    if not (right and 1 <= shard[0] <= shard[1]):  # type: ignore[index]
+    match shard:
+        case (int(k), int(n)) if 1 <= k <= n:
+            pass
+        case _:
+            k = n = 0
+    if n == 0:
         raise UsageError(
             f"shard: {shard!r} where (k, n) with k from 1 to n is needed", "(1, 4) is the first of four."
         )
-    k, n = shard  # type: ignore[misc]
     if n > sensors:
         raise UsageError(f"shard: {n} shards of {sensors} sensors", "Give each shard a sensor at least.")
     return sensors * (k - 1) // n, sensors * k // n

@@ -2,8 +2,8 @@
 
 By rays, through one BVH where the triangles are in memory, as these are sooner there than scans however many points
 and triangles there are (`python -m benchmarks bench parallel-rays`). Through one BVH after the other where some are
-streamed: all directions are asked of a part of the triangles while that is in memory, so one pass over the stream is
-all. Points need no surface of their own: they are lifted along their normals by the rounding of the scene's
+streamed: all directions are asked of a part of the triangles while that is in memory, so one pass over the stream
+is all. Points need no surface of their own: they are lifted along their normals by the rounding of the scene's
 coordinates.
 
 Cost:     0.05 to 0.2 microseconds of a core for each point and direction; of a stream that for each part that a ray
@@ -148,7 +148,8 @@ def visible(
     receiver   : a "plane" sees nothing behind it; "cylinder" and "sphere" see all around
     geometry_budget : MiB for triangles of a stream
 
-    Memory is that of the points and of 32 directions, or of as many as a pass over a stream finds in 64 MiB. What thin glass lets through in part is seen.
+    Memory is that of the points and of 32 directions, or of as many as a pass over a stream finds in 64 MiB. What
+    thin glass lets through in part is seen.
     """
     positions, facing = checked_points(points, normals, "visible")
     _, toward = checked_points(directions, directions, "visible: directions")

@@ -30,7 +30,7 @@ from glpath.gl.thin_dielectrics import thin_dielectric_variants
 WORD = 32
 # Points along a square, up to so many; and of all squares of a draw, a word each: half a second on two cores.
 _MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
-# Whole numbers that a float tells apart, but 0.
+# Whole numbers that are different floats, but 0.
 _NUMBERS = (1 << 24) - 1
 
 

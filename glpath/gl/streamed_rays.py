@@ -1,8 +1,8 @@
 """Which points see out along shared directions of a scene that is never in memory all at once: part after part.
 
 A ray is blocked where any part blocks it, so parts may come in any order, and each only once: all directions of all
-points are asked while it is there. A ray that is blocked already is not cast again, nor is one of a square of points
-whose rays of its direction all pass the part's box.
+points are asked while it is there. A ray that is blocked already is not cast again, nor is one of a square of
+points whose rays of its direction all pass the part's box.
 
 Cost:     the BVH of each part once, half a microsecond a triangle on two cores; a ray of `ParallelRays` for each
           point, direction and part that it may meet. 16 bytes a point on the device.
@@ -101,12 +101,12 @@ class StreamedRays(Owner):
                 lower - high - self._margin, upper - low + self._margin, directions
             )
             by_word = toward.reshape(len(words), WORD, 4)
-            met = np.flatnonzero(by_word[:, :, 3].any(axis=1))
-            if not len(met):
+            asking = np.flatnonzero(by_word[:, :, 3].any(axis=1))
+            if not len(asking):
                 continue
-            asked = words[np.ix_(met, which)]
+            asked = words[np.ix_(asking, which)]
             open_ = asked.any(axis=1)
-            met, asked = met[open_], asked[open_]
+            asking, asked = asking[open_], asked[open_]
             rays = Pass(
                 "parallel rays",
                 self._gl,
@@ -114,9 +114,9 @@ class StreamedRays(Owner):
                 self._target,
                 textures={**textures, "point_positions": positions},
             )
-            for first in range(0, len(met), self._words):
+            for first in range(0, len(asking), self._words):
                 some = slice(first, first + self._words)
-                words[np.ix_(met[some], which)] = self._drawn(rays, uniforms, by_word[met[some]], asked[some])
+                words[np.ix_(asking[some], which)] = self._drawn(rays, uniforms, by_word[asking[some]], asked[some])
 
     def _drawn(
         self, rays: Pass, uniforms: dict[str, object], toward: NDArray[np.float32], asked: NDArray[np.uint32]

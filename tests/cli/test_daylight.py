@@ -45,6 +45,33 @@ def test_the_command_writes_what_the_call_returns(tmp_path: Path, sensors: Path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dc.npz", "sensors.csv"]
 
 
+def test_shards_merge_to_the_file_of_one_run(tmp_path: Path, sensors: Path) -> None:
+    parts = [tmp_path / f"{k}.npz" for k in (1, 2)]
+    options = ("--points", sensors, "--samples", 2, "--max-depth", 1)
+    for k, part in enumerate(parts, start=1):
+        done = run("cornell-box", "-o", part, "--shard", f"{k}/2", *options)
+        assert done.exit_code == 0, done.output
+    out = tmp_path / "dc.npz"
+    done = CliRunner().invoke(app, ["merge", *map(str, parts), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "2 sensors of 2 shards" in done.output
+    at = [[0.0, 0, 0], [0.3, 0.1, 0.2]]
+    expected = glpath.daylight_coefficients("cornell-box", at, [0.0, 1, 0], samples=2, max_depth=1)
+    assert np.array_equal(glpath.DaylightCoefficients.load(out).words, expected.words)
+    for wrong, text in (
+        (["merge", parts[0], "-o", tmp_path / "dc.png"], "no picture"),
+        (["merge", parts[0], "-o", out, "--exposure", 1], "no picture"),
+        (["daylight", "cornell-box", "-o", out, "--shard", "3/2", *options], "K/N"),
+        (
+            ["daylight", parts[0], "-o", tmp_path / "y.csv", "--weather", write_epw(tmp_path / "a.epw")],
+            "is a shard",
+        ),
+    ):
+        done = CliRunner().invoke(app, list(map(str, wrong)))
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+
+
 def test_wrong_usage_is_refused_before_anything_is_computed(tmp_path: Path, sensors: Path) -> None:
     for wrong, text in (
         (("-o", tmp_path / "dc.csv", "--points", sensors), ".npz"),

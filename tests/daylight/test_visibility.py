@@ -97,8 +97,9 @@ def test_streamed_hills_stand_behind_glass_that_is_in_memory() -> None:
             ),
         )
     )
-    assert rays.shares is not None and streamed.shares is not None
-    assert 0 < np.count_nonzero((rays.shares > 0) & (rays.shares < 1))
+    assert rays.shares is not None
+    assert streamed.shares is not None
+    assert np.count_nonzero((rays.shares > 0) & (rays.shares < 1)) > 0
     assert np.array_equal(streamed.words, rays.words)
     assert np.array_equal(streamed.shares, rays.shares)
 
