@@ -314,25 +314,20 @@ def _radiosity(
         return np.zeros((0, columns), np.float32)
     shift = path_traceable(scene.still()).origin - scene.origin
     points = sides.points + shift
-    words = -(-len(like.directions) // WORD)
+    # Direction by direction, so that neither words nor shares of all are kept.
+    direct = np.zeros((columns, len(sides)), np.float32)
+    normals = sides.normals.astype(np.float32)
     with PointVisibility(gl, scene, points, sides.normals) as rays:
-        seen = list(rays.see_out(like.directions))
-    shares = [each.share for each in seen if each.share is not None]
-    of_points = replace(
-        like,
-        points=points,
-        normals=sides.normals,
-        receiver="plane",
-        words=np.stack([each.word for each in seen]),
-        shares=np.concatenate(shares).reshape(words * WORD, len(points)) if shares else None,
-    )
-    direct = np.empty((len(sides), columns), np.float32)
-    step = 1024
-    for first in range(0, len(sides), step):
-        part = slice(POINTS * first, POINTS * min(first + step, len(sides)))
-        light = np.concatenate([of_points.direct_sky(part), of_points.direct_sun(part)], axis=1)
-        direct[first : first + step] = light.reshape(-1, POINTS, columns).mean(axis=1)
-    return solved(sides, direct, max_depth, seed)
+        for word, seen in enumerate(rays.see_out(like.directions)):
+            some = slice(WORD * word, min(WORD * (word + 1), len(like.directions)))
+            for k, direction in enumerate(like.directions[some].astype(np.float32)):
+                light = np.maximum(normals @ direction, 0.0) * (seen.word >> np.uint32(k) & np.uint32(1))
+                if seen.share is not None:
+                    light *= seen.share[k]
+                number = WORD * word + k
+                mean = light.reshape(-1, POINTS).mean(axis=1, dtype=np.float32)
+                direct[like.column[number]] += np.float32(like.weight[number]) * mean
+    return solved(sides, np.ascontiguousarray(direct.T), max_depth, seed)
 
 
 def _key(scene: str, points: Float64, normals: Float64, directions: Float64, receiver: str) -> str:

@@ -29,8 +29,8 @@ Float64 = NDArray[np.float64]
 BATCHES = 8
 # Strata of a batch, and surfaces of glass that a ray passes, one behind the other.
 _TURNS, _MAX_THROUGH = 16, 64
-# Rays of a block of points: 96 MiB.
-_BLOCK = 1 << 23
+# Rays of a block of points: 16 MiB, and some more for the matrix of their shares.
+_BLOCK = 1 << 21
 
 
 class Hits(NamedTuple):

@@ -34,6 +34,7 @@ from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
 from glpath.scene.geometry import Shapes
 from glpath.scene.instances import instanced
+from glpath.system.machine import return_memory
 
 Float64 = NDArray[np.float64]
 
@@ -120,6 +121,7 @@ class PointVisibility(Owner):
     def pass_over(self, directions: Float64, words: NDArray[np.uint32], first: int = 0) -> Iterator[int]:
         """Clear those bits of words (W, N) whose rays a streamed triangle blocks, from a chunk on, part by part:
         how many chunks are done after each."""
+        return_memory()  # or what preparing the points took stays beside the budget
         for part in self._parts(self._gl, self._far, first):
             self._streamed.narrow(part.bvh, part.lower, part.upper, directions, words)
             yield part.done
