@@ -53,9 +53,9 @@ ALONE = (RULE[0], RULE[3])
 #: Light meets at most so many surfaces, the sensor's among them.
 BOUNCES = 5
 #: Rays of each sensor of Radiance's, and those of the coefficients that errors are taken to.
-RAYS, CONVERGED = (1000, 4000, 16000), 400_000
+RAYS, CONVERGED = (1000, 4000, 16000), 200_000
 #: Directions into each patch.
-SAMPLES = (4, 16, 64, 128)
+SAMPLES = (4, 16, 64)
 CITY, SENSORS = 43_000, 1_000_000
 _UP = [0.0, 0.0, 1.0]
 

@@ -121,13 +121,15 @@ def daylight(
         typer.Option(metavar="1|2|4", help="145, 577 or 2,305 patches, and the ground.", rich_help_panel=_SKY),
     ] = 1,
     samples: Annotated[
-        int,
+        int | None,
         typer.Option(
             metavar="N",
-            help="Directions into each patch: 1, its centre, or an even number; errors are estimated from 4 on.",
+            help="Directions into each patch: 1, its centre, or an even number; errors are estimated from 4 on. As "
+            "many as 100 million rays allow, 4 to 64.",
+            show_default=False,
             rich_help_panel=_SKY,
         ),
-    ] = 4,
+    ] = None,
     latitude: Annotated[
         float | None,
         typer.Option(
