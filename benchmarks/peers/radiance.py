@@ -198,8 +198,11 @@ def described(scene: Scene) -> str:
             # What its glass leaves of light that crosses it once, straight, and its index.
             lines.append(f"void glass m{i}\n0\n0\n4 {_numbers(material.reflectance)} {material.ior:g}")
         elif material.diffuse_transmission > 0:
-            through = f"0 0 {material.diffuse_transmission:g} 0"
-            lines.append(f"void trans m{i}\n0\n0\n7 {_numbers(material.reflectance)} {through}")
+            # The share of both that goes through has one colour with the rest.
+            through = material.diffuse_transmission * material.diffuse_transmission_colour
+            both = (1 - material.diffuse_transmission) * material.reflectance + through
+            share = float(through.sum() / both.sum())
+            lines.append(f"void trans m{i}\n0\n0\n7 {_numbers(both)} 0 0 {share:.9g} 0")
         else:
             lines.append(f"void plastic m{i}\n0\n0\n5 {_numbers(material.reflectance)} 0 0")
         for k, corners in enumerate(scene.triangles[part]):

@@ -47,7 +47,7 @@ def office(blinds: bool = False) -> dict[str, Any]:
             "wall": {"reflectance": 0.5},
             "ceiling": {"reflectance": 0.8},
             "glass": {"type": "glazing", "transmittance": TRANSMITTANCE},
-            "cloth": {"type": "principled", "reflectance": 0.5, "diffuse_transmission": CLOTH / 0.5},
+            "cloth": {"type": "principled", "reflectance": 0.5, "diffuse_transmission": CLOTH},
         },
         "shapes": shapes,
     }

@@ -76,9 +76,9 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     in_studio = not is_aside("picture")
     if not is_lit and not needs_light and not has_camera and in_studio:
-        scene = _in_studio(scene)
+        scene = _in_studio(scene, has_camera)
     elif not is_lit and needs_light:
-        scene = _in_studio(scene) if in_studio else replace(scene, sky=uniform_sky(assumed=True))
+        scene = _in_studio(scene, has_camera) if in_studio else replace(scene, sky=uniform_sky(assumed=True))
         what = "no light but what glows faintly" if emitters else "no light"
         if not is_aside("light"):
             stands_in = "a studio lights it" if in_studio else "a white sky shines from all around"
@@ -88,11 +88,20 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     return scene
 
 
-def _in_studio(scene: Scene) -> Scene:
-    """The scene in `studio`, before a plain background, on a ground at its lowest point."""
+def _in_studio(scene: Scene, has_camera: bool) -> Scene:
+    """The scene in `studio`, before a plain background, on a ground at its lowest point.
+
+    Up is the axis nearest to that of a camera of its own, or else y.
+    """
     lower, upper = scene.bounds
-    ground = np.array([0.0, lower[1] - _BELOW * float(np.linalg.norm(upper - lower)), 0.0])
-    return with_plain_background(replace(scene, sky=studio()), ground)
+    of_camera = scene.camera.up if has_camera else NO_CAMERA.up
+    axis = int(np.argmax(np.abs(of_camera)))
+    up = [0.0, 0.0, 0.0]
+    up[axis] = float(np.sign(of_camera[axis]))
+    ground = np.zeros(3)
+    ground[axis] = (lower if up[axis] > 0 else upper)[axis]
+    ground[axis] -= up[axis] * _BELOW * float(np.linalg.norm(upper - lower))
+    return with_plain_background(replace(scene, sky=studio((up[0], up[1], up[2]))), ground)
 
 
 def _lamps_light(scene: Scene) -> bool:

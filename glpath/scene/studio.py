@@ -46,7 +46,10 @@ _LIGHTS = (
 
 
 def studio(up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Environment:
-    """The environment map; `assumed`, as it stands in for light that a file does not have."""
+    """The environment map; `assumed`, as it stands in for light that a file does not have.
+
+    up : an axis. What faces the eye is the front of models: +z where y is up, -y where z is, as glTF is turned
+    """
     return _studio(up)
 
 
@@ -71,7 +74,8 @@ def _studio(up: tuple[float, float, float]) -> Environment:
     area = np.sin(theta) * (np.pi / _HEIGHT) * (2 * np.pi / _WIDTH)
     white = float((light * np.maximum(height, 0.0) * area).sum()) / np.pi
     image = np.repeat((light / white)[..., None], 3, axis=2).astype(np.float32)
-    return Environment(image, np.array(up), assumed=True)
+    # The middle of a map is along +x where z is up.
+    return Environment(image, np.array(up), rotation=-90.0 if abs(up[2]) > 0 else 0.0, assumed=True)
 
 
 def _smooth(t: Float64) -> Float64:

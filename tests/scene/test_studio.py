@@ -105,3 +105,34 @@ def test_nothing_is_measured_by_a_studio(tmp_path: Path):
 def test_a_scene_file_has_the_light_it_says():
     scene = glpath.load_scene("cornell-box-36")
     assert (scene.sky, scene.background) == (None, None)
+
+
+def test_where_z_is_up_the_studio_stands_upright():
+    """A description of the same block, turned as models are that come with z up, is the same picture."""
+
+    def block(turned: bool) -> dict[str, object]:
+        def at(x: float, y: float, z: float) -> list[float]:
+            return [x, -z, y] if turned else [x, y, z]
+
+        lower, upper = at(-1, 0, -0.5), at(1, 2, 0.5)
+        low, high = ([f(pair) for pair in zip(lower, upper, strict=True)] for f in (min, max))
+        return {
+            "camera": {"position": at(3, 3, 5), "target": at(0, 1, 0), "up": at(0, 1, 0)},
+            "film": {"resolution": [24, 24]},
+            "materials": {"grey": {"reflectance": 0.5}},
+            "shapes": [{"type": "box", "min": low, "max": high, "material": "grey"}],
+        }
+
+    films = []
+    for turned in (False, True):
+        with pytest.warns(glpath.SceneWarning, match="a studio lights it"):
+            scene = glpath.load_scene(block(turned))
+        assert scene.background is not None
+        assert scene.background.ground is not None
+        up = 2 if turned else 1
+        assert scene.background.up.tolist() == np.eye(3)[up].tolist()
+        assert scene.background.ground[up] == pytest.approx(0.0, abs=1e-3)
+        films.append(glpath.render(scene, spp=64, integrator="path", max_depth=2).mean)
+    assert films[1].mean() == pytest.approx(films[0].mean(), rel=0.02)
+    blurred = [film.reshape(4, 6, 4, 6, 3).mean(axis=(1, 3)) for film in films]
+    assert blurred[1] == pytest.approx(blurred[0], rel=0.08)
