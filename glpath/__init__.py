@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from glpath.compare import relative_mse
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.compute import daylight_coefficients
+    from glpath.daylight.texels import Texels, texels
     from glpath.daylight.year import DaylightYear, daylight_year
     from glpath.errors import (
         ContextError,
@@ -71,6 +72,7 @@ _HOME = {
     "SceneError": "errors",
     "SceneWarning": "errors",
     "ShaderError": "errors",
+    "Texels": "daylight.texels",
     "UsageError": "errors",
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
@@ -93,6 +95,7 @@ _HOME = {
     "render_frames": "rendering",
     "render_views": "rendering.views",
     "solve_radiosity": "radiosity.solvers.solve",
+    "texels": "daylight.texels",
     "view_factors": "radiosity.view_factors.compute",
 }
 
@@ -118,6 +121,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "ShaderError",
+    "Texels",
     "UsageError",
     "ViewFactorProgress",
     "ViewFactors",
@@ -141,6 +145,7 @@ __all__ = [
     "render_frames",
     "render_views",
     "solve_radiosity",
+    "texels",
     "view_factors",
 ]
 

@@ -25,6 +25,7 @@ from benchmarks.peers import radiance
 from benchmarks.scenes.city import City
 from benchmarks.scenes.daylit_office import as_toml, office, sensors
 from benchmarks.verdict import Condition, Report, judge, machine
+from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compute import daylight_coefficients
 from glpath.daylight.hourly_skies import HourlySkies
 from glpath.daylight.metrics import AUTONOMY, daylight_autonomy, spatial_autonomy
@@ -34,7 +35,7 @@ from glpath.gl.context import open_context
 from glpath.io import scene_from_dict
 from glpath.io.sun_position import pvlib_module
 from glpath.io.weather import Weather, read_weather
-from glpath.scene.model import Float64
+from glpath.scene.model import Float64, Scene
 from glpath.system.machine import peak_resident_bytes
 from glpath.system.versions import versions
 
@@ -53,6 +54,8 @@ ALONE = (RULE[0], RULE[3])
 BOUNCES = 5
 #: Rays of each sensor of Radiance's, and those of the coefficients that errors are taken to.
 RAYS, CONVERGED = (1000, 4000, 16000), 200_000
+#: Directions into each patch.
+SAMPLES = (4, 16, 64)
 CITY, SENSORS = 43_000, 1_000_000
 _UP = [0.0, 0.0, 1.0]
 
@@ -105,48 +108,65 @@ def error(found: Float64, expected: Float64) -> float:
 
 
 def beside_radiance(scale: float, say: Say) -> tuple[list[Row], dict[str, float], list[str]]:
-    """Rows of both programs, numbers, and faults; GlpathError without Radiance."""
+    """Rows of both programs, numbers, and faults; GlpathError without Radiance.
+
+    Blinds close in the same hours for both: those in which the sun is on more than 2 % of the sensors.
+    """
     version = radiance.version()
-    scene, at = scene_from_dict(office()), sensors()
+    bare, closed, at = scene_from_dict(office()), scene_from_dict(office(blinds=True)), sensors()
     up = np.tile(_UP, (len(at), 1))
     weather = read_weather(real_year())
-    started = time.perf_counter()
-    found = daylight_coefficients(scene, at, up, latitude=weather.latitude, max_depth=BOUNCES)
-    ours_s = time.perf_counter() - started
-    ours = found.sky().astype(np.float64)
-    say(f"glpath: {ours_s:.1f} s")
     most = max(2000, round(CONVERGED * scale))
-    seconds, expected = radiance.daylight_matrix(scene, at, up, 1, most, BOUNCES)
+
+    def of_glpath(scene: Scene, samples: int, suns: bool = False) -> tuple[float, DaylightCoefficients]:
+        latitude = weather.latitude if suns else None
+        started = time.perf_counter()
+        found = daylight_coefficients(scene, at, up, samples=samples, max_depth=BOUNCES, latitude=latitude)
+        return time.perf_counter() - started, found
+
+    seconds, expected = radiance.daylight_matrix(bare, at, up, 1, most, BOUNCES)
     say(f"Radiance {version}, {most:,} rays a sensor: {seconds:.1f} s")
-    rows: list[Row] = [
-        {"program": "glpath", "rays": None, "seconds": ours_s, "error": error(ours, expected)},
-    ]
+    rows: list[Row] = [{"program": "Radiance", "samples": most, "seconds": seconds, "error": None}]
     for rays in RAYS:
-        took, matrix = radiance.daylight_matrix(scene, at, up, 1, max(100, round(rays * scale)), BOUNCES)
-        rows.append({"program": "Radiance", "rays": rays, "seconds": took, "error": error(matrix, expected)})
+        took, matrix = radiance.daylight_matrix(bare, at, up, 1, max(100, round(rays * scale)), BOUNCES)
+        rows.append({"program": "Radiance", "samples": rays, "seconds": took, "error": error(matrix, expected)})
         say(f"Radiance, {rays:,} rays: {took:.1f} s, error {rows[-1]['error']:.2%}")
-    rows.append({"program": "Radiance", "rays": most, "seconds": seconds, "error": None})
-    # Of its rows the one with the most rays: cost is in proportion to rays there, errors to their root.
-    like = rows[-2]
-    to_our_error = like["seconds"] * (like["error"] / rows[0]["error"]) ** 2
-    skies = patches_alone(weather, found)
-    begin = (weather.times - weather.times.astype("datetime64[D]")).astype("timedelta64[h]").astype(int)
-    occupied = (begin >= 8) & (begin < 18)
-    shares = []
-    for name, matrix in (("glpath", ours), ("Radiance", expected)):
-        lux = radiance.matrix_product(matrix, skies[:, occupied])
-        off = np.abs(lux - matrix @ skies[:, occupied]).max() / lux.max()
-        faults = [f"dctimestep and numpy differ by {off:.1e} of {name}'s"] if off > 1e-4 else []
-        shares.append(spatial_autonomy(daylight_autonomy(lux, AUTONOMY)))
-    numbers = {
-        "glpath_coefficients_s": ours_s,
-        "glpath_error": rows[0]["error"],
-        "radiance_to_that_error_s": to_our_error,
-        "radiance_ratio": to_our_error / ours_s,
-        "autonomous_share_glpath": shares[0],
-        "autonomous_share_radiance": shares[1],
-        "sda_off": abs(shares[0] - shares[1]),
-        "sum_off": float(ours.sum() / expected.sum() - 1),
+    theirs = rows[-1]
+    of_glpath(bare, 2)  # compiles
+    best, ratio = 0, 0.0
+    for samples in SAMPLES:
+        took, found = of_glpath(bare, samples)
+        off = error(found.sky().astype(np.float64), expected)
+        rows.append({"program": "glpath", "samples": samples, "seconds": took, "error": off})
+        say(f"glpath, {samples} directions into a patch: {took:.1f} s, error {off:.2%}")
+        # Radiance's cost is in proportion to rays, and its error to their root.
+        of_this = theirs["seconds"] * (theirs["error"] / off) ** 2 / took
+        if of_this > ratio:
+            best, ratio = samples, of_this
+    year = daylight_year(of_glpath(bare, best, suns=True)[1], weather, blinds=of_glpath(closed, best, suns=True)[1])
+    assert year.blinds is not None, "given"
+    skies = patches_alone(weather, year.coefficients)[:, year.occupied]
+    shut = year.closed[year.occupied]
+    with_blinds = radiance.daylight_matrix(closed, at, up, 1, most // 4, BOUNCES)[1]
+    pairs = {
+        "glpath": tuple(each.sky().astype(np.float64) for each in (year.coefficients, year.blinds)),
+        "Radiance": (expected, with_blinds),
+    }
+    numbers, faults = {"samples": float(best), "radiance_ratio": ratio}, []
+    for name, (open_matrix, shut_matrix) in pairs.items():
+        lux = np.empty((len(at), len(shut)))
+        for which, matrix in ((~shut, open_matrix), (shut, shut_matrix)):
+            lux[:, which] = radiance.matrix_product(matrix, skies[:, which])
+            off = np.abs(lux[:, which] - matrix @ skies[:, which]).max() / lux[:, which].max()
+            faults += [f"dctimestep and numpy differ by {off:.1e} of {name}'s"] if off > 1e-4 else []
+        autonomy = daylight_autonomy(lux, AUTONOMY)
+        numbers[f"sda_{name.lower()}"] = spatial_autonomy(autonomy)
+        numbers[f"mean_autonomy_{name.lower()}"] = float(autonomy.mean())
+    ours, theirs_closed = pairs["glpath"], pairs["Radiance"]
+    numbers |= {
+        "sda_off": abs(numbers["sda_glpath"] - numbers["sda_radiance"]),
+        "sum_off": float(ours[0].sum() / theirs_closed[0].sum() - 1),
+        "sum_off_with_blinds": float(ours[1].sum() / theirs_closed[1].sum() - 1),
     }
     return rows, numbers, faults
 
@@ -186,17 +206,6 @@ def bench_daylight(rounds: int = 3, scale: float = 1.0, say: Say = lambda text: 
     """
     seconds, printed = office_seconds(rounds, say)
     numbers: dict[str, float] = {"office_s": median(seconds), "office_sensors": float(len(sensors()))}
-    year = daylight_year(
-        daylight_coefficients(
-            scene_from_dict(office()),
-            sensors(),
-            _UP,
-            latitude=read_weather(real_year()).latitude,
-            max_depth=BOUNCES,
-        ),
-        real_year(),
-    )
-    numbers |= {"ase": year.ase, "autonomous_share": year.autonomous_share}
     rows: list[Row] = []
     notes = [line.strip() for line in printed.splitlines() if "sDA" in line or "ASE" in line]
     faults: list[str] = []

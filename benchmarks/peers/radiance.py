@@ -197,6 +197,9 @@ def described(scene: Scene) -> str:
         elif material.slab:
             # What its glass leaves of light that crosses it once, straight, and its index.
             lines.append(f"void glass m{i}\n0\n0\n4 {_numbers(material.reflectance)} {material.ior:g}")
+        elif material.diffuse_transmission > 0:
+            through = f"0 0 {material.diffuse_transmission:g} 0"
+            lines.append(f"void trans m{i}\n0\n0\n7 {_numbers(material.reflectance)} {through}")
         else:
             lines.append(f"void plastic m{i}\n0\n0\n5 {_numbers(material.reflectance)} 0 0")
         for k, corners in enumerate(scene.triangles[part]):

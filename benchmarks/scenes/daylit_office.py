@@ -35,7 +35,9 @@ def office(blinds: bool = False) -> dict[str, Any]:
         {"type": "quad", "material": "glass", "corners": _upright(x0, x1, z0, z1)},
     ]
     if blinds:
-        shapes.append({"type": "quad", "material": "cloth", "corners": _upright(x0, x1, z0, z1, 0.05)})
+        # Larger than the window, so that no sun slips past its edge.
+        cloth = _upright(x0 - 0.1, x1 + 0.1, z0 - 0.1, z1 + 0.1, 0.05)
+        shapes.append({"type": "quad", "material": "cloth", "corners": cloth})
     return {
         "name": "office with blinds" if blinds else "office",
         "unit": "photometric",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -12,6 +13,7 @@ import typer
 
 from glpath.cli import completion
 from glpath.cli.completion import words
+from glpath.cli.daylight_shown import SHOWN, TEXELS, check_shown, saves_shown, texel_request
 from glpath.cli.daylight_year import year_request, year_summary
 from glpath.cli.help import command_help
 from glpath.cli.options import with_options
@@ -30,10 +32,11 @@ if TYPE_CHECKING:
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.compute import DaylightProgress
     from glpath.daylight.receivers import Receiver
+    from glpath.daylight.texels import Texels
     from glpath.scene import Scene
 
 _POINTS, _SKY, _BOUNCES, _YEAR = "Points", "Sun and sky", "Reflected light", "The year"
-_RECEIVERS = ("plane", "cylinder", "sphere")
+_RECEIVERS = ("plane", "cylinder", "sphere", TEXELS)
 
 
 def register(app: typer.Typer) -> None:
@@ -42,8 +45,8 @@ def register(app: typer.Typer) -> None:
         ("glpath daylight city.glb -o dc.npz --points sensors.csv", "145 patches of the sky"),
         ("glpath daylight city.glb -o dc.npz --points sensors.csv --latitude 51.5", "and the suns of the year"),
         ("glpath daylight office.toml -o year.nc --points desk.csv --weather zurich.epw", "a year, hour by hour"),
-        everyday="scene out points normal receiver subdivision latitude max_depth north weather blinds occupied "
-        "resume device parameters quiet",
+        everyday="scene out points normal receiver texel_size subdivision latitude max_depth north weather blinds "
+        "occupied resume device parameters quiet",
     )
     epilog = (
         "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
@@ -67,7 +70,8 @@ def daylight(
             "--out",
             metavar="FILE",
             help="Write .npz, the coefficients (`DaylightCoefficients`); with --weather also .nc, the year for "
-            "xarray, and .csv, its sums of each sensor. May be repeated.",
+            "xarray, and .csv, its sums of each sensor; .vtp, sums on sensors for ParaView, and .glb, texels in "
+            "false colours (glpath[figures]). May be repeated.",
         ),
     ],
     points: Annotated[
@@ -87,23 +91,45 @@ def daylight(
         typer.Option(
             metavar="|".join(_RECEIVERS),
             help="plane: across the normal, lit on its side. cylinder: the mean around it. sphere: the mean of all "
-            "directions.",
+            "directions. texels: the fronts of all surfaces, in small faces, instead of --points.",
             autocompletion=words(_RECEIVERS),
             rich_help_panel=_POINTS,
         ),
     ] = "plane",
+    texel_size: Annotated[
+        float | None, typer.Option(metavar="UNITS", help="Of texels, at most.", rich_help_panel=_POINTS)
+    ] = None,
+    texel_shape: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A shape that texels are of, * for any letters; all. May be repeated.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    show: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What colours a .glb, one of the sums of the year.",
+            show_default="irradiation_year; without --weather sky_view_factor",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
     subdivision: Annotated[
         int,
         typer.Option(metavar="1|2|4", help="145, 577 or 2,305 patches, and the ground.", rich_help_panel=_SKY),
     ] = 1,
     samples: Annotated[
-        int,
+        int | None,
         typer.Option(
             metavar="N",
-            help="Directions into each patch: 1, its centre, or an even number; errors are estimated from 4 on.",
+            help="Directions into each patch: 1, its centre, or an even number; errors are estimated from 4 on. As "
+            "many as 100 million rays allow, 4 to 64.",
+            show_default=False,
             rich_help_panel=_SKY,
         ),
-    ] = 4,
+    ] = None,
     latitude: Annotated[
         float | None,
         typer.Option(
@@ -190,7 +216,12 @@ def daylight(
     lie on surfaces or be free. The scene needs neither camera nor light.
     """
     check_choice("--receiver", receiver, _RECEIVERS)
-    year = year_request(weather, blinds, occupied, threshold, ground, hours, out, latitude)
+    texels = texel_request(receiver, texel_size, texel_shape, points, normal)
+    shown = [path for path in out if path.suffix.lower() in SHOWN]
+    from_file = scene.lower().endswith(".npz")
+    check_shown(shown, texels is not None or from_file, show, weather is not None)
+    others = [path for path in out if path not in shown]
+    year = year_request(weather, blinds, occupied, threshold, ground, hours, others, latitude)
     for path in out:
         check_writable(path)
     saved = next((path for path in out if path.suffix.lower() == ".npz"), out[0])
@@ -199,7 +230,7 @@ def daylight(
         "samples": samples,
         "latitude": latitude if year is None else year.weather.latitude,
         "suns": suns,
-        "receiver": cast("Receiver", receiver),
+        "receiver": "plane" if texels else cast("Receiver", receiver),
         "max_depth": max_depth,
         "elements": elements,
         "gather_rays": gather_rays,
@@ -219,29 +250,42 @@ def daylight(
             if found.shard is not None:
                 raise UsageError(f"{which}: is a shard, a part of the sensors.", "Merge all: `glpath merge`.")
             return found
-        if points is None:
-            raise UsageError("daylight: where? No --points.", "A CSV file of sensors.")
-        from glpath.cli.point_files import check_within, read_points
+        if points is None and texels is None:
+            raise UsageError(
+                "daylight: where? No --points.", f"A CSV file of sensors; or the surfaces, --receiver {TEXELS}."
+            )
+        from glpath.cli.point_files import Points, check_within, read_points
 
         with aside("camera", "light"):
             loaded = read_scene(which, parameters)
+        if texels is not None:
+            # With blinds, too, of the scene without.
+            faces = texels.of(loaded) if of_texels is None else of_texels
+            found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
+            first = 0 if found.shard is None else found.shard.first
+            return replace(found, texels=faces[first : first + len(found)])
+        assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
         check_within(at, loaded, f"--points {points}")
         return _computed(loaded, at, options, beside, run)
 
-    if scene.lower().endswith(".npz") and year is None:
+    if from_file and year is None and not shown:
         raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     if points is not None and str(points) == "-" and blinds is not None:
         raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
+    of_texels: Texels | None = None
     found = coefficients_of(scene, saved)
+    of_texels = found.texels
     rescue: dict[str, Save] = {"daylight.npz": found.save}
     targets: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
     lines = list(_summary(found))
+    of_year = None
     if year is not None:
         closed = None if blinds is None else coefficients_of(blinds, saved.with_suffix(".blinds.npz"))
         of_year = year.of(found, closed)
-        targets |= {path: year.save_as(of_year) for path in out if path not in targets}
+        targets |= {path: year.save_as(of_year) for path in others if path not in targets}
         lines += year_summary(of_year)
+    targets |= saves_shown(shown, found, of_year, show)
     _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
     if failure is not None:
         raise failure

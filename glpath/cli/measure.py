@@ -46,7 +46,7 @@ def register(app: typer.Typer) -> None:
         ("glpath measure office.toml -o lux.png --plane z=0.75 --noise 0.01", "a false-colour picture"),
         ("glpath measure office.toml -o lux.csv --points points.csv", "points of your own"),
         everyday="scene out plane spacing area margin points normal receiver white_sky maintenance_factor "
-        "integrator spp noise time_limit max_depth resume device environment variant parameters",
+        "integrator spp noise max_depth resume device environment animation variant parameters",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
         with_options(with_scene_options(measure, OF_LIGHT), OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)

@@ -22,8 +22,7 @@ def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
     help = command_help(
         ("glpath merge a.npz b.npz -o all.npz", "one film of two shards"),
-        ("glpath merge shard-*.npz -o room.png -o room.exr", "and its pictures"),
-        ("glpath merge film.npz -o film.png --exposure 1", "a picture of one film"),
+        ("glpath merge shard-*.npz -o room.png -o room.exr --exposure 1", "and its pictures"),
         ("glpath merge dc-1.npz dc-2.npz -o dc.npz", "daylight coefficients of two shards"),
     )
     epilog = "Exit codes: 0 done, 1 failed, 2 wrong usage, or films that do not belong together."

@@ -24,6 +24,7 @@ from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
 from glpath.daylight.shard import Shard
 from glpath.daylight.sky_patches import SkyPatches
+from glpath.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
 from glpath.system.files import whole_file
@@ -56,6 +57,7 @@ class DaylightCoefficients:
     words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
     shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
     indirect    : what comes after one reflection or more; None of direct light alone
+    texels      : the faces of the scene that the sensors are of; None of other sensors
     shard       : which of the sensors these are; None for all
     """
 
@@ -73,6 +75,7 @@ class DaylightCoefficients:
     words: NDArray[np.uint32]
     shares: NDArray[np.float16] | None = None
     indirect: Indirect | None = None
+    texels: Texels | None = None
     shard: Shard | None = None
 
     def __len__(self) -> int:
@@ -265,6 +268,8 @@ class DaylightCoefficients:
             arrays["shares"] = self.shares
         if self.indirect is not None:
             arrays |= self.indirect.arrays()
+        if self.texels is not None:
+            arrays |= self.texels.arrays()
         if self.shard is not None:
             arrays |= {"shard": [self.shard.first, self.shard.total], "shard_work": self.shard.work}
         # Zeros of large files would unfold to more than a reader takes for harmless.
@@ -305,6 +310,7 @@ class DaylightCoefficients:
                 words=arrays.read("words", "u", (words, n)),
                 shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
                 indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
+                texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
                 shard=_shard(arrays) if "shard" in arrays else None,
             )
 

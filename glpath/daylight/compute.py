@@ -39,6 +39,13 @@ Shares = NDArray[np.float16]
 
 #: Directions of a patch at most.
 MAX_SAMPLES = 256
+#: Rays into the sky by default, of all sensors together: some seconds.
+DEFAULT_RAYS = 100_000_000
+#: Directions of a patch for the light on elements, whose errors are small beside those of sensors, as each sensor
+#: sees many of them.
+ELEMENT_SAMPLES = 4
+#: And of the ground, which is one patch.
+ELEMENT_GROUND = 512
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ def daylight_coefficients(
     normals: ArrayLike | None = None,
     *,
     subdivision: int = 1,
-    samples: int = 4,
+    samples: int | None = None,
     latitude: float | None = None,
     suns: int = MAX_BINS,
     receiver: Receiver = "plane",
@@ -94,7 +101,8 @@ def daylight_coefficients(
     points      : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals     : (N, 3), or (3,) for all, of any length but zero; may be left out for spheres
     subdivision : of the sky: 1, 2 or 4 for 145, 577 or 2,305 patches
-    samples     : directions into each patch: 1, its centre, or an even number; the error is estimated from 4 on
+    samples     : directions into each patch: 1, its centre, or an even number; the error is estimated from 4 on. By
+                  default as many as a hundred million rays of all sensors allow, from 4 to 64
     latitude    : degrees, positive in the north, for positions of the sun; None for none
     suns        : positions of the sun at most
     receiver    : "plane", "cylinder" (whose axis the normal is) or "sphere": see `glpath.daylight.receivers`
@@ -132,7 +140,8 @@ def daylight_coefficients(
             raise UsageError(f"{name}: {value!r} where a whole number from 1 is needed")
     if not (max_depth is None or (isinstance(max_depth, int) and max_depth >= 1)):
         raise UsageError(f"max_depth: {max_depth!r} where None or a whole number from 1 is needed")
-    if not (isinstance(samples, int) and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES))):
+    is_whole = isinstance(samples, int)
+    if not (samples is None or (is_whole and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES)))):
         raise UsageError(f"samples: {samples!r} where 1 or an even number up to {MAX_SAMPLES} is needed")
     if normals is None:
         if receiver != "sphere":
@@ -153,11 +162,11 @@ def daylight_coefficients(
         warn(f"{loaded.source or loaded.name}: has a stream, so there is direct light alone.")
         reflects = False
     compass = Compass.of(loaded, up, north)
-    of_sky = patches.directions(compass, samples, seed)
+    if samples is None:
+        samples = default_samples(len(positions), len(patches))
     sun = np.zeros((0, 3)) if latitude is None else SunBins.of(latitude, compass, suns).directions
-    directions = np.concatenate([of_sky.directions, sun])
-    column = np.concatenate([of_sky.patch, len(patches) + np.arange(len(sun))])
-    weight = np.concatenate([of_sky.weight, np.ones(len(sun))])
+    shared = _Shared.of(patches, compass, samples, seed, sun)
+    directions = shared.directions
     part, first_sensor = None, 0
     if shard is not None:
         settings = (max_depth, elements, gather_rays, seed) if reflects else ()
@@ -209,8 +218,8 @@ def daylight_coefficients(
             latitude=float("nan") if latitude is None else float(latitude),
             samples=samples,
             directions=directions,
-            column=column,
-            weight=weight,
+            column=shared.column,
+            weight=shared.weight,
             words=found,
             shares=None if shares is None else shares.reshape(-1, count),
             shard=part,
@@ -221,7 +230,8 @@ def daylight_coefficients(
             report("elements", len(directions))
             scene_in_triangles = path_traceable(loaded.still())
             sides = ReflectingSides(scene_in_triangles, elements)
-            radiosity = _radiosity(context.gl, loaded, sides, direct, max_depth, seed)
+            few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
+            radiosity = _radiosity(context.gl, loaded, sides, few, max_depth, seed)
             if flag:
                 raise KeyboardInterrupt
 
@@ -239,6 +249,39 @@ def daylight_coefficients(
         if kept is not None:
             kept.remove()
     return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """directions, column, weight : (D, 3), (D,) and (D,), as of `DaylightCoefficients`"""
+
+    directions: Float64
+    column: NDArray[np.intp]
+    weight: Float64
+
+    @classmethod
+    def of(
+        cls,
+        patches: SkyPatches,
+        compass: Compass,
+        samples: int,
+        seed: int,
+        suns: Float64,
+        ground: int | None = None,
+    ) -> _Shared:
+        """Of the ground, the sky and the suns (S, 3)."""
+        sky = patches.directions(compass, samples, seed, ground)
+        return cls(
+            np.concatenate([sky.directions, suns]),
+            np.concatenate([sky.patch, len(patches) + np.arange(len(suns))]),
+            np.concatenate([sky.weight, np.ones(len(suns))]),
+        )
+
+
+def default_samples(sensors: int, patches: int) -> int:
+    """Directions of a patch for so many sensors: as many as `DEFAULT_RAYS` allow, 4, 8, 16, 32 or 64."""
+    allowed = DEFAULT_RAYS / max(1, sensors * patches)
+    return next((count for count in (64, 32, 16, 8) if count <= allowed), 4)
 
 
 def _words(
@@ -304,12 +347,12 @@ def _radiosity(
     gl: moderngl.Context,
     scene: Scene,
     sides: ReflectingSides,
-    like: DaylightCoefficients,
+    like: _Shared,
     max_depth: int | None,
     seed: int,
 ) -> NDArray[np.float32]:
     """(R, C) float32: of the sides, for each column of `like`."""
-    columns = len(like.patches) + len(like.suns)
+    columns = int(like.column[-1]) + 1
     if not len(sides):
         return np.zeros((0, columns), np.float32)
     shift = path_traceable(scene.still()).origin - scene.origin

@@ -19,6 +19,7 @@ import numpy as np
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.shard import Shard
+from glpath.daylight.texels import Texels
 from glpath.errors import UsageError
 from glpath.system.npz import open_npz
 
@@ -103,12 +104,14 @@ def _together(parts: list[DaylightCoefficients]) -> DaylightCoefficients:
     assert first.shard is not None, "checked before"
     count = sum(map(len, parts))
     shares = [part.shares for part in parts if part.shares is not None]
+    texels = [part.texels for part in parts if part.texels is not None]
     return replace(
         first,
         points=np.concatenate([part.points for part in parts]),
         normals=np.concatenate([part.normals for part in parts]),
         words=np.concatenate([part.words for part in parts], axis=1),
         shares=np.concatenate(shares, axis=1) if shares else None,
+        texels=Texels.joined(texels) if len(texels) == len(parts) else None,
         indirect=_reflected([part.indirect for part in parts if part.indirect is not None]),
         shard=None if count == first.shard.total else Shard(first.shard.first, first.shard.total, first.shard.work),
     )

@@ -149,14 +149,18 @@ class DaylightYear:
             found |= {"sDA": self.sda, "blinds_closed_hours": int((self.closed & self.occupied).sum())}
         return found
 
+    def of_sensors(self) -> Iterator[tuple[str, Float64, str]]:
+        """Name, values (N,) and unit of each summary of the year."""
+        for name, (dims, values, unit, _) in self._summaries().items():
+            if dims == ("sensor",):
+                yield name, values, "" if unit == "1" else unit
+
     def columns(self) -> dict[str, Float64]:
         """Of a table with a row for each sensor, (N,) each: what `.csv` has."""
         points, normals = self.coefficients.points, self.coefficients.normals
         found: dict[str, Float64] = {axis: points[:, i] for i, axis in enumerate("xyz")}
         found |= {f"n{axis}": normals[:, i] for i, axis in enumerate("xyz")}
-        for name, (dims, values, _, _) in self._summaries().items():
-            if dims == ("sensor",):
-                found[name] = values
+        found |= {name: values for name, values, _ in self.of_sensors()}
         for name in ("sun_hours", "irradiation"):
             of_months = getattr(self, name)
             found |= {f"{name}_{month:02d}": of_months[:, month - 1] for month in range(1, 13)}

@@ -116,6 +116,7 @@ def test_the_public_names_are_these() -> None:
         "SceneError",
         "SceneWarning",
         "ShaderError",
+        "Texels",
         "UsageError",
         "ViewFactorProgress",
         "ViewFactors",
@@ -139,6 +140,7 @@ def test_the_public_names_are_these() -> None:
         "render_frames",
         "render_views",
         "solve_radiosity",
+        "texels",
         "view_factors",
     ]
     for name in glpath.__all__:

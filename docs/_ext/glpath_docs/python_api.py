@@ -88,6 +88,8 @@ TASKS = (
                 "DaylightCoefficients",
                 "daylight_year",
                 "DaylightYear",
+                "texels",
+                "Texels",
                 "lightmap",
                 "Lightmap",
                 "probes",

@@ -9,7 +9,7 @@ Cost:   36 bytes a corner in .glb, as faces do not share vertices.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +20,20 @@ from glpath.errors import UsageError
 from glpath.film.charts import COLOUR_MAP, false_colours
 from glpath.film.image import decode_srgb
 from glpath.io.export import gltf_json
-from glpath.io.export.glb import Glb
+from glpath.io.export.glb import Glb, y_up_from
 from glpath.io.vtk import VtkMesh
-from glpath.scene.model import Float64, Scene
+from glpath.scene.camera import framing
+from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Shapes
+
+# Of the camera.
+_RESOLUTION = (1200, 900)
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
     """Flat faces in space, each with a value, which colours it.
 
-    corners  : (F, K, 3) float64, of triangles (K = 3) or quadrilaterals (4), around
+    corners  : (F, 4, 3) float64, around; a triangle has its last corner twice
     quantity : what the values are of, such as illuminance
     values   : (F,) float64; NaN where there is none
     unit     : of the values
@@ -51,20 +55,26 @@ class Facets:
         """The value of the last colour; the first is of 0."""
         return float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
 
+    @property
+    def _triangular(self) -> NDArray[np.bool_]:
+        return np.asarray((self.corners[:, 2] == self.corners[:, 3]).all(axis=1))
+
     def to_vtk(self, data: Mapping[str, Any] | None = None) -> VtkMesh:
         """Polygons with values on them: their own, or others by name, each (F,) or (F, k)."""
-        count, sides, _ = self.corners.shape
-        numbers = np.arange(count * sides).reshape(count, sides).tolist()
+        numbers = [
+            [first, first + 1, first + 2] if three else [first, first + 1, first + 2, first + 3]
+            for first, three in zip(range(0, 4 * len(self.corners), 4), self._triangular.tolist(), strict=True)
+        ]
         shown = {self.quantity: self.values} if data is None else data
         return VtkMesh(self.corners.reshape(-1, 3), numbers, cell_data=shown)
 
     def add_to(self, file: Glb, origin: Float64) -> None:
         """Put them into a file whose coordinates are relative to an origin (3,)."""
-        count, sides, _ = self.corners.shape
         colours = decode_srgb(false_colours(self.values, self.top))
         position = (self.corners - origin).reshape(-1, 3).astype(np.float32)
-        first = sides * np.arange(count)[:, None]
-        faces = np.stack([first + np.array([0, i, i + 1]) for i in range(1, sides - 1)], axis=1)
+        first = 4 * np.arange(len(self.corners))[:, None]
+        halves = np.array([[0, 1, 2]]), np.array([[0, 2, 3]])
+        faces = np.concatenate([first + halves[0], first[~self._triangular] + halves[1]])
         file.materials.append(
             gltf_json.Material(
                 name="false colours",
@@ -76,7 +86,7 @@ class Facets:
         primitive = gltf_json.Primitive(
             attributes={
                 "POSITION": file.add_array(position, bounds=True),
-                "COLOR_0": file.add_array(np.repeat(colours, sides, axis=0).astype(np.float32)),
+                "COLOR_0": file.add_array(np.repeat(colours, 4, axis=0).astype(np.float32)),
             },
             indices=file.add_array(faces.astype(np.uint32).ravel(), indices=True),
             material=len(file.materials) - 1,
@@ -96,14 +106,21 @@ class Facets:
         }
 
 
-def write_facets(facets: Facets, scene: Scene, path: Path) -> None:
-    """Write the faces alone, as .glb, seen by the scene's camera; `write_gltf` writes them inside of the scene.
+def write_facets(facets: Facets, up: Float64, path: Path) -> None:
+    """Write the faces alone, as .glb, with a camera that shows all; `write_gltf` writes them inside of a scene.
+
+    up : (3,), near an axis, which becomes y
 
     Raises ImageError, and GlpathError without matplotlib.
     """
-    centred = scene.centred
-    file = Glb(centred)
-    facets.add_to(file, centred.origin)
+    turned = replace(facets, corners=facets.corners @ y_up_from(up).T)
+    points = turned.corners.reshape(-1, 3)
+    camera = framing(points, _RESOLUTION)
+    # For its bounds and its origin.
+    mesh = Mesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 4)[:, :3])
+    scene = Scene(facets.quantity, camera, Shapes([Shape("faces", mesh, 0)]), (Material("faces", np.ones(3)),))
+    file = Glb(scene.centred)
+    turned.add_to(file, scene.centred.origin)
     file.save(path, **facets.legend)
 
 
