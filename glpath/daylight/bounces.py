@@ -146,7 +146,7 @@ def solved(sides: ReflectingSides, direct: Float32, max_depth: int | None, seed:
 
 
 def _series(sent: Any, between: Any, direct: Float32, reflections: int) -> Float32:
-    """The sum of so many reflections, or of as many as change it; some columns at a time, in place of direct."""
+    """The sum of so many reflections, or of as many as change it; some columns at a time, over those of direct."""
     sums = np.asarray(sent.sum(axis=0)).ravel() @ direct
     limit = _CHANGE * float(np.abs(sums).max(initial=0.0))
     step = max(1, _COLUMNS // max(1, len(direct)))

@@ -357,8 +357,9 @@ def _radiosity(
         return np.zeros((0, columns), np.float32)
     shift = path_traceable(scene.still()).origin - scene.origin
     points = sides.points + shift
-    # Direction by direction, so that neither words nor shares of all are kept.
-    direct = np.zeros((columns, len(sides)), np.float32)
+    # Direction by direction, so that neither words nor shares of all are kept. Those of a column are neighbours.
+    direct = np.zeros((len(sides), columns), np.float32)
+    of_column, column = np.zeros(len(sides), np.float32), -1
     normals = sides.normals.astype(np.float32)
     with PointVisibility(gl, scene, points, sides.normals) as rays:
         for word, seen in enumerate(rays.see_out(like.directions)):
@@ -368,9 +369,13 @@ def _radiosity(
                 if seen.share is not None:
                     light *= seen.share[k]
                 number = WORD * word + k
+                if like.column[number] != column:
+                    of_column, column = np.zeros(len(sides), np.float32), int(like.column[number])
                 mean = light.reshape(-1, POINTS).mean(axis=1, dtype=np.float32)
-                direct[like.column[number]] += np.float32(like.weight[number]) * mean
-    return solved(sides, np.ascontiguousarray(direct.T), max_depth, seed)
+                of_column += np.float32(like.weight[number]) * mean
+                if number + 1 == len(like.column) or like.column[number + 1] != column:
+                    direct[:, column] = of_column
+    return solved(sides, direct, max_depth, seed)
 
 
 def _key(scene: str, points: Float64, normals: Float64, directions: Float64, receiver: str) -> str:

@@ -124,7 +124,9 @@ class PointVisibility(Owner):
         return_memory()  # or what preparing the points took stays beside the budget
         for part in self._parts(self._gl, self._far, first):
             self._streamed.narrow(part.bvh, part.lower, part.upper, directions, words)
-            yield part.done
+            done = part.done
+            del part  # or it would be there while the next one is built
+            yield done
 
 
 def masked(shares: NDArray[np.float16], word: NDArray[np.uint32]) -> NDArray[np.float16]:
