@@ -50,7 +50,7 @@ FORMATS = (
         "Mitsuba",
         "mitsuba",
         "tests/io/test_mitsuba_scenes.py",
-        "as_mitsuba or of_mitsuba or is_mitsubas or mitsuba_makes",
+        "as_mitsuba or is_mitsubas or mitsuba_makes",
     ),
     (
         "honeybee, .hbjson",
