@@ -74,12 +74,20 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "what points see along shared directions: seconds of a ray and of a scan, by points and triangles",
         ("--scale",),
     ),
+    "daylight": (
+        "a year of daylight in an office, beside Radiance, and the sky and suns of a city's million sensors",
+        ("--rounds", "--scale"),
+    ),
     "cie171": (
         "irradiance at points beside exact values of CIE 171:2006, test cases 5.2 to 5.14",
         ("--scale",),
     ),
     "height-field": (
         "sky view factors and sun hours: a million points of 20 million triangles, beside Embree's rays",
+        ("--scale",),
+    ),
+    "streamed-field": (
+        "the same field as a stream: what a million points see of 145 patches in 256 MiB, and the law of its time",
         ("--scale",),
     ),
     "lightmap": (
@@ -145,8 +153,8 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="defaults, t-buffer, textures, shafts, viewfactors, jobs, image-tests, start-up, footprint: turns "
-            "of each program, of which the median counts; 7.",
+            help="defaults, t-buffer, textures, shafts, viewfactors, daylight, jobs, image-tests, start-up, "
+            "footprint: turns of each program, of which the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
@@ -154,7 +162,7 @@ def bench(
         typer.Option(
             metavar="S",
             help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, cie171, lightmap, "
-            "jobs, parallel-rays, height-field, standard-scenes: below 1, less work; 1.",
+            "jobs, parallel-rays, daylight, height-field, streamed-field, standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
@@ -278,6 +286,10 @@ def _measure(
         from benchmarks.benches.parallel_rays import bench_parallel_rays
 
         return bench_parallel_rays(scale, progress)
+    if name == "daylight":
+        from benchmarks.benches.daylight import bench_daylight
+
+        return bench_daylight(rounds, scale, progress)
     if name == "cie171":
         from benchmarks.benches.cie171 import bench_cie171
 
@@ -286,6 +298,10 @@ def _measure(
         from benchmarks.benches.height_field import bench_height_field
 
         return bench_height_field(scale, progress)
+    if name == "streamed-field":
+        from benchmarks.benches.streamed_field import bench_streamed_field
+
+        return bench_streamed_field(scale, progress)
     if name == "lightmap":
         from benchmarks.benches.lightmap import bench_lightmap
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from glpath.compare import relative_mse
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.compute import daylight_coefficients
+    from glpath.daylight.texels import Texels, texels
+    from glpath.daylight.year import DaylightYear, daylight_year
     from glpath.errors import (
         ContextError,
         GlpathError,
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
 _HOME = {
     "ContextError": "errors",
     "DaylightCoefficients": "daylight.coefficients",
+    "DaylightYear": "daylight.year",
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
@@ -69,12 +72,14 @@ _HOME = {
     "SceneError": "errors",
     "SceneWarning": "errors",
     "ShaderError": "errors",
+    "Texels": "daylight.texels",
     "UsageError": "errors",
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
     "Views": "rendering.views",
     "camera": "scene.camera_matrices",
     "daylight_coefficients": "daylight.compute",
+    "daylight_year": "daylight.year",
     "element_error": "rendering",
     "export": "io.export",
     "horizon": "terrain.horizon",
@@ -90,12 +95,14 @@ _HOME = {
     "render_frames": "rendering",
     "render_views": "rendering.views",
     "solve_radiosity": "radiosity.solvers.solve",
+    "texels": "daylight.texels",
     "view_factors": "radiosity.view_factors.compute",
 }
 
 __all__ = [
     "ContextError",
     "DaylightCoefficients",
+    "DaylightYear",
     "ElementError",
     "Film",
     "GlpathError",
@@ -114,6 +121,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "ShaderError",
+    "Texels",
     "UsageError",
     "ViewFactorProgress",
     "ViewFactors",
@@ -121,6 +129,7 @@ __all__ = [
     "__version__",
     "camera",
     "daylight_coefficients",
+    "daylight_year",
     "element_error",
     "export",
     "horizon",
@@ -136,6 +145,7 @@ __all__ = [
     "render_frames",
     "render_views",
     "solve_radiosity",
+    "texels",
     "view_factors",
 ]
 

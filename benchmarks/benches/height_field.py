@@ -89,7 +89,7 @@ def suns_of_a_year(declinations: int = 25, minutes: int = 30) -> tuple[Float64, 
     return np.degrees(np.arctan2(east, north))[seen] % 360, np.degrees(altitude)[seen], hours[seen]
 
 
-def _points_on(field: HeightField, count: int, seed: int) -> Float64:
+def points_on(field: HeightField, count: int, seed: int) -> Float64:
     """(N, 2), off the edges of triangles: rays to compare with begin a little above the surface."""
     rng = np.random.default_rng(seed)
     rows, columns = field.shape
@@ -103,7 +103,7 @@ def _points_on(field: HeightField, count: int, seed: int) -> Float64:
 def cost_rows(field: HeightField, points: int, say: Say) -> list[Row]:
     """Seconds of the clock and of the processor, of points and of all samples, and the most memory until then."""
     suns = suns_of_a_year()
-    at_points, at_samples = horizon(field, _points_on(field, points, 1)), horizon(field)
+    at_points, at_samples = horizon(field, points_on(field, points, 1)), horizon(field)
     rows = []
     for name, found, work in (
         ("points: sky view factors", at_points, Horizon.sky_view_factor),
@@ -136,7 +136,7 @@ def error_rows(side: int, points: int, rays: int, say: Say) -> list[Row]:
     vertices, faces = field.triangles()
     cast = embreex_triangles(vertices[faces])
     rows: list[Row] = []
-    at = _points_on(field, points, 2)
+    at = points_on(field, points, 2)
     for surface in (None, "surface"):
         found = horizon(field, at, surface)
         assert found.points is not None, "given"
@@ -154,7 +154,7 @@ def error_rows(side: int, points: int, rays: int, say: Say) -> list[Row]:
                 }
             )
     suns = suns_of_a_year()
-    found = horizon(field, _points_on(field, 20 * points, 3))
+    found = horizon(field, points_on(field, 20 * points, 3))
     assert found.points is not None, "given"
     expected = np.array([_sun_hours(cast, point, suns) for point in found.points])
     off = (found.sun_hours(*suns) - expected) / suns[2].sum()

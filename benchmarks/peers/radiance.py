@@ -76,13 +76,14 @@ def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -
 
 
 def daylight_matrix(
-    scene: Scene, points: Float64, normals: Float64, subdivision: int, rays: int
+    scene: Scene, points: Float64, normals: Float64, subdivision: int, rays: int, bounces: int = 1
 ) -> tuple[float, Float64]:
-    """Seconds, and (N, 1 + P) direct daylight coefficients by `rfluxmtx`: the ground, then Reinhart's patches.
+    """Seconds, and (N, 1 + P) daylight coefficients by `rfluxmtx`: the ground, then Reinhart's patches.
 
     scene       : comparable, with z up and y in the north
     subdivision : of the sky, as MF of `reinsrc.cal`
     rays        : from each point
+    bounces     : 1 is direct light
 
     Raises GlpathError where Radiance is absent or fails.
     """
@@ -92,10 +93,37 @@ def daylight_matrix(
         Path(folder, "scene.rad").write_text(described(scene))
         Path(folder, "sky.rad").write_text(_SKY.format(subdivision))
         start = time.perf_counter()
-        how = ["-I+", "-h", "-fff", "-ab", "1", "-ad", str(rays), "-lw", f"{0.01 / rays:g}", "-y", str(len(points))]
+        how = [
+            "-I+",
+            "-h",
+            "-fff",
+            "-ab",
+            str(bounces),
+            "-ad",
+            str(rays),
+            "-lw",
+            f"{0.01 / rays:g}",
+            "-y",
+            str(len(points)),
+        ]
         found = radiance.run("rfluxmtx", *how, "-n", str(core_count()), "-", "sky.rad", "scene.rad", given=table)
         seconds = time.perf_counter() - start
     return seconds, np.frombuffer(found, np.float32).reshape(len(points), -1, 3)[..., 1].astype(np.float64)
+
+
+def matrix_product(coefficients: Float64, skies: Float64) -> Float64:
+    """(N, T): coefficients (N, P) times the skies of T hours (P, T), by `dctimestep`, which has three channels.
+
+    Raises GlpathError where Radiance is absent or fails.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        radiance = _Programs(folder)
+        for name, matrix in (("dc.mtx", coefficients), ("sky.mtx", skies)):
+            head = f"#?RADIANCE\nNROWS={matrix.shape[0]}\nNCOLS={matrix.shape[1]}\nNCOMP=3\nFORMAT=float\n\n"
+            values = np.repeat(matrix[..., None], 3, axis=2).astype("<f4")
+            Path(folder, name).write_bytes(head.encode() + values.tobytes())
+        found = radiance.run("dctimestep", "-h", "-of", "dc.mtx", "sky.mtx")
+    return np.frombuffer(found, np.float32).reshape(len(coefficients), -1, 3)[..., 1].astype(np.float64)
 
 
 _SKY = """#@rfluxmtx h=u u=+Y
@@ -163,11 +191,17 @@ def described(scene: Scene) -> str:
     """A comparable scene in Radiance's language: a material for each shape, a polygon for each triangle."""
     lines = []
     for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
+        material = scene.materials[shape.material]
         if shape.emits:
             lines.append(f"void light m{i}\n0\n0\n3 {_numbers(shape.emission)}")
+        elif material.slab:
+            # What its glass leaves of light that crosses it once, straight, and its index.
+            lines.append(f"void glass m{i}\n0\n0\n4 {_numbers(material.reflectance)} {material.ior:g}")
+        elif material.diffuse_transmission > 0:
+            through = f"0 0 {material.diffuse_transmission:g} 0"
+            lines.append(f"void trans m{i}\n0\n0\n7 {_numbers(material.reflectance)} {through}")
         else:
-            reflectance = scene.materials[shape.material].reflectance
-            lines.append(f"void plastic m{i}\n0\n0\n5 {_numbers(reflectance)} 0 0")
+            lines.append(f"void plastic m{i}\n0\n0\n5 {_numbers(material.reflectance)} 0 0")
         for k, corners in enumerate(scene.triangles[part]):
             lines.append(f"m{i} polygon s{i}.{k}\n0\n0\n9 {_numbers(corners.ravel())}")
     return "\n".join(lines) + "\n"

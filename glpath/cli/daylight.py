@@ -5,31 +5,38 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from glpath.cli import completion
 from glpath.cli.completion import words
+from glpath.cli.daylight_shown import SHOWN, TEXELS, check_shown, saves_shown, texel_request
+from glpath.cli.daylight_year import year_request, year_summary
 from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
-from glpath.cli.scene import Parameters, SceneArgument, read_scene
+from glpath.cli.scene import HELP, Parameters, read_scene
 from glpath.cli.signals import exit_code, result_of
-from glpath.cli.values import check_choice, vector
+from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
-from glpath.system.files import check_writable, is_stream, save_all
+from glpath.system.files import Save, check_writable, save_all
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
+    from glpath.cli.point_files import Points
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.compute import DaylightProgress
     from glpath.daylight.receivers import Receiver
+    from glpath.daylight.texels import Texels
+    from glpath.scene import Scene
 
-_POINTS, _SKY, _BOUNCES = "Points", "Sun and sky", "Reflected light"
-_RECEIVERS = ("plane", "cylinder", "sphere")
+_POINTS, _SKY, _BOUNCES, _YEAR = "Points", "Sun and sky", "Reflected light", "The year"
+_RECEIVERS = ("plane", "cylinder", "sphere", TEXELS)
 
 
 def register(app: typer.Typer) -> None:
@@ -37,9 +44,9 @@ def register(app: typer.Typer) -> None:
     help = command_help(
         ("glpath daylight city.glb -o dc.npz --points sensors.csv", "145 patches of the sky"),
         ("glpath daylight city.glb -o dc.npz --points sensors.csv --latitude 51.5", "and the suns of the year"),
-        ("glpath daylight office.toml -o dc.npz --points desk.csv --subdivision 4 --resume", "2,305 patches"),
-        everyday="scene out points normal receiver subdivision samples latitude suns max_depth north resume device "
-        "parameters quiet",
+        ("glpath daylight office.toml -o year.nc --points desk.csv --weather zurich.epw", "a year, hour by hour"),
+        everyday="scene out points normal receiver texel_size subdivision latitude max_depth north weather blinds "
+        "occupied resume device parameters quiet",
     )
     epilog = (
         "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
@@ -50,19 +57,31 @@ def register(app: typer.Typer) -> None:
 
 
 def daylight(
-    scene: SceneArgument,
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help=f"{HELP} Or .npz of coefficients, for a year.", autocompletion=completion.scenes
+        ),
+    ],
     out: Annotated[
-        Path,
-        typer.Option("-o", "--out", metavar="FILE", help="Where they go, .npz (`DaylightCoefficients`)."),
+        list[Path],
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Write .npz, the coefficients (`DaylightCoefficients`); with --weather also .nc, the year for "
+            "xarray, and .csv, its sums of each sensor; .vtp, sums on sensors for ParaView, and .glb, texels in "
+            "false colours (glpath[figures]). May be repeated.",
+        ),
     ],
     points: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             metavar="FILE",
             help="Sensors of a CSV file: columns x, y, z and nx, ny, nz; - for stdin.",
             rich_help_panel=_POINTS,
         ),
-    ],
+    ] = None,
     normal: Annotated[
         str | None,
         typer.Option(metavar="X,Y,Z", help="Where all face, of a file without normals.", rich_help_panel=_POINTS),
@@ -72,23 +91,45 @@ def daylight(
         typer.Option(
             metavar="|".join(_RECEIVERS),
             help="plane: across the normal, lit on its side. cylinder: the mean around it. sphere: the mean of all "
-            "directions.",
+            "directions. texels: the fronts of all surfaces, in small faces, instead of --points.",
             autocompletion=words(_RECEIVERS),
             rich_help_panel=_POINTS,
         ),
     ] = "plane",
+    texel_size: Annotated[
+        float | None, typer.Option(metavar="UNITS", help="Of texels, at most.", rich_help_panel=_POINTS)
+    ] = None,
+    texel_shape: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A shape that texels are of, * for any letters; all. May be repeated.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    show: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What colours a .glb, one of the sums of the year.",
+            show_default="irradiation_year; without --weather sky_view_factor",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
     subdivision: Annotated[
         int,
         typer.Option(metavar="1|2|4", help="145, 577 or 2,305 patches, and the ground.", rich_help_panel=_SKY),
     ] = 1,
     samples: Annotated[
-        int,
+        int | None,
         typer.Option(
             metavar="N",
-            help="Directions into each patch: 1, its centre, or an even number; errors are estimated from 4 on.",
+            help="Directions into each patch: 1, its centre, or an even number; errors are estimated from 4 on. As "
+            "many as 100 million rays allow, 4 to 64.",
+            show_default=False,
             rich_help_panel=_SKY,
         ),
-    ] = 4,
+    ] = None,
     latitude: Annotated[
         float | None,
         typer.Option(
@@ -117,49 +158,161 @@ def daylight(
         typer.Option(metavar="X,Y,Z", help="Default: y where z is up, -z where y is up.", rich_help_panel=_SKY),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the directions.", rich_help_panel=_SKY)] = 0,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K/N",
+            help="The K-th of N parts of the sensors alone, which `glpath merge` puts together with the others.",
+            rich_help_panel=_POINTS,
+        ),
+    ] = None,
+    geometry_budget: Annotated[
+        int,
+        typer.Option(
+            metavar="MIB",
+            help='Of memory for the triangles of shapes of type "stream", whose light is direct.',
+            rich_help_panel=_BOUNCES,
+        ),
+    ] = 256,
+    weather: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Weather of the site, .epw or TMY3's .csv, which says the latitude.",
+            rich_help_panel=_YEAR,
+        ),
+    ] = None,
+    blinds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help="The scene with blinds closed, or its .npz: they close in hours in which the sun is on more than "
+            "2 % of the sensors (LM-83).",
+            rich_help_panel=_YEAR,
+        ),
+    ] = None,
+    occupied: Annotated[
+        str, typer.Option(metavar="FROM-TO", help="Hours that count, local standard time.", rich_help_panel=_YEAR)
+    ] = "8-18",
+    threshold: Annotated[
+        float, typer.Option(metavar="LUX", help="Of daylight autonomy.", rich_help_panel=_YEAR)
+    ] = 300.0,
+    ground: Annotated[
+        float, typer.Option(metavar="ALBEDO", help="Of the ground around the scene.", rich_help_panel=_YEAR)
+    ] = 0.2,
+    hours: Annotated[
+        bool, typer.Option("--hours/--no-hours", help="In .nc each hour of each sensor.", rich_help_panel=_YEAR)
+    ] = True,
     parameters: Parameters = None,
     *,
     run: RunRequest,
 ) -> None:
     """Daylight coefficients: the irradiance of each sensor for unit radiance of each patch of the sky and of the
     ground, and for unit irradiance by the sun in each of its positions. With all reflections, by a solution to
-    which all surfaces are diffuse.
+    which all surfaces are diffuse. With --weather the light of all hours of a year, daylight autonomy, useful
+    daylight, sDA and ASE, irradiation and sun hours.
 
     Patches are Tregenza's, or Reinhart's subdivisions, in the order of Radiance's reinsrc (MF:1, 2, 4). Sensors may
     lie on surfaces or be free. The scene needs neither camera nor light.
     """
-    from glpath.cli.point_files import check_within, read_points
-
     check_choice("--receiver", receiver, _RECEIVERS)
-    if out.suffix.lower() != ".npz" or is_stream(out):
-        raise UsageError(f"{out}: daylight coefficients are written as .npz.", "Name the file dc.npz, say.")
-    with aside("camera", "light"):
-        loaded = read_scene(scene, parameters)
-    at = read_points(points, vector("--normal", normal))
-    check_within(at, loaded, f"--points {points}")
-    check_writable(out)
+    texels = texel_request(receiver, texel_size, texel_shape, points, normal)
+    shown = [path for path in out if path.suffix.lower() in SHOWN]
+    from_file = scene.lower().endswith(".npz")
+    check_shown(shown, texels is not None or from_file, show, weather is not None)
+    others = [path for path in out if path not in shown]
+    year = year_request(weather, blinds, occupied, threshold, ground, hours, others, latitude)
+    for path in out:
+        check_writable(path)
+    saved = next((path for path in out if path.suffix.lower() == ".npz"), out[0])
+    options = {
+        "subdivision": subdivision,
+        "samples": samples,
+        "latitude": latitude if year is None else year.weather.latitude,
+        "suns": suns,
+        "receiver": "plane" if texels else cast("Receiver", receiver),
+        "max_depth": max_depth,
+        "elements": elements,
+        "gather_rays": gather_rays,
+        "north": vector("--north", north),
+        "seed": seed,
+        "shard": shard_of(shard),
+        "geometry_budget": geometry_budget,
+    }
+    if shard is not None and year is not None:
+        raise UsageError("--shard: a part of the sensors has no sDA.", "Merge the shards, then give --weather.")
+
+    def coefficients_of(which: str, beside: Path) -> DaylightCoefficients:
+        if which.lower().endswith(".npz"):
+            from glpath.daylight.coefficients import DaylightCoefficients
+
+            found = DaylightCoefficients.load(which)
+            if found.shard is not None:
+                raise UsageError(f"{which}: is a shard, a part of the sensors.", "Merge all: `glpath merge`.")
+            return found
+        if points is None and texels is None:
+            raise UsageError(
+                "daylight: where? No --points.", f"A CSV file of sensors; or the surfaces, --receiver {TEXELS}."
+            )
+        from glpath.cli.point_files import Points, check_within, read_points
+
+        with aside("camera", "light"):
+            loaded = read_scene(which, parameters)
+        if texels is not None:
+            # With blinds, too, of the scene without.
+            faces = texels.of(loaded) if of_texels is None else of_texels
+            found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
+            first = 0 if found.shard is None else found.shard.first
+            return replace(found, texels=faces[first : first + len(found)])
+        assert points is not None, "asked above"
+        at = read_points(points, vector("--normal", normal))
+        check_within(at, loaded, f"--points {points}")
+        return _computed(loaded, at, options, beside, run)
+
+    if from_file and year is None and not shown:
+        raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
+    if points is not None and str(points) == "-" and blinds is not None:
+        raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
+    of_texels: Texels | None = None
+    found = coefficients_of(scene, saved)
+    of_texels = found.texels
+    rescue: dict[str, Save] = {"daylight.npz": found.save}
+    targets: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
+    lines = list(_summary(found))
+    of_year = None
+    if year is not None:
+        closed = None if blinds is None else coefficients_of(blinds, saved.with_suffix(".blinds.npz"))
+        of_year = year.of(found, closed)
+        targets |= {path: year.save_as(of_year) for path in others if path not in targets}
+        lines += year_summary(of_year)
+    targets |= saves_shown(shown, found, of_year, show)
+    _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
+    if failure is not None:
+        raise failure
+    if run.talks:
+        for line in lines:
+            say(line, err=True)
+        for path in out:
+            say(f"wrote {path}", err=True)
+
+
+def _computed(
+    scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
+) -> DaylightCoefficients:
+    """Raises typer.Exit when it is interrupted, after it has reported what is kept."""
     from glpath.daylight.kept_words import kept_beside
 
-    part = kept_beside(out) if run.resume else None
+    part = kept_beside(beside) if run.resume else None
 
     def compute() -> DaylightCoefficients:
         from glpath.daylight.compute import daylight_coefficients
 
         with reporting(run.mode, sys.stderr, _event) as report:
             return daylight_coefficients(
-                loaded,
+                scene,
                 at.points,
                 at.normals,
-                subdivision=subdivision,
-                samples=samples,
-                latitude=latitude,
-                suns=suns,
-                receiver=cast("Receiver", receiver),
-                max_depth=max_depth,
-                elements=elements,
-                gather_rays=gather_rays,
-                north=vector("--north", north),
-                seed=seed,
+                **options,
                 resume=part,
                 on_progress=report,
                 backend=run.backend,
@@ -168,20 +321,13 @@ def daylight(
             )
 
     try:
-        found = result_of(compute)
+        return result_of(compute)
     except KeyboardInterrupt as stop:
         kept = f"what is done is in {part}" if part else "nothing is kept; --resume keeps what is done"
         say(f"glpath: interrupted: {kept}", err=True)
         if part is not None:
             say(f"  to resume: {shlex.join(sys.argv)}", err=True)
         raise typer.Exit(exit_code()) from stop
-    _, failure = save_all({out: found.save}, {"daylight.npz": found.save}, "The coefficients are kept in {}.")
-    if failure is not None:
-        raise failure
-    if run.talks:
-        for line in _summary(found):
-            say(line, err=True)
-        say(f"wrote {out}", err=True)
 
 
 def _summary(found: DaylightCoefficients) -> Iterator[str]:
@@ -212,8 +358,9 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
 def _event(progress: DaylightProgress) -> ProgressEvent:
     rays = progress.done * progress.sensors
     speed = f", {rays / progress.elapsed_s / 1e6:,.3g} million rays/s" if progress.elapsed_s > 0 and rays else ""
-    text = (
-        f"{progress.done:,} of {progress.total:,} directions{speed}" if progress.stage == "rays" else progress.stage
+    of = f"{progress.done:,} of {progress.total:,}"
+    text = {"rays": f"{of} directions{speed}", "stream": f"{of} chunks of the stream"}.get(
+        progress.stage, progress.stage
     )
     return ProgressEvent(
         stage=progress.stage,

@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
+from glpath.cli.point_figures import figures
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
@@ -26,15 +27,16 @@ from glpath.system.files import Save, check_writable, is_stream, save_all
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:
-    from glpath.cli.point_files import Points
+    from glpath.cli.measured import Measured
     from glpath.film.film import Film
     from glpath.integrators.by_name import Integrator
     from glpath.rendering.points import Irradiance, Receiver
     from glpath.rendering.run_options import RunOptions
-    from glpath.rendering.uniformity import Estimate, Spread
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
+#: Files that have colours, and those of a grid alone.
+_COLOURED, _OF_GRIDS = (".html", ".png", ".glb"), (".png", ".glb")
 
 
 def register(app: typer.Typer) -> None:
@@ -43,8 +45,8 @@ def register(app: typer.Typer) -> None:
         ("glpath measure office.toml -o lux.csv --plane z=0.75 --spacing 0.25", "a working plane"),
         ("glpath measure office.toml -o lux.png --plane z=0.75 --noise 0.01", "a false-colour picture"),
         ("glpath measure office.toml -o lux.csv --points points.csv", "points of your own"),
-        everyday="scene out plane spacing area margin points normal receiver white_sky integrator spp noise "
-        "time_limit max_depth resume device environment animation variant parameters",
+        everyday="scene out plane spacing area margin points normal receiver white_sky maintenance_factor "
+        "integrator spp noise max_depth resume device environment animation variant parameters",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
         with_options(with_scene_options(measure, OF_LIGHT), OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
@@ -59,8 +61,8 @@ def measure(
             "-o",
             "--out",
             metavar="FILE",
-            help="Write .csv, .npz, or of a plane a false-colour .png (glpath[figures]); - for CSV to stdout; may "
-            "be repeated.",
+            help="Write .csv, .npz, .vtp, a report .html, or of a plane false colours: a picture .png, the scene "
+            "with it .glb (colours by glpath[figures]); - for CSV to stdout; may be repeated.",
         ),
     ],
     plane: Annotated[
@@ -125,6 +127,16 @@ def measure(
         ),
     ] = "plane",
     white_sky: WhiteSky = False,
+    maintenance_factor: Annotated[
+        float | None,
+        typer.Option(
+            metavar="F",
+            help="Of all lamps that have none in the scene file, above 0, up to 1: what is left of their light "
+            "after years; 1.",
+            show_default=False,
+            rich_help_panel=LIGHT_PANEL,
+        ),
+    ] = None,
     integrator: PointIntegrator = "path",
     spp: Annotated[
         int | None,
@@ -142,8 +154,10 @@ def measure(
     camera, but light of its own, or --white-sky. Lux are the luminance (0.2126 R + 0.7152 G + 0.0722 B) of the
     irradiance; of light in watts times 179 lm/W.
     """
-    from glpath.cli.point_files import check_kind, check_within, grid_of, read_points, save_csv, save_npz
+    from glpath.cli.measured import Measured
+    from glpath.cli.point_files import EN_12464, check_kind, check_within, grid_of, read_points, save_csv
     from glpath.rendering.points import lit
+    from glpath.scene.maintenance import maintained
 
     for path in out:
         check_kind(path)
@@ -160,17 +174,17 @@ def measure(
         if value is not None and plane is None:
             raise UsageError(f"{option}: belongs to --plane.", "Leave it out.")
     check_spp(spp)
-    pictures = [path for path in out if path.suffix.lower() == ".png"]
-    if pictures and plane is None:
-        raise UsageError(f"{pictures[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
-    if pictures:
+    of_grids = [path for path in out if path.suffix.lower() in _OF_GRIDS]
+    if of_grids and plane is None:
+        raise UsageError(f"{of_grids[0]}: a picture is of a grid; these points are in none.", "Give --plane.")
+    if any(path.suffix.lower() in _COLOURED for path in out):
         from glpath.film.charts import require_matplotlib
 
         require_matplotlib()
     options = option_values(integrator, options)
     with aside("camera", "light"):
         loaded = read_scene(scene, parameters)
-    loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
+    loaded = maintained(lit(loaded, white_sky, ambient=options.get("ambient")), maintenance_factor)
     if plane is not None:
         at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=vector("--normal", normal))
     else:
@@ -199,14 +213,9 @@ def measure(
         from glpath.rendering.points import Irradiance
 
         found = Irradiance(outcome.film, len(at.points))
-        saves: dict[Path, Save] = {}
-        for path in out:
-            save: Any = save_npz if path.suffix.lower() == ".npz" else save_csv
-            more: dict[str, Any] = {}
-            if path in pictures:
-                title = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
-                save, more = _save_picture, {"title": f"{title} in {loaded.name}"}
-            saves[path] = partial(save, at=at, found=found, **more)
+        quantity = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
+        measured = Measured(at, found, loaded, quantity)
+        saves: dict[Path, Save] = {path: partial(_save, measured=measured) for path in out}
         rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
 
         def lines(written: list[Path]) -> Iterator[str]:
@@ -214,6 +223,10 @@ def measure(
             yield f"  {light_of(loaded)}"
             if at.grid is not None:
                 yield f"  {at.grid.described(loaded)}"
+                if at.grid.coarser_than_en_12464:
+                    yield f"  EN 12464-1: {at.grid.beside_en_12464} (--spacing {EN_12464})"
+                if any(path.suffix.lower() == ".glb" for path in written):
+                    yield f"  colours of the .glb: viridis, from 0 to {max(found.illuminance()):.4g} lx"
             yield from (f"wrote {path}" for path in written if not is_stream(path))
 
         outcome.leave(
@@ -230,14 +243,14 @@ def _summary(found: Irradiance) -> Iterator[str]:
     made = found.film.metadata
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
     spread = found.spread()
-    yield f"  illuminance: {_figures(spread)}"
+    yield f"  illuminance: {figures(spread)}"
     lit = lux > 0
     if lit.any() and not lit.all():
         dark = np.count_nonzero(~lit)
         have, them = ("point has", "it") if dark == 1 else ("points have", "them")
         yield f"  {dark:,} {have} no light at all: inside of solids, perhaps. Without {them}:"
         spread = found.spread(lit)
-        yield f"  {_figures(spread)}"
+        yield f"  {figures(spread)}"
     elif not lit.any():
         yield "  no light comes to any of the points: they are inside of solids, or in a closed room without a lamp"
     if found.film.path_sets >= 16:
@@ -253,49 +266,42 @@ def _summary(found: Irradiance) -> Iterator[str]:
         yield f"  of W/m2 by {EFFICACY:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
 
 
-def _figures(spread: Spread, digits: int = 4) -> str:
-    """What is asked of a grid, with standard errors: U0 is its minimum over its mean, Ud over its maximum."""
-    mean, minimum, maximum = (
-        _with_error(x, f"{x.value:.{digits}g}", unit)
-        for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
-    )
-    text = f"mean {mean}, minimum {minimum}, maximum {maximum}"
-    if not spread.mean.value > 0:
-        return text
-    u0, ud = (_with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))
-    return f"{text}; U0 {u0}, Ud {ud}"
+def _save(path: Path, measured: Measured) -> None:
+    """By the suffix; without one CSV, for stdout."""
+    from glpath.cli import point_files
+
+    match path.suffix.lower():
+        case ".npz":
+            point_files.save_npz(path, measured.at, measured.found)
+        case ".html":
+            from glpath.cli.point_report import save_report
+
+            save_report(path, measured)
+        case ".png":
+            _save_picture(path, measured)
+        case ".glb":
+            from glpath.cli.point_model import save_glb
+
+            save_glb(path, measured)
+        case ".vtp":
+            from glpath.cli.point_model import save_vtp
+
+            save_vtp(path, measured)
+        case _:
+            point_files.save_csv(path, measured.at, measured.found)
 
 
-def _with_error(of: Estimate, value: str, unit: str = "") -> str:
-    """Two digits of the error; none where it is not known, or beyond what is shown."""
-    if not of.error > 1e-4 * abs(of.value):
-        return f"{value}{unit}"
-    return f"{value} ± {of.error:.2g}{unit}"
-
-
-def _save_picture(path: Path, at: Points, found: Irradiance, title: str) -> None:
-    import numpy as np
-
-    from glpath.cli.point_files import AXES
-    from glpath.film.charts import field
+def _save_picture(path: Path, measured: Measured) -> None:
+    from glpath.cli.point_report import plan
     from glpath.film.image import encode_png
     from glpath.system.files import write_bytes
 
-    grid = at.grid
+    grid, found = measured.at.grid, measured.found
     assert grid is not None, "asked for before"
-    lux = found.illuminance()
-    lit = lux > 0
-    dark = int(np.count_nonzero(~lit))
-    inside = f"Without {dark:,} that have no light at all (grey): " if 0 < dark < len(lux) else ""
-    spread = found.spread(lit if lit.any() else None)
-    a, b = (f"{step:.3g}" for step in grid.step)
-    page = field(
-        f"{title}, {AXES[grid.axis]} = {grid.height:g}",
-        f"{grid.shape[1]} x {grid.shape[0]} points, {a if a == b else f'{a} x {b}'} apart, "
-        f"{found.film.path_sets:,} paths each. {inside}{_figures(spread, 3)}.",
-        np.where(lit, lux, np.nan if lit.any() else 0.0).reshape(grid.shape),
-        grid.extent,
-        (AXES[grid.across[0]], AXES[grid.across[1]]),
-        "lux",
+    inside = f"Without {measured.dark:,} that have no light at all (grey): " if measured.dark else ""
+    page = plan(
+        measured,
+        f"{grid.shape[1]} x {grid.shape[0]} points, {grid.apart} apart, {found.film.path_sets:,} paths each. "
+        f"{inside}{figures(measured.spread, 3)}.",
     )
     write_bytes(encode_png(page), path)

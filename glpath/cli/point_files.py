@@ -30,7 +30,7 @@ AXES = "xyz"
 #: Points at most, in a grid or a table.
 MAX_POINTS = 4_000_000
 #: What files may be written, by their suffix.
-WRITABLE = (".csv", ".npz", ".png")
+WRITABLE = (".csv", ".npz", ".html", ".png", ".glb", ".vtp")
 
 #: Spacing that follows from the size of the area.
 EN_12464 = "en12464-1"
@@ -78,6 +78,32 @@ class Grid:
         (a, b), (rows, columns), (du, dv) = self.first, self.shape, self.step
         a, b = a - 0.5 * du, b - 0.5 * dv
         return a, a + columns * du, b, b + rows * dv
+
+    @property
+    def apart(self) -> str:
+        """How far points are from each other along both axes, for people."""
+        a, b = (f"{step:.3g}" for step in self.step)
+        return a if a == b else f"{a} x {b}"
+
+    @property
+    def en_12464_counts(self) -> tuple[int, int]:
+        """How many points along both axes EN 12464-1 has for so large an area, units being metres."""
+        a, b, c, d = self.extent
+        return en_12464_counts(b - a, d - c)
+
+    @property
+    def coarser_than_en_12464(self) -> bool:
+        """Fewer points than the standard has along an axis."""
+        (rows, columns), (first, second) = self.shape, self.en_12464_counts
+        return columns < first or rows < second
+
+    @property
+    def beside_en_12464(self) -> str:
+        """How its points compare with those of the standard, for people."""
+        a, b, c, d = self.extent
+        first, second = self.en_12464_counts
+        counts = f"{first} x {second} points or more for {b - a:.3g} x {d - c:.3g} m"
+        return f"{counts}; this grid has fewer" if self.coarser_than_en_12464 else f"{counts}: fulfilled"
 
     def described(self, scene: Scene) -> str:
         """Where it lies, and, where that is no working plane, how it stands to what is up."""

@@ -89,6 +89,7 @@ def light_of(scene: Scene) -> str:
     import numpy as np
 
     from glpath.scene import Environment
+    from glpath.scene.maintenance import factors_of
 
     emitting = sum(shape.emits for shape in scene.shapes)
     shining = sum(bool(np.any(light.intensity > 0)) for light in scene.lights)
@@ -99,6 +100,10 @@ def light_of(scene: Scene) -> str:
     ]
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
+    factors = sorted(set(factors_of(scene)))
+    if parts and factors != [1.0]:
+        between = " to ".join(f"{factor:g}" for factor in dict.fromkeys((factors[0], factors[-1])))
+        parts[-1] += f" (maintenance factor {between})"
     if isinstance(scene.sky, Environment):
         studio = "a studio, as the scene has no light of its own"
         parts.append(studio if scene.sky.assumed else "an environment map")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from glpath.scene import Environment, Light, Material, Scene, Sky, check_scene
-from glpath.scene.geometry import sphere_areas
+from glpath.scene.geometry import Shape, sphere_areas
 from glpath.scene.model import triangle_areas
 
 _OF_MICROFACETS = (
@@ -35,7 +35,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
     lower, upper = scene.bounds
     camera = scene.camera
     areas = _areas(scene)
-    shapes, lights = [], []
+    shapes = []
     for shape, area in zip(scene.shapes, areas, strict=True):
         shapes.append(
             {
@@ -49,12 +49,6 @@ def summarize(scene: Scene) -> dict[str, Any]:
                 "moves": shape.motion is not None,
             }
         )
-        if shape.emits:
-            sides = 2 if shape.emission_two_sided else 1
-            power = None if area is None else (np.pi * area * sides * shape.emission).tolist()
-            lights.append(
-                {"name": shape.name, "kind": "shape", "power": power, "two_sided": shape.emission_two_sided}
-            )
     return {
         "name": scene.name,
         "source": scene.source,
@@ -91,11 +85,23 @@ def summarize(scene: Scene) -> dict[str, Any]:
             }
             for texture in scene.textures
         ],
-        "lights": lights + [_about_light(light) for light in scene.lights],
+        "lights": about_lights(scene),
         "ambient": scene.ambient.tolist(),
         "sky": _about_sky(scene.sky),
         "warnings": check_scene(scene),
     }
+
+
+def about_lights(scene: Scene) -> list[dict[str, Any]]:
+    """Of shapes that emit, then of punctual lights: name, kind, power as of `summarize`, and the rest."""
+    found = []
+    for shape, area in zip(scene.shapes, _areas(scene), strict=True):
+        if shape.emits:
+            sides = 2 if shape.emission_two_sided else 1
+            power = None if area is None else (np.pi * area * sides * shape.emission).tolist()
+            about = {"name": shape.name, "kind": "shape", "power": power, "two_sided": shape.emission_two_sided}
+            found.append(about | _maintenance(shape))
+    return found + [_about_light(light) for light in scene.lights]
 
 
 def _areas(scene: Scene) -> list[float | None]:
@@ -143,12 +149,18 @@ def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
     return None if sky is None else {name: getattr(sky, name).tolist() for name in ("zenith", "horizon", "up")}
 
 
+def _maintenance(lamp: Light | Shape) -> dict[str, float]:
+    """Its maintenance factor, which is in its light already; nothing where none was given."""
+    return {} if lamp.maintenance_factor is None else {"maintenance_factor": lamp.maintenance_factor}
+
+
 def _about_light(light: Light) -> dict[str, Any]:
     found: dict[str, Any] = {"name": light.name, "kind": light.kind, "intensity": light.intensity.tolist()}
     bound = light.kind != "directional" and light.falloff == "quadratic"
     flux = 4 * np.pi if light.profile is None else light.profile.flux
     found["power"] = (flux * light.intensity).tolist() if bound and light.kind == "point" else None
     found["falloff"] = light.falloff
+    found |= _maintenance(light)
     if light.kind != "directional":
         found["position"] = light.position.tolist()
     if light.kind != "point" or light.profile is not None:

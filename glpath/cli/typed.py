@@ -10,7 +10,7 @@ import re
 # Of commands, besides the options of integrators.
 _OF_COMMANDS = (
     *("integrator", "crop", "resolution", "device", "require_gpu"),
-    *("size", "texels", "uv", "materials", "white_sky"),
+    *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
 )
 
 # A name and its value: words in quotes with their alternatives, several in brackets, True, a number.

@@ -112,6 +112,16 @@ def interval(option: str, text: str) -> tuple[float | None, int | None]:
         raise UsageError(f"{option} {text}: expected a time such as 60s or 5m, or steps such as 100i.") from None
 
 
+def shard_of(text: str | None) -> tuple[int, int] | None:
+    """K and N of --shard K/N. Raises UsageError."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise UsageError(f"--shard {text}: expected K/N, whole numbers with K from 1 to N, e.g. 1/4.")
+    return int(found[1]), int(found[2])
+
+
 def sample_range(text: str) -> tuple[int, int]:
     """First path set and how many of --sample-range. Raises UsageError."""
     match = re.fullmatch(r"(\d+):(\d+)", text.strip())

@@ -46,6 +46,8 @@ POINTS = 4
 DENSE = 6000
 # Of the largest column's sum, by which a sparse solution changes at last; and the limit of reflections.
 _CHANGE, _MAX_REFLECTIONS = 1e-4, 500
+# Floats of some columns of the sides: 32 MiB.
+_COLUMNS = 1 << 23
 
 
 class ReflectingSides:
@@ -127,26 +129,36 @@ class ReflectingSides:
 def solved(sides: ReflectingSides, direct: Float32, max_depth: int | None, seed: int) -> Float32:
     """(R, C) float32: radiosity of the sides.
 
-    direct    : (R, C), their irradiance straight from sky and sun
+    direct    : (R, C), their irradiance straight from sky and sun; it is overwritten
     max_depth : 1 is direct light, 2 one reflection, and so on; None for all
     """
     from scipy import linalg
 
     sent = sides.sent_on()
-    first = np.asarray(sent @ direct, np.float32)
     if max_depth is not None:
-        return _series(sent, sides.between(SIDE_RAYS, seed) if max_depth > 2 else None, first, max_depth - 2)
+        return _series(sent, sides.between(SIDE_RAYS, seed) if max_depth > 2 else None, direct, max_depth - 2)
     between = sides.between(SIDE_RAYS, seed)
     if len(sides) <= DENSE:
+        first = np.asarray(sent @ direct, np.float32)
         system = np.eye(len(sides), dtype=np.float32) - (sent @ between).toarray()
         return np.asarray(linalg.solve(system, first, overwrite_a=True, check_finite=False), np.float32)
-    return _series(sent, between, first, _MAX_REFLECTIONS)
+    return _series(sent, between, direct, _MAX_REFLECTIONS)
 
 
-def _series(sent: Any, between: Any, first: Float32, reflections: int) -> Float32:
-    """The sum of so many reflections, or of as many as change it."""
+def _series(sent: Any, between: Any, direct: Float32, reflections: int) -> Float32:
+    """The sum of so many reflections, or of as many as change it; some columns at a time, in place of direct."""
+    sums = np.asarray(sent.sum(axis=0)).ravel() @ direct
+    limit = _CHANGE * float(np.abs(sums).max(initial=0.0))
+    step = max(1, _COLUMNS // max(1, len(direct)))
+    for begin in range(0, direct.shape[1], step):
+        some = slice(begin, begin + step)
+        first = np.asarray(sent @ np.ascontiguousarray(direct[:, some]), np.float32)
+        direct[:, some] = _sum_of_series(sent, between, first, reflections, limit)
+    return direct
+
+
+def _sum_of_series(sent: Any, between: Any, first: Float32, reflections: int, limit: float) -> Float32:
     found, last = first.copy(), first
-    limit = _CHANGE * float(np.abs(first.sum(axis=0)).max(initial=0.0))
     for _ in range(reflections):
         last = np.asarray(sent @ (between @ last), np.float32)
         found += last
@@ -165,18 +177,20 @@ def gathered(
     rays: int,
     seed: int,
     report: Callable[[int], None],
+    number: int = 0,
 ) -> Indirect:
     """What the sides give to sensors.
 
     in_sky : columns of ground and sky, which come first
     report : called with the number of sensors that are done
+    number : of the first sensor, which random numbers follow from
     """
     from scipy import sparse
 
     at = points + sides.lift * normals if receiver == "plane" else points
     of_sky = radiosity[:, :in_sky].sum(axis=1)
     parts, errors = [], []
-    for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + 1):
+    for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + 1, number):
         parts.append(sides.weights(hits))
         errors.append(sides.spread(hits, of_sky))
         report(hits.first + len(hits.side))

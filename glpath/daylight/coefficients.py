@@ -22,11 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.daylight.compass import Compass
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
+from glpath.daylight.shard import Shard
 from glpath.daylight.sky_patches import SkyPatches
+from glpath.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
 from glpath.system.files import whole_file
-from glpath.system.npz import open_npz
+from glpath.system.npz import Arrays, open_npz
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -55,6 +57,8 @@ class DaylightCoefficients:
     words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
     shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
     indirect    : what comes after one reflection or more; None of direct light alone
+    texels      : the faces of the scene that the sensors are of; None of other sensors
+    shard       : which of the sensors these are; None for all
     """
 
     points: Float64
@@ -71,6 +75,8 @@ class DaylightCoefficients:
     words: NDArray[np.uint32]
     shares: NDArray[np.float16] | None = None
     indirect: Indirect | None = None
+    texels: Texels | None = None
+    shard: Shard | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -110,6 +116,18 @@ class DaylightCoefficients:
     def direct_sun(self, rows: slice = slice(None)) -> Float32:
         """(n, S) float32: as `sun`, without what surfaces reflect."""
         return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+
+    def sunlight(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: the share of the sun's light that arrives from each position, whatever angle it falls at.
+
+        0 of positions behind a plane.
+        """
+        return self._arrives(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+
+    def indirect_sun(self, rows: slice = slice(None)) -> Float32:
+        """(n, S) float32: as `sun`, what surfaces reflect alone."""
+        nothing = np.zeros((len(range(len(self))[rows]), len(self.suns)), np.float32)
+        return self._with_indirect(nothing, rows, slice(len(self.patches), None))
 
     def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
         """(N, T) float64: of all sensors at T times.
@@ -217,16 +235,21 @@ class DaylightCoefficients:
 
     def _light(self, rows: range, which: slice) -> Float32:
         """(n, d): response of sensors to light along some directions, 0 where it does not come."""
-        of = np.arange(rows.start, rows.stop, rows.step) if len(rows) else np.zeros(0, np.intp)
+        light = self._arrives(rows, which)
+        light *= response(self.receiver, self.normals[np.array(rows, np.intp)], self.directions[which])
+        return light
+
+    def _arrives(self, rows: range, which: slice) -> Float32:
+        """(n, d): the share of light that arrives along some directions."""
+        of = np.array(rows, np.intp)
         first, last = which.start // WORD, -(-which.stop // WORD)
         words = self.words[first:last][:, of]
         bits = np.unpackbits(np.ascontiguousarray(words.T).astype("<u4").view(np.uint8), axis=1, bitorder="little")
         inside = slice(which.start - WORD * first, which.stop - WORD * first)
-        light = response(self.receiver, self.normals[of], self.directions[which])
-        light *= bits[:, inside]
+        found = bits[:, inside].astype(np.float32)
         if self.shares is not None:
-            light *= self.shares[which][:, of].T
-        return light
+            found *= self.shares[which][:, of].T
+        return found
 
     def _blocks(self, count: int) -> Iterator[tuple[int, int]]:
         step = max(1, _BLOCK // max(1, len(self.directions)))
@@ -245,6 +268,10 @@ class DaylightCoefficients:
             arrays["shares"] = self.shares
         if self.indirect is not None:
             arrays |= self.indirect.arrays()
+        if self.texels is not None:
+            arrays |= self.texels.arrays()
+        if self.shard is not None:
+            arrays |= {"shard": [self.shard.first, self.shard.total], "shard_work": self.shard.work}
         # Zeros of large files would unfold to more than a reader takes for harmless.
         write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
@@ -283,7 +310,14 @@ class DaylightCoefficients:
                 words=arrays.read("words", "u", (words, n)),
                 shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
                 indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
+                texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
+                shard=_shard(arrays) if "shard" in arrays else None,
             )
+
+
+def _shard(arrays: Arrays) -> Shard:
+    first, total = arrays.read("shard", "i", (2,)).tolist()
+    return Shard(first, total, str(arrays.read("shard_work", "U", ())))
 
 
 _ARRAYS = ("points", "normals", "up", "north", "directions", "column", "weight", "words")

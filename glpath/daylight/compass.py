@@ -27,13 +27,15 @@ class Compass:
     def of(cls, scene: Scene, up: ArrayLike | None = None, north: ArrayLike | None = None) -> Compass:
         """Of a scene.
 
-        up    : (3,), by default the up of the scene's sky, or else of its camera, rounded to the nearest axis
+        up    : (3,), by default the up of the scene's sky, or else of its camera, rounded to the nearest axis. A
+                sky that only stands in for light has none
         north : (3,), of which only the level part counts; by default y where z is up, -z where y is up
 
         Raises UsageError for vectors that are none, and for a north that is up or down.
         """
         if up is None:
-            given = np.asarray(scene.camera.up if scene.sky is None else scene.sky.up, np.float64)
+            stands_in = scene.sky is None or scene.sky.assumed
+            given = np.asarray(scene.camera.up if scene.sky is None or stands_in else scene.sky.up, np.float64)
             axis = int(np.argmax(np.abs(given)))
             upward = np.zeros(3)
             upward[axis] = np.sign(given[axis])

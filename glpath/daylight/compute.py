@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import moderngl
@@ -16,31 +17,41 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.daylight.bounces import DEFAULT_ELEMENTS, GATHER_RAYS, POINTS, ReflectingSides, gathered, solved
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
-from glpath.daylight.kept_words import KeptWords
+from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.daylight.receivers import RECEIVERS, Receiver
+from glpath.daylight.shard import Shard, shard_range
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.sun_bins import MAX_BINS, SunBins
-from glpath.daylight.visibility import PointVisibility
-from glpath.errors import UsageError, warn
+from glpath.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
+from glpath.errors import SceneError, UsageError, warn
 from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
-from glpath.rendering.interrupts import interrupt_as_flag
+from glpath.rendering.interrupts import Flag, interrupt_as_flag
 from glpath.rendering.options import check_word
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
 
 Float64 = NDArray[np.float64]
+Words = NDArray[np.uint32]
+Shares = NDArray[np.float16]
 
 #: Directions of a patch at most.
 MAX_SAMPLES = 256
+#: Rays into the sky by default, of all sensors together: some seconds.
+DEFAULT_RAYS = 100_000_000
+#: Directions of a patch for the light on elements, whose errors are small beside those of sensors, as each sensor
+#: sees many of them.
+ELEMENT_SAMPLES = 4
+#: And of the ground, which is one patch.
+ELEMENT_GROUND = 512
 
 
 @dataclass(frozen=True)
 class DaylightProgress:
     """stage : what is done
-    done, total : directions, of all sensors together
+    done, total : directions, of all sensors together; of the stage "stream" its chunks
     sensors  : how many
     elapsed_s : since the call
     """
@@ -58,16 +69,18 @@ def daylight_coefficients(
     normals: ArrayLike | None = None,
     *,
     subdivision: int = 1,
-    samples: int = 4,
+    samples: int | None = None,
     latitude: float | None = None,
     suns: int = MAX_BINS,
     receiver: Receiver = "plane",
     max_depth: int | None = None,
     elements: int = DEFAULT_ELEMENTS,
     gather_rays: int = GATHER_RAYS,
+    geometry_budget: int = GEOMETRY_BUDGET,
     up: ArrayLike | None = None,
     north: ArrayLike | None = None,
     seed: int = 0,
+    shard: tuple[int, int] | None = None,
     resume: str | Path | None = None,
     on_progress: Callable[[DaylightProgress], None] | None = None,
     parameters: Mapping[str, object] | None = None,
@@ -79,7 +92,8 @@ def daylight_coefficients(
 
     Windows of thin glass let through what their material says, of surfaces with an opacity a share, at random.
     Reflected light is that of a radiosity solution, to which all surfaces are diffuse, gathered by rays of
-    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light alone, with a SceneWarning.
+    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light alone, with a SceneWarning
+    where max_depth does not say so; one pass over the stream serves all sensors and directions.
 
     Parameters
     ----------
@@ -87,26 +101,31 @@ def daylight_coefficients(
     points      : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
     normals     : (N, 3), or (3,) for all, of any length but zero; may be left out for spheres
     subdivision : of the sky: 1, 2 or 4 for 145, 577 or 2,305 patches
-    samples     : directions into each patch: 1, its centre, or an even number; the error is estimated from 4 on
+    samples     : directions into each patch: 1, its centre, or an even number; the error is estimated from 4 on. By
+                  default as many as a hundred million rays of all sensors allow, from 4 to 64
     latitude    : degrees, positive in the north, for positions of the sun; None for none
     suns        : positions of the sun at most
     receiver    : "plane", "cylinder" (whose axis the normal is) or "sphere": see `glpath.daylight.receivers`
     max_depth   : surfaces and the sensor that light meets, at most: 1 is direct light; None for all there are
     elements    : of the surfaces, about; a triangle has one at least
     gather_rays : of each sensor, for reflected light
+    geometry_budget : MiB for streamed triangles, on the device and off it
     up, north   : (3,); by default the up of the scene, and y where z is up, -z where y is
     seed        : of the directions in the patches
-    resume      : a file that keeps what is done, word by word, and from which another call with the same sensors
-                  and directions resumes. It is removed in the end
-    on_progress : called after each word of 32 directions, with a `DaylightProgress`
+    shard       : (k, n), the k-th of n shards from 1: a range of the sensors, which `merged` puts together with the
+                  others (`glpath.daylight.merging`): the same bits as of all at once
+    resume      : a file that keeps what is done, word by word, of a stream every half minute, and from which
+                  another call with the same sensors and directions resumes. It is removed in the end
+    on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
 
     Raises UsageError for options and points that are none; SceneError for a scene that no ray can be traced in;
-    ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words.
+    ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words or parts.
 
     Cost:     0.05 to 0.2 microseconds of a core for each sensor and direction; memory of 4 bytes for each sensor
               and word of 32 directions. Reflected light: some seconds for the solution, a microsecond for each ray
-              of a sensor, and 8 bytes for each element that a sensor sees.
+              of a sensor, and 8 bytes for each element that a sensor sees. A stream: a microsecond of a core for
+              each triangle, once, and rays through each part of it that they may meet.
     Poor at:  patches that are seen through small openings: take more samples of each.
 
     >>> found = daylight_coefficients("cornell-box", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], samples=2)
@@ -115,12 +134,14 @@ def daylight_coefficients(
     """
     started = time.perf_counter()
     check_word("receiver", receiver, RECEIVERS)
-    for name, value in (("elements", elements), ("gather_rays", gather_rays)):
+    of_counts = (("elements", elements), ("gather_rays", gather_rays), ("geometry_budget", geometry_budget))
+    for name, value in of_counts:
         if not (isinstance(value, int) and value >= 1):
             raise UsageError(f"{name}: {value!r} where a whole number from 1 is needed")
     if not (max_depth is None or (isinstance(max_depth, int) and max_depth >= 1)):
         raise UsageError(f"max_depth: {max_depth!r} where None or a whole number from 1 is needed")
-    if not (isinstance(samples, int) and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES))):
+    is_whole = isinstance(samples, int)
+    if not (samples is None or (is_whole and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES)))):
         raise UsageError(f"samples: {samples!r} where 1 or an even number up to {MAX_SAMPLES} is needed")
     if normals is None:
         if receiver != "sphere":
@@ -131,16 +152,29 @@ def daylight_coefficients(
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)
     reflects = max_depth != 1
-    if reflects and path_traceable(loaded.still(), streams=True).shapes.total("stream"):
+    if reflects and loaded.shapes.streams:
+        if max_depth is not None:
+            raise SceneError(
+                f"{loaded.source or loaded.name}: has a stream, from which no light is reflected: max_depth is "
+                f"{max_depth}.",
+                "Take max_depth=1, direct light, or hold the triangles in memory.",
+            )
         warn(f"{loaded.source or loaded.name}: has a stream, so there is direct light alone.")
         reflects = False
     compass = Compass.of(loaded, up, north)
-    of_sky = patches.directions(compass, samples, seed)
+    if samples is None:
+        samples = default_samples(len(positions), len(patches))
     sun = np.zeros((0, 3)) if latitude is None else SunBins.of(latitude, compass, suns).directions
-    directions = np.concatenate([of_sky.directions, sun])
-    column = np.concatenate([of_sky.patch, len(patches) + np.arange(len(sun))])
-    weight = np.concatenate([of_sky.weight, np.ones(len(sun))])
-    count, words = len(positions), -(-len(directions) // WORD)
+    shared = _Shared.of(patches, compass, samples, seed, sun)
+    directions = shared.directions
+    part, first_sensor = None, 0
+    if shard is not None:
+        settings = (max_depth, elements, gather_rays, seed) if reflects else ()
+        work = _key(f"{loaded.digest(camera=False)} {settings}", positions, facing, directions, receiver)
+        first_sensor, end = shard_range(shard, len(positions))
+        part = Shard(first_sensor, len(positions), work)
+        positions, facing = positions[first_sensor:end], facing[first_sensor:end]
+    count = len(positions)
 
     def report(stage: str, done: int) -> None:
         if on_progress is not None:
@@ -148,33 +182,32 @@ def daylight_coefficients(
             on_progress(DaylightProgress(stage, done, len(directions), count, passed))
 
     with ExitStack() as held:
-        kept = None if resume is None else held.enter_context(KeptWords(Path(resume)))
+        kept: KeptWords | KeptPass | None = None
+        if resume is not None:
+            kept = KeptPass.of(Path(resume)) if loaded.shapes.streams else KeptWords(Path(resume))
+            held.enter_context(kept)
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)
         report("building the BVH", 0)
-        rays = held.enter_context(PointVisibility(context.gl, loaded, positions, facing, receiver))
-        found = np.empty((words, count), np.uint32)
-        shares = np.zeros((words, WORD, count), np.float16) if rays.transmits else None
-        done = 0
-        if kept is not None:
-            key = _key(loaded.digest(camera=False), positions, facing, directions, receiver)
-            for seen in kept.read(key, count, rays.transmits)[:words]:
-                found[done] = seen.word
-                if shares is not None and seen.share is not None:
-                    shares[done] = seen.share
-                done += 1
+        rays = held.enter_context(
+            PointVisibility(context.gl, loaded, positions, facing, receiver, geometry_budget, first_sensor)
+        )
+        scene_and_number = f"{loaded.digest(camera=False)} {first_sensor}"
+        key = "" if kept is None else _key(scene_and_number, positions, facing, directions, receiver)
         flag = held.enter_context(interrupt_as_flag())
-        for seen in rays.see_out(directions[WORD * done :], WORD * done):
-            found[done] = seen.word
-            if shares is not None and seen.share is not None:
-                shares[done] = seen.share
-            if kept is not None:
-                kept.append(seen)
-            done += 1
-            report("rays", min(WORD * done, len(directions)))
-            if flag:
-                raise KeyboardInterrupt
+        if rays.chunks:
+            assert not isinstance(kept, KeptWords), "a pass is kept as a whole"
+
+            def passed(done: int) -> None:
+                if on_progress is not None:
+                    since = time.perf_counter() - started
+                    on_progress(DaylightProgress("stream", done, rays.chunks, count, since))
+
+            found, shares = _words_of_pass(rays, directions, kept, key, passed, flag)
+        else:
+            assert not isinstance(kept, KeptPass), "words are kept one by one"
+            found, shares = _words(rays, directions, kept, key, partial(report, "rays"), flag)
         direct = DaylightCoefficients(
             points=positions,
             normals=facing,
@@ -185,10 +218,11 @@ def daylight_coefficients(
             latitude=float("nan") if latitude is None else float(latitude),
             samples=samples,
             directions=directions,
-            column=column,
-            weight=weight,
+            column=shared.column,
+            weight=shared.weight,
             words=found,
-            shares=None if shares is None else shares.reshape(words * WORD, count),
+            shares=None if shares is None else shares.reshape(-1, count),
+            shard=part,
         )
         if not reflects:
             total = direct
@@ -196,7 +230,8 @@ def daylight_coefficients(
             report("elements", len(directions))
             scene_in_triangles = path_traceable(loaded.still())
             sides = ReflectingSides(scene_in_triangles, elements)
-            radiosity = _radiosity(context.gl, loaded, sides, direct, max_depth, seed)
+            few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
+            radiosity = _radiosity(context.gl, loaded, sides, few, max_depth, seed)
             if flag:
                 raise KeyboardInterrupt
 
@@ -206,8 +241,9 @@ def daylight_coefficients(
                     raise KeyboardInterrupt
 
             shift = scene_in_triangles.origin - loaded.origin
+            sensors = positions - shift, facing, receiver
             indirect = gathered(
-                sides, radiosity, positions - shift, facing, receiver, len(patches), gather_rays, seed, gathering
+                sides, radiosity, *sensors, len(patches), gather_rays, seed, gathering, first_sensor
             )
             total = replace(direct, indirect=indirect)
         if kept is not None:
@@ -215,39 +251,126 @@ def daylight_coefficients(
     return total
 
 
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """directions, column, weight : (D, 3), (D,) and (D,), as of `DaylightCoefficients`"""
+
+    directions: Float64
+    column: NDArray[np.intp]
+    weight: Float64
+
+    @classmethod
+    def of(
+        cls,
+        patches: SkyPatches,
+        compass: Compass,
+        samples: int,
+        seed: int,
+        suns: Float64,
+        ground: int | None = None,
+    ) -> _Shared:
+        """Of the ground, the sky and the suns (S, 3)."""
+        sky = patches.directions(compass, samples, seed, ground)
+        return cls(
+            np.concatenate([sky.directions, suns]),
+            np.concatenate([sky.patch, len(patches) + np.arange(len(suns))]),
+            np.concatenate([sky.weight, np.ones(len(suns))]),
+        )
+
+
+def default_samples(sensors: int, patches: int) -> int:
+    """Directions of a patch for so many sensors: as many as `DEFAULT_RAYS` allow, 4, 8, 16, 32 or 64."""
+    allowed = DEFAULT_RAYS / max(1, sensors * patches)
+    return next((count for count in (64, 32, 16, 8) if count <= allowed), 4)
+
+
+def _words(
+    rays: PointVisibility,
+    directions: Float64,
+    kept: KeptWords | None,
+    key: str,
+    report: Callable[[int], None],
+    flag: Flag,
+) -> tuple[Words, Shares | None]:
+    """Words (W, N) and shares (W, 32, N), one after the other; report is called with the directions done."""
+    words = -(-len(directions) // WORD)
+    found = np.empty((words, rays.count), np.uint32)
+    shares = np.zeros((words, WORD, rays.count), np.float16) if rays.transmits else None
+    done = 0
+    if kept is not None:
+        for seen in kept.read(key, rays.count, rays.transmits)[:words]:
+            found[done] = seen.word
+            if shares is not None and seen.share is not None:
+                shares[done] = seen.share
+            done += 1
+    for seen in rays.see_out(directions[WORD * done :], WORD * done):
+        found[done] = seen.word
+        if shares is not None and seen.share is not None:
+            shares[done] = seen.share
+        if kept is not None:
+            kept.append(seen)
+        done += 1
+        report(min(WORD * done, len(directions)))
+        if flag:
+            raise KeyboardInterrupt
+    return found, shares
+
+
+def _words_of_pass(
+    rays: PointVisibility,
+    directions: Float64,
+    kept: KeptPass | None,
+    key: str,
+    report: Callable[[int], None],
+    flag: Flag,
+) -> tuple[Words, Shares | None]:
+    """As `_words`, in one pass over a stream; report is called with the chunks done."""
+    done, found, shares = 0, None, None
+    if kept is not None:
+        done, found = kept.read(key, (-(-len(directions) // WORD), rays.count))
+    if found is None or rays.transmits:
+        resident, shares = rays.see_out_of_resident(directions)
+        found = resident if found is None else found
+    for seen in rays.pass_over(directions, found, done):
+        if kept is not None and (flag or kept.due(seen)):
+            kept.keep(seen, found)
+        report(seen)
+        if flag:
+            raise KeyboardInterrupt
+    if shares is not None:
+        for share, word in zip(shares, found, strict=True):
+            share[:] = masked(share, word)
+    return found, shares
+
+
 def _radiosity(
     gl: moderngl.Context,
     scene: Scene,
     sides: ReflectingSides,
-    like: DaylightCoefficients,
+    like: _Shared,
     max_depth: int | None,
     seed: int,
 ) -> NDArray[np.float32]:
     """(R, C) float32: of the sides, for each column of `like`."""
-    columns = len(like.patches) + len(like.suns)
+    columns = int(like.column[-1]) + 1
     if not len(sides):
         return np.zeros((0, columns), np.float32)
     shift = path_traceable(scene.still()).origin - scene.origin
     points = sides.points + shift
-    words = -(-len(like.directions) // WORD)
+    # Direction by direction, so that neither words nor shares of all are kept.
+    direct = np.zeros((columns, len(sides)), np.float32)
+    normals = sides.normals.astype(np.float32)
     with PointVisibility(gl, scene, points, sides.normals) as rays:
-        seen = list(rays.see_out(like.directions))
-    shares = [each.share for each in seen if each.share is not None]
-    of_points = replace(
-        like,
-        points=points,
-        normals=sides.normals,
-        receiver="plane",
-        words=np.stack([each.word for each in seen]),
-        shares=np.concatenate(shares).reshape(words * WORD, len(points)) if shares else None,
-    )
-    direct = np.empty((len(sides), columns), np.float32)
-    step = 1024
-    for first in range(0, len(sides), step):
-        part = slice(POINTS * first, POINTS * min(first + step, len(sides)))
-        light = np.concatenate([of_points.direct_sky(part), of_points.direct_sun(part)], axis=1)
-        direct[first : first + step] = light.reshape(-1, POINTS, columns).mean(axis=1)
-    return solved(sides, direct, max_depth, seed)
+        for word, seen in enumerate(rays.see_out(like.directions)):
+            some = slice(WORD * word, min(WORD * (word + 1), len(like.directions)))
+            for k, direction in enumerate(like.directions[some].astype(np.float32)):
+                light = np.maximum(normals @ direction, 0.0) * (seen.word >> np.uint32(k) & np.uint32(1))
+                if seen.share is not None:
+                    light *= seen.share[k]
+                number = WORD * word + k
+                mean = light.reshape(-1, POINTS).mean(axis=1, dtype=np.float32)
+                direct[like.column[number]] += np.float32(like.weight[number]) * mean
+    return solved(sides, np.ascontiguousarray(direct.T), max_depth, seed)
 
 
 def _key(scene: str, points: Float64, normals: Float64, directions: Float64, receiver: str) -> str:

@@ -29,8 +29,8 @@ Float64 = NDArray[np.float64]
 BATCHES = 8
 # Strata of a batch, and surfaces of glass that a ray passes, one behind the other.
 _TURNS, _MAX_THROUGH = 16, 64
-# Rays of a block of points: 96 MiB.
-_BLOCK = 1 << 23
+# Rays of a block of points: 16 MiB, and some more for the matrix of their shares.
+_BLOCK = 1 << 21
 
 
 class Hits(NamedTuple):
@@ -53,12 +53,13 @@ def ray_count(rays: int) -> int:
 
 
 def cast_hits(
-    surfaces: Surfaces, points: Float64, axes: Float64, receiver: Receiver, rays: int, seed: int
+    surfaces: Surfaces, points: Float64, axes: Float64, receiver: Receiver, rays: int, seed: int, number: int = 0
 ) -> Iterator[Hits]:
     """What the rays of points meet, block by block; the same whatever the threads.
 
     points : (N, 3) off the surfaces that they lie on; axes (N, 3) unit, normals of planes
     rays   : of each point, as `ray_count` says
+    number : of the first point, which random numbers follow from
     """
     count = ray_count(rays)
     step = 4 * max(1, _BLOCK // count // 4)  # points of a side of an element stay together
@@ -74,7 +75,7 @@ def cast_hits(
                      weight: NDArray[np.float32] = weight) -> None:  # fmt: skip
                 numbers = np.arange(first + part.start, first + part.stop)
                 _cast(
-                    Shooting(points[numbers], axes[numbers], numbers, kind, seed),
+                    Shooting(points[numbers], axes[numbers], number + numbers, kind, seed),
                     surfaces, side[part], weight[part], np.empty((3, 3)),
                 )  # fmt: skip
 

@@ -12,6 +12,9 @@ from glpath.system.npz import Arrays
 
 Float32 = NDArray[np.float32]
 
+# Floats of some columns: 32 MiB.
+_COLUMNS = 1 << 23
+
 
 @dataclass(frozen=True, eq=False)
 class Indirect:
@@ -28,7 +31,14 @@ class Indirect:
 
     def rows(self, which: NDArray[np.intp], columns: slice) -> Float32:
         """(n, c) float32."""
-        return np.asarray(self.weights[which] @ self.radiosity[:, columns], np.float32)
+        weights, radiosity = self.weights[which], self.radiosity[:, columns]
+        found = np.empty((weights.shape[0], radiosity.shape[1]), np.float32)
+        # Some columns at a time, as a product copies what is not contiguous.
+        step = max(1, _COLUMNS // max(1, len(radiosity)))
+        for begin in range(0, radiosity.shape[1], step):
+            some = slice(begin, begin + step)
+            found[:, some] = weights @ np.ascontiguousarray(radiosity[:, some])
+        return found
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """As a file keeps them; `read` reads them."""

@@ -88,28 +88,44 @@ class SkyPatches:
         altitude[0], altitude[-1] = -np.pi / 2, np.pi / 2
         return compass.directions(0.5 * (azimuth_from + azimuth_to), np.sin(altitude))
 
-    def directions(self, compass: Compass, samples: int = 4, seed: int = 0) -> Directions:
+    def containing(self, directions: Float64, compass: Compass) -> NDArray[np.intp]:
+        """(N,): the patch that each direction (N, 3), unit, of a scene lies in."""
+        east, north, up = (directions @ compass.world_from_sky).T
+        rows = len(_ROWS) * self.subdivision
+        height = np.pi / 2 / (rows + 0.5)
+        row = np.floor(np.arcsin(np.clip(up, -1.0, 1.0)) / height).astype(np.intp)
+        counts = np.array([self.subdivision * _ROWS[i // self.subdivision] for i in range(rows)] + [1])
+        first = 1 + np.concatenate([[0], np.cumsum(counts)[:-1]])
+        of_row = np.clip(row, 0, rows)
+        share = np.arctan2(east, north) / (2 * np.pi) * counts[of_row]
+        found = first[of_row] + np.round(share).astype(np.intp) % counts[of_row]
+        return np.where(up < 0, 0, found)
+
+    def directions(
+        self, compass: Compass, samples: int = 4, seed: int = 0, ground: int | None = None
+    ) -> Directions:
         """Directions into all patches, uniform over each.
 
         samples : of each patch: 1, its centre, or an even number: pairs that are each other's mirror image in the
                   patch, so that a cosine's slope over it is no error
+        ground  : of the ground, even; by default 16 times as many
 
         Pairs are points of a lattice, shifted at random in each patch.
         """
-        ground = self._in(compass, np.zeros(1, np.intp), _GROUND * max(samples, 2), seed)
+        below = self._in(compass, np.zeros(1, np.intp), ground or _GROUND * max(samples, 2), seed)
         sky = np.arange(1, len(self))
         if samples == 1:
             return Directions(
-                np.concatenate([ground, self.centres(compass)[1:]]),
-                np.concatenate([np.zeros(len(ground), np.intp), sky]),
-                np.concatenate([np.full(len(ground), 2 * np.pi / len(ground)), self.solid_angles[1:]]),
+                np.concatenate([below, self.centres(compass)[1:]]),
+                np.concatenate([np.zeros(len(below), np.intp), sky]),
+                np.concatenate([np.full(len(below), 2 * np.pi / len(below)), self.solid_angles[1:]]),
                 samples,
             )
         return Directions(
-            np.concatenate([ground, self._in(compass, sky, samples, seed)]),
-            np.concatenate([np.zeros(len(ground), np.intp), np.repeat(sky, samples)]),
+            np.concatenate([below, self._in(compass, sky, samples, seed)]),
+            np.concatenate([np.zeros(len(below), np.intp), np.repeat(sky, samples)]),
             np.concatenate(
-                [np.full(len(ground), 2 * np.pi / len(ground)), np.repeat(self.solid_angles[1:] / samples, samples)]
+                [np.full(len(below), 2 * np.pi / len(below)), np.repeat(self.solid_angles[1:] / samples, samples)]
             ),
             samples,
         )

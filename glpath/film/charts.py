@@ -22,6 +22,9 @@ UInt8 = NDArray[np.uint8]
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 INK, GREY, PALE = "#222222", "#6E6E6E", "#E4E4E4"
 
+#: Of values in false colours.
+COLOUR_MAP = "viridis"
+
 DPI = 100
 _CAPTION_SIZE, _CAPTION_LINE = 10.5, 19  # points, pixels
 MARGIN = 16
@@ -57,7 +60,7 @@ def field(
     top = float(np.nanmax(values))
     axes.set_facecolor(GREY)
     drawn = axes.imshow(
-        values, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=top or 1.0, aspect="auto"
+        values, origin="lower", extent=extent, cmap=COLOUR_MAP, vmin=0.0, vmax=top or 1.0, aspect="auto"
     )  # fmt: skip
     rows, columns = values.shape
     if min(rows, columns) >= 3 and np.nanmin(values) < top:
@@ -74,6 +77,19 @@ def field(
     for each in (axes, legend):
         each.tick_params(colors=INK, labelsize=10, length=4)
     return rastered(figure)
+
+
+def false_colours(values: NDArray[np.float64], top: float) -> NDArray[np.float64]:
+    """(..., 3) of values (...), from 0 to 1 as a screen has them: the colours of `field`; NaN is grey.
+
+    top : the value of the last colour, the first being of 0
+    """
+    require_matplotlib()
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
+
+    colours = np.asarray(colormaps[COLOUR_MAP](np.nan_to_num(values) / (top or 1.0)), np.float64)[..., :3]
+    return np.where(np.isnan(values)[..., None], to_rgb(GREY), colours)
 
 
 def wrapped(caption: str, width: int) -> list[str]:

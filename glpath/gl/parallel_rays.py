@@ -5,7 +5,7 @@ have one direction: their rays walk through the same nodes of the BVH. Which tri
 is asked first, so neighbouring directions should follow each other.
 
 Cost:     a ray for each point and direction in front of it; 36 bytes a point on the device.
-Poor at:  scenes whose triangles do not fit into memory; see `glpath.buffers.path_buffer` for those.
+Poor at:  scenes whose triangles do not fit into memory; see `glpath.gl.streamed_rays` for those.
 Source:   Morton 1966, A computer oriented geodetic data base; Haines & Greenberg 1986, The light buffer, for asking
           the last occluder first.
 """
@@ -30,6 +30,8 @@ from glpath.gl.thin_dielectrics import thin_dielectric_variants
 WORD = 32
 # Points along a square, up to so many; and of all squares of a draw, a word each: half a second on two cores.
 _MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
+# Whole numbers that are different floats, but 0.
+_NUMBERS = (1 << 24) - 1
 
 
 class Seen(NamedTuple):
@@ -54,6 +56,7 @@ class ParallelRays(Owner):
                 that has none
     transmits : there are thin dielectrics, which light goes straight through
     sort      : False where the points are neighbours already, in their order
+    first     : number of the first point, which random numbers of blended surfaces follow from
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class ParallelRays(Owner):
         normals: NDArray[np.float64],
         *,
         sort: bool = True,
+        first: int = 0,
     ) -> None:
         self.count = len(positions)
         self._uniforms = {**scene.uniforms, **bvh.uniforms}
@@ -73,7 +77,7 @@ class ParallelRays(Owner):
         fitting = gl.info["GL_MAX_TEXTURE_SIZE"] // (square * WORD)
         self._words = max(1, min(_POINTS_A_DRAW // square**2, fitting))
         order = along_z_curve(positions) if sort else np.arange(self.count)
-        self._texels = across = _z_curve_texels(square)
+        self._texels = across = z_curve_texels(square)
         thin = thin_dielectric_variants(scene.scene)
         self.transmits = bool(thin)
         program = load_program(
@@ -83,19 +87,20 @@ class ParallelRays(Owner):
             generated={**scene.generated, **bvh.generated},
             defines=scene.defines | bvh.defines | thin,
         )
-        self._directions = _texture(gl, (WORD, self._words), "f4", 4)
+        self._directions = texel_table(gl, (WORD, self._words), "f4", 4)
         rows = square * self._words
-        self._seen = _texture(gl, (square, rows * (WORD if thin else 1)), "f4" if thin else "u4", 1)
+        self._seen = texel_table(gl, (square, rows * (WORD if thin else 1)), "f4" if thin else "u4", 1)
         target = gl.framebuffer([self._seen])
         self._squares: list[tuple[NDArray[np.intp], Pass]] = []
-        for first in range(0, self.count, square**2):
-            which = order[first : first + square**2]
+        numbers = 1 + (first + np.arange(self.count)) % _NUMBERS
+        for begin in range(0, self.count, square**2):
+            which = order[begin : begin + square**2]
             textures = {**scene.textures, **bvh.textures, "shared_directions": self._directions}
             for name, values in (("point_positions", positions), ("point_normals", normals)):
                 texels = np.zeros((square**2, 4), np.float32)
                 texels[across[: len(which)], :3] = values[which]
-                texels[across[: len(which)], 3] = 1.0
-                textures[name] = _texture(gl, (square, square), "f4", 4)
+                texels[across[: len(which)], 3] = numbers[which]
+                textures[name] = texel_table(gl, (square, square), "f4", 4)
                 textures[name].write(texels.tobytes())
             self._squares.append((which, Pass("parallel rays", gl, program, target, textures=textures)))
 
@@ -159,7 +164,7 @@ def _spread(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return x
 
 
-def _z_curve_texels(square: int) -> NDArray[np.intp]:
+def z_curve_texels(square: int) -> NDArray[np.intp]:
     """(square^2,): where the texel of each number along a Z curve is, row by row."""
     number = np.arange(square * square)
     x, y = np.zeros_like(number), np.zeros_like(number)
@@ -169,7 +174,8 @@ def _z_curve_texels(square: int) -> NDArray[np.intp]:
     return np.asarray(y * square + x)
 
 
-def _texture(gl: moderngl.Context, size: tuple[int, int], dtype: str, components: int) -> moderngl.Texture:
+def texel_table(gl: moderngl.Context, size: tuple[int, int], dtype: str, components: int) -> moderngl.Texture:
+    """A texture that is read texel by texel."""
     texture = gl.texture(size, components, dtype=dtype)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

@@ -93,22 +93,69 @@ class RayBvh:
             grid, table, stack = built.grid, built.table, built.wide.stack
             moving = built if scene.moving is not None else None
             del built  # while the slots are written, there would be a hundred bytes a triangle in it
+        texture = self._put(gl, grid, table, stack, scene.scene.source or scene.scene.name)
+        self.uniforms |= of_meshes
+        if moving is not None:
+            self._moving = _MovingItems(texture, scene, moving)
+
+    def _put(self, gl: moderngl.Context, grid: Grid, table: Rows, stack: int, source: str) -> moderngl.Texture:
         self.generated = {"RAY_BVH": ray_bvh_glsl(max(_STACKS, -(-stack // _STACKS) * _STACKS))}
         self.defines = defined(HAS_FAR_NODES=table.shape[0] // WIDTH - 1 >= _NEAR_GROUPS)
-        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, scene.scene.source or scene.scene.name)
+        texture, bases = make_store(gl, UINTS, LAYOUT, {"ray_slot": table}, source)
         self.textures = {"ray_bvh": texture}
         self.uniforms: dict[str, object] = {
             "ray_lower": tuple(map(float, grid.lower)),
             "ray_step": tuple(map(float, grid.step)),
-            **of_meshes,
             **bases,
         }
-        if moving is not None:
-            self._moving = _MovingItems(texture, scene, moving)
+        return texture
 
     def move_to(self, triangles: NDArray[np.float64]) -> None:
         """Move the triangles (T, 3, 3) to another time; see `glpath.gl.moving`."""
         self._moving.move(triangles)
+
+
+class PartBvh(RayBvh):
+    """The BVH over triangles that no `DeviceScene` has, opaque and at rest: a part of those that are streamed.
+
+    corners  : (T, 3, 3) float32
+    chunk    : (T,) the number of the chunk of each. Those of two chunks are never an item, so that what rays find
+               does not depend on which chunks are in the part
+    far      : how large coordinates of a ray's start may be
+    compiled : by compiled code
+    source   : for errors
+    """
+
+    def __init__(
+        self,
+        gl: moderngl.Context,
+        corners: NDArray[np.float32],
+        chunk: NDArray[np.int64],
+        far: float,
+        compiled: bool,
+        source: str,
+    ) -> None:
+        flags = np.zeros(len(corners), np.uint8)
+        table: Rows
+        if compiled:
+            from glpath.gl.ray_bvh_kernels import CompiledSlots, compiled_items, compiled_tree
+
+            vertices = corners.reshape(-1, 3)
+            faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+            items = compiled_items(vertices, faces, chunk)
+            wide = compiled_tree(vertices, faces, items)
+        else:
+            triangles = corners.astype(np.float64)
+            of_pairs = _items(triangles, chunk)
+            wide = collapse(_tree(triangles, of_pairs))
+        lower, upper = (corner.astype(np.float64) for corner in (wide.tree.lower[0], wide.tree.upper[0]))
+        grid = Grid.around(lower, upper, far)
+        if compiled:
+            table = CompiledSlots(wide, grid, (vertices, faces, items), flags)
+        else:
+            slots = _item_table(triangles, of_pairs, flags)
+            table = Slots.of(wide).table(grid.steps(wide.tree.lower, wide.tree.upper), slots)
+        self._put(gl, grid, table, wide.stack, source)
 
 
 def _interpreted(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:

@@ -84,6 +84,9 @@ VARIANTS: dict[str, Variant] = {
     "LANE_STRIDE": Variant("pixels share random numbers; so far apart", "gl.lanes"),
     "HAS_FAR_NODES": Variant("the BVH has more nodes than 20 bits count", "gl.ray_bvh"),
     "COMPUTE": Variant("a compute shader instead of a fragment shader", _RAYS),
+    "ASKED": Variant(
+        "parallel rays go through a part of a scene, where they are not blocked yet", "gl.streamed_rays"
+    ),
     "GATHER": Variant("paths end by looking up a radiosity solution", _RAYS),
     "CONTROL_VARIATE": Variant("a radiosity solution stands in for paths, some of which correct it", _RAYS),
     "GUIDED": Variant("directions are chosen by guides", "integrators.path_guide"),

@@ -18,51 +18,28 @@ Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for what files in use look lik
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
 from glpath.errors import warn
-from glpath.io.values import LARGEST, nearby_files
+from glpath.io.c_planes import MAX_ANGLES, MAX_VALUES, all_around, on_regular_grid
+from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
 
-SUFFIXES = (".ies",)
-#: Bytes of a file, and angles of each kind: steps of a twentieth of a degree.
-MAX_BYTES, MAX_ANGLES = 16 << 20, 7201
-#: Values of a profile: in the file, and on its regular grid.
-MAX_VALUES = 1 << 20
-# The finest steps of the regular grid, parts of a degree; angles of files are multiples of such.
-_PARTS = 100
 _TYPES = {"1": "C", "2": "B", "3": "A"}
 # First and last angle of C.
 _SPANS = ((0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0))
 
 
-def read_ies(path: Path, location: SourceLocation) -> LightProfile:
-    """The profile of a file that a scene names at `location`. Raises SceneError, with the line; warns of a TILT."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise location.error(f"names {path}, but a photometric web is a file that ends in {', '.join(SUFFIXES)}.")
-    if not os.path.isfile(path):
-        raise location.error(
-            f"names the file {path}, which {'is no file' if os.path.exists(path) else 'does not exist'}.",
-            nearby_files("Photometric files", path, SUFFIXES),
-        )
-    size = os.path.getsize(path)
-    if size > MAX_BYTES:
-        raise location.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise location.error(f"names {path}, which cannot be read ({error.strerror}).") from error
-    return parse_ies(data, path, location)
-
-
 def parse_ies(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
-    """The same of what is in a file, at most MAX_BYTES; `path` is what errors call it."""
+    """The profile of what is in a file, which a scene names at `location`; `path` is what errors call it.
+
+    Raises SceneError, with the line; warns of a TILT.
+    """
     return _Reader(data.decode("latin-1"), path, location).profile()
 
 
@@ -112,7 +89,7 @@ class _Reader:
         candela = candela * factor
         if candela.max() > LARGEST:
             self._wrong(f"{candela.max():.3g} candela; at most {LARGEST:g} are taken")
-        return _on_regular_grid(*_all_around(c, candela), gamma)
+        return on_regular_grid(*all_around(c, candela), gamma)
 
     # Parts of the file.
 
@@ -193,51 +170,3 @@ class _Reader:
             f"names {self._path}, which cannot be used: line {self._line} has {found}.",
             remedy or "Take a whole file of the maker's, or open it in a viewer of photometric files.",
         )
-
-
-def _all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
-    """Angles of C from 0 to 360, both included, and their candela, by symmetry where half or less is there."""
-    if len(c) == 1:
-        return np.array([0.0, 360.0]), np.concatenate([candela, candela])
-    if c[0] == 90:  # alike on both sides of the plane through 90 and 270
-        c, candela = _mirrored(c, candela, 270.0)  # from 90 to 450
-        c, candela = c[:-1] % 360.0, candela[:-1]
-        order = np.argsort(c)
-        c, candela = c[order], candela[order]
-        if c[0] != 0:
-            share = (360.0 - c[-1]) / (360.0 - c[-1] + c[0])
-            c = np.insert(c, 0, 0.0)
-            candela = np.insert(candela, 0, (1 - share) * candela[-1] + share * candela[0], axis=0)
-        return np.append(c, 360.0), np.concatenate([candela, candela[:1]])
-    for end in (90.0, 180.0):
-        if c[-1] == end:
-            c, candela = _mirrored(c, candela, end)
-    return c, candela
-
-
-def _mirrored(c: Float64, candela: Float64, at: float) -> tuple[Float64, Float64]:
-    """On to the other side of an angle, the last one."""
-    return np.append(c, 2 * at - c[-2::-1]), np.concatenate([candela, candela[-2::-1]])
-
-
-def _on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfile:
-    """The profile of angles that are as they are: exact where they are multiples of a hundredth of a degree, as far
-    as the grid may be so fine; else of finest steps."""
-    span = (float(gamma[0]), float(gamma[-1]))
-    rows = _steps(c, 360.0, 1440)
-    columns = _steps(gamma, span[1] - span[0], max(1, MAX_VALUES // rows - 1))
-    at = np.linspace(*span, columns + 1)
-    along = np.stack([np.interp(at, gamma, row) for row in candela])
-    around = np.arange(rows) * (360.0 / rows)
-    grid = np.stack([np.interp(around, c, column) for column in along.T], axis=1)
-    return LightProfile(np.ascontiguousarray(grid), span)
-
-
-def _steps(angles: Float64, span: float, max_steps: int) -> int:
-    """Into how many equal parts a span of angles is divided, so that each of them is at an end of one."""
-    parts = np.rint(np.diff(angles) * _PARTS).astype(np.int64)
-    if np.allclose(np.cumsum(parts) / _PARTS, angles[1:] - angles[0], rtol=0, atol=1e-6) and np.all(parts > 0):
-        steps = round(span * _PARTS) // int(np.gcd.reduce(parts))
-        if steps <= max_steps:
-            return int(steps)
-    return max_steps

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from msgspec import UnsetType
+from msgspec import UNSET, UnsetType
 
 from glpath.errors import warn
 from glpath.film.image import read_image
@@ -15,10 +15,11 @@ from glpath.film.units import Unit, conversion
 from glpath.io import description
 from glpath.io.day_sky import OF_DAYS, day_sky
 from glpath.io.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
-from glpath.io.ies import read_ies
+from glpath.io.photometry import read_profile
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
 from glpath.scene.cie_sky import cie_sky, has_sun
+from glpath.scene.maintenance import with_factor
 from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Portal, Shape, Sky
 from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation
@@ -39,12 +40,17 @@ def lights(
     made = (
         _light(each, index, location.item(index), folder, camera_up, profiles) for index, each in enumerate(given)
     )
-    return tuple(
-        replace(
-            light, intensity=light.intensity * conversion(_unit_of(each, location.item(i), scene_unit), scene_unit)
-        )
-        for i, (light, each) in enumerate(zip(made, given, strict=True))
-    )
+    found = []
+    for i, (lamp, each) in enumerate(zip(made, given, strict=True)):
+        factor = conversion(_unit_of(each, location.item(i), scene_unit), scene_unit)
+        found.append(with_factor(replace(lamp, intensity=lamp.intensity * factor), _factor_of(each)))
+    return tuple(found)
+
+
+def _factor_of(given: AnyLight | Emission) -> float | None:
+    """The maintenance factor of a description; None where it has none."""
+    factor = getattr(given, "maintenance_factor", UNSET)
+    return None if isinstance(factor, UnsetType) else float(factor)
 
 
 def _unit_of(given: AnyLight, location: SourceLocation, scene_unit: Unit) -> Unit:
@@ -77,7 +83,7 @@ def _light(
                 )
             path = folder / given.profile
             if path not in profiles:  # a file is read once, however many lamps it is of
-                profiles[path] = read_ies(path, location.field("profile"))
+                profiles[path] = read_profile(path, location.field("profile"))
             direction, c0 = _orientation(given, camera_up, location)
             return Light(
                 name,
@@ -219,7 +225,8 @@ def emission(
     else:
         area = _area_of(shape) * (2 if given.two_sided else 1)
         radiance = light(given.flux, location.field("flux")) / (np.pi * area)  # type: ignore[arg-type]
-    return replace(shape, emission=factor * radiance, emission_two_sided=given.two_sided)
+    shining = replace(shape, emission=factor * radiance, emission_two_sided=given.two_sided)
+    return with_factor(shining, _factor_of(given))
 
 
 def _area_of(shape: Shape) -> float:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from glpath.errors import SceneError
-from glpath.io import ies
+from glpath.io import photometry
 from glpath.scene.source_location import SourceLocation
 
 _MODEL = "Export the scene as glTF (.glb) from the program that wrote it."
@@ -14,10 +14,6 @@ _PICTURE = 'It may light a scene as its environment map: [sky] with file = "{0}"
 
 #: By suffix: what it is, and what to do with it.
 KINDS = {
-    ".ldt": (
-        "a lamp's profile (EULUMDAT)",
-        "Convert it to IES LM-63 type C, which a light takes as its `profile`.",
-    ),
     ".hdr": ("a picture", _PICTURE),
     ".exr": ("a picture", _PICTURE),
     ".blend": ("a file of Blender", _MODEL),
@@ -44,7 +40,7 @@ def refuse_other_file(path: Path) -> None:
     if not os.path.isfile(path):
         return
     location = SourceLocation(str(path))
-    if suffix in ies.SUFFIXES:
+    if suffix in photometry.SUFFIXES:
         raise _of_profile(path, location)
     if suffix in KINDS:
         what, remedy = KINDS[suffix]
@@ -52,9 +48,10 @@ def refuse_other_file(path: Path) -> None:
 
 
 def _of_profile(path: Path, location: SourceLocation) -> SceneError:
-    profile = ies.read_ies(path, location)
+    profile = photometry.read_profile(path, location)
+    kind, _ = photometry.FORMATS[path.suffix.lower()]
     return location.error(
-        f"is the profile of a lamp (IES LM-63: up to {profile.max:,.4g} cd, {profile.flux:,.4g} lm in all), not a "
+        f"is the profile of a lamp ({kind}: up to {profile.max:,.4g} cd, {profile.flux:,.4g} lm in all), not a "
         "scene.",
         "Hang it in one:\n"
         f'  [[lights]]\n  type = "point"\n  position = [0, 2.5, 0]\n  profile = "{path.name}"\n'

@@ -25,7 +25,7 @@ _NAMES = {
     "radiance": "emissivecolor color colour intensity luminance power strength",
     "intensity": "candela color colour emission energy i luminousintensity power radiance strength",
     "irradiance": "color colour e illuminance intensity power strength",
-    "profile": "ies iesfile iesprofile web",
+    "profile": "eulumdat ies iesfile iesprofile ldt web",
     "position": "eye from location lookfrom origin",
     "target": "at center lookat lookto to",
     "fov": "fieldofview fovy vfov yfov",

@@ -159,8 +159,12 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
             "Other tables are not read; EnergyPlus weather has the suffix .epw.",
         )
     table, site = _parsed(pvlib_module().iotools.read_tmy3, text, path, map_variables=True)
-    # Its times are the ends of the hours.
-    return table, {**site, "name": site.get("Name", "")}, _without_zone(table) - np.timedelta64(3600, "s")
+    # Its times are the ends of the hours. February has 28 days, though its year may be a leap year.
+    begin = _without_zone(table) - np.timedelta64(3600, "s")
+    month, day, hour = _in_year(begin)
+    alone = (month == 1) & (day == 28) & (hour == 23) & (np.append([0], day[:-1]) == 27)
+    begin[alone] -= np.timedelta64(86400, "s")
+    return table, {**site, "name": site.get("Name", "")}, begin
 
 
 def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:

@@ -31,6 +31,7 @@ from glpath.rendering.options import RenderKeywords, check_word, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Environment, Scene
+from glpath.scene.maintenance import maintained
 from glpath.sensors.sensor import PointSensor
 from glpath.system.frames import data_frame, data_set
 
@@ -169,6 +170,7 @@ def irradiance(
     spp: int | None = None,
     first_path_set: int = 0,
     white_sky: bool = False,
+    maintenance_factor: float | None = None,
     parameters: Mapping[str, object] | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Irradiance:
@@ -186,6 +188,8 @@ def irradiance(
                  multiple
     integrator : "path", "path-buffer" or "gather"
     white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
+    maintenance_factor : above 0, up to 1: what is left of the light of all lamps after years, but for those that
+                 have a factor of their own in the scene file. Not of skies and directional lights
     spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
     noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
                  the radiance of white surfaces, so that what is below 0.3 W m^-2 counts as that
@@ -211,7 +215,7 @@ def irradiance(
         facing = _around(facing)
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)
-    loaded = lit(loaded, white_sky, ambient=chosen.get("ambient"))
+    loaded = maintained(lit(loaded, white_sky, ambient=chosen.get("ambient")), maintenance_factor)
     job, loaded = describe(
         loaded,
         integrator=integrator,

@@ -14,10 +14,10 @@ import numpy as np
 #: Fields that change no picture, by the dataclass that has them.
 UNSEEN = {
     "Scene": {"name", "source", "exposure", "unit", "centred_by"},
-    "Shape": {"name", "kind"},
+    "Shape": {"name", "kind", "maintenance_factor"},
     "Material": {"name"},
     "Texture": {"name"},
-    "Light": {"name"},
+    "Light": {"name", "maintenance_factor"},
     "Sky": {"assumed"},
     "Environment": {"assumed", "solar"},
 }

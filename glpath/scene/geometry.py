@@ -128,6 +128,7 @@ class Shape:
     emission_two_sided : the light leaves both sides; otherwise only the side of the normal
     subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
     kind               : how it was written: quad, box, mesh, sphere, plane or stream
+    maintenance_factor : of a light, by which `emission` is multiplied already; None where none was given
     motion             : where it stands at a time, `world_from_object` being where when the shutter opens; None
                          where it stands still
     """
@@ -141,6 +142,7 @@ class Shape:
     subdivisions: int = 4
     kind: str = ""
     motion: Motion | None = None
+    maintenance_factor: float | None = None
 
     def __post_init__(self) -> None:
         if not self.kind:
@@ -328,7 +330,7 @@ class Shapes(tuple[Shape, ...]):
         for _, stream in self.streams:
             points = np.concatenate([points, *(corner[None] for corner in stream.bounds)])
         if not len(points):
-            points = self.planes[:, :, 3]
+            points = self.planes[:, :, 3] if len(self.planes) else np.zeros((1, 3))
         return _box(points)
 
     def total(self, primitive: Primitive) -> int:

@@ -73,6 +73,7 @@ class Light:
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
     profile   : of a point light, how much it sends in which direction; None: in all alike
     c0        : (3,) float64 unit, perpendicular to `direction`: where C is 0 and gamma 90 degrees of the profile
+    maintenance_factor : by which `intensity` is multiplied already; None where none was given
     """
 
     name: str
@@ -84,6 +85,7 @@ class Light:
     falloff: Literal["quadratic", "none"] = "quadratic"
     profile: LightProfile | None = None
     c0: Float64 = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    maintenance_factor: float | None = None
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,6 +1,7 @@
 // parallel_rays.frag: whether points see out of the scene along directions that all of them share, a bit for each.
 // Lanes of a vector are neighbouring points and one direction, so their rays walk through the same nodes of the BVH.
 // With thin dielectrics: the share of light that they let through instead, by its luminance.
+// ASKED: a word has bits already, and those of rays that meet something are cleared: a scene in parts, one after the other.
 // Needs:  <SCENE>, <RAY_BVH>
 // Runs over: squares of points, one above the other for each word of 32 directions; with thin dielectrics for each direction.
 // Output: the word, bit k for direction k; or the share
@@ -19,17 +20,17 @@
 #include "bsdf/lobes.glsl"
 #endif
 
-TEXELS(rgba32f, point_positions);   // a: is there a point?
+TEXELS(rgba32f, point_positions);   // a: number of the point + 1, for random numbers; 0 where there is none
 TEXELS(rgba32f, point_normals);     // directions behind the plane across it are not cast; 0 where there is no plane
 TEXELS(rgba32f, shared_directions); // unit, a row of 32 for each word; a: is there a direction?
 uniform int square;                 // points along its sides
 uniform int first_direction;        // number of the first one, for random numbers
 
 // Whether a direction is before a point's plane; the ray's random numbers are set for it.
-bool is_cast(ivec2 at, vec3 normal, vec4 direction, int number)
+bool is_cast(float point, vec3 normal, vec4 direction, int number)
 {
 #ifdef HAS_ALPHA
-    opacity_key = pcg(uint(at.x) + (uint(at.y) << 16u) + pcg(opacity_seed + uint(first_direction + number)));
+    opacity_key = pcg(uint(point) + pcg(opacity_seed + uint(first_direction + number)));
 #endif
     return direction.w != 0.0 && (normal == vec3(0.0) || dot(direction.xyz, normal) > 0.0);
 }
@@ -46,7 +47,7 @@ void main()
     at.y -= number * square;
     vec4 position = texel(point_positions, at), direction = texel(shared_directions, ivec2(number & 31, number >> 5));
     share = 0.0;
-    if (position.w == 0.0 || !is_cast(at, texel(point_normals, at).xyz, direction, number)) return;
+    if (position.w == 0.0 || !is_cast(position.w, texel(point_normals, at).xyz, direction, number)) return;
     if (!is_blocked(position.xyz, direction.xyz, NO_HIT, -1)) share = dot(LUMINANCE, passed_thin_dielectrics);
 }
 #else
@@ -76,6 +77,26 @@ bool sees_out(vec3 origin, vec3 direction, inout int occluder)
 #endif
 }
 
+#ifdef ASKED
+UINT_TEXELS(r32ui, asked_words);  // as the output
+
+void main()
+{
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    int word = at.y / square;
+    seen = texel(asked_words, at).r;
+    at.y -= word * square;
+    vec3 position = texel(point_positions, at).xyz;
+    int occluder = -1, k = 0;
+    if (seen != 0u) do
+    {
+        vec4 direction = texel(shared_directions, ivec2(k, word));
+        uint bit = 1u << uint(k);
+        // In a only where any of the points may meet the part.
+        if ((seen & bit) != 0u && direction.w != 0.0 && !sees_out(position, direction.xyz, occluder)) seen &= ~bit;
+    } while (++k < 32);
+}
+#else
 void main()
 {
     ivec2 at = ivec2(gl_FragCoord.xy);
@@ -88,8 +109,9 @@ void main()
     if (position.w != 0.0) do
     {
         vec4 direction = texel(shared_directions, ivec2(k, word));
-        if (is_cast(at, normal, direction, 32 * word + k) && sees_out(position.xyz, direction.xyz, occluder))
+        if (is_cast(position.w, normal, direction, 32 * word + k) && sees_out(position.xyz, direction.xyz, occluder))
             seen |= 1u << uint(k);
     } while (++k < 32);
 }
+#endif
 #endif

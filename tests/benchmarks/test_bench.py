@@ -75,8 +75,10 @@ def test_list_names_every_bench() -> None:
         "viewfactors",
         "measure",
         "parallel-rays",
+        "daylight",
         "cie171",
         "height-field",
+        "streamed-field",
         "lightmap",
         "jobs",
         "standard-scenes",
@@ -119,9 +121,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
         (
             [],
             "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, parallel-rays, cie171, height-field, lightmap, jobs, "
-            "standard-scenes, image-tests, "
-            "start-up, footprint",
+            "shaft-options, viewfactors, measure, parallel-rays, daylight, cie171, height-field, streamed-field, "
+            "lightmap, jobs, standard-scenes, image-tests, start-up, footprint",
         ),
         (
             ["z-buffer"],

@@ -97,6 +97,7 @@ def test_the_public_names_are_these() -> None:
     assert glpath.__all__ == [
         "ContextError",
         "DaylightCoefficients",
+        "DaylightYear",
         "ElementError",
         "Film",
         "GlpathError",
@@ -115,6 +116,7 @@ def test_the_public_names_are_these() -> None:
         "SceneError",
         "SceneWarning",
         "ShaderError",
+        "Texels",
         "UsageError",
         "ViewFactorProgress",
         "ViewFactors",
@@ -122,6 +124,7 @@ def test_the_public_names_are_these() -> None:
         "__version__",
         "camera",
         "daylight_coefficients",
+        "daylight_year",
         "element_error",
         "export",
         "horizon",
@@ -137,6 +140,7 @@ def test_the_public_names_are_these() -> None:
         "render_frames",
         "render_views",
         "solve_radiosity",
+        "texels",
         "view_factors",
     ]
     for name in glpath.__all__:

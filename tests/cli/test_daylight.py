@@ -9,7 +9,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
+from glpath.cli.daylight_shown import OF_YEARS
 from glpath.cli.main import app
+from tests.io.test_vtk import arrays
+from tests.support.weather_files import write_epw
 
 
 @pytest.fixture
@@ -42,6 +45,33 @@ def test_the_command_writes_what_the_call_returns(tmp_path: Path, sensors: Path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dc.npz", "sensors.csv"]
 
 
+def test_shards_merge_to_the_file_of_one_run(tmp_path: Path, sensors: Path) -> None:
+    parts = [tmp_path / f"{k}.npz" for k in (1, 2)]
+    options = ("--points", sensors, "--samples", 2, "--max-depth", 1)
+    for k, part in enumerate(parts, start=1):
+        done = run("cornell-box", "-o", part, "--shard", f"{k}/2", *options)
+        assert done.exit_code == 0, done.output
+    out = tmp_path / "dc.npz"
+    done = CliRunner().invoke(app, ["merge", *map(str, parts), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "2 sensors of 2 shards" in done.output
+    at = [[0.0, 0, 0], [0.3, 0.1, 0.2]]
+    expected = glpath.daylight_coefficients("cornell-box", at, [0.0, 1, 0], samples=2, max_depth=1)
+    assert np.array_equal(glpath.DaylightCoefficients.load(out).words, expected.words)
+    for wrong, text in (
+        (["merge", parts[0], "-o", tmp_path / "dc.png"], "no picture"),
+        (["merge", parts[0], "-o", out, "--exposure", 1], "no picture"),
+        (["daylight", "cornell-box", "-o", out, "--shard", "3/2", *options], "K/N"),
+        (
+            ["daylight", parts[0], "-o", tmp_path / "y.csv", "--weather", write_epw(tmp_path / "a.epw")],
+            "is a shard",
+        ),
+    ):
+        done = CliRunner().invoke(app, list(map(str, wrong)))
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+
+
 def test_wrong_usage_is_refused_before_anything_is_computed(tmp_path: Path, sensors: Path) -> None:
     for wrong, text in (
         (("-o", tmp_path / "dc.csv", "--points", sensors), ".npz"),
@@ -54,3 +84,99 @@ def test_wrong_usage_is_refused_before_anything_is_computed(tmp_path: Path, sens
         assert done.exit_code != 0
         assert text in done.output, done.output
     assert not (tmp_path / "dc.npz").exists()
+
+
+def test_a_year_from_the_scene_and_from_its_coefficients(tmp_path: Path, sensors: Path) -> None:
+    """Files of both are alike, and blinds of the same scene change nothing but the name."""
+    epw = write_epw(tmp_path / "nowhere.epw")
+    dc, csv, again = tmp_path / "dc.npz", tmp_path / "year.csv", tmp_path / "again.csv"
+    options = ("--points", sensors, "--samples", 2, "--suns", 30, "--max-depth", 1)
+    done = run("cornell-box", "-o", csv, "-o", dc, "--weather", epw, "--occupied", "9-17", *options)
+    assert done.exit_code == 0, done.output
+    assert "2,920 occupied hours" in done.output
+    assert "sDA counts with blinds" in done.output
+    done = run(dc, "-o", again, "--weather", epw, "--occupied", "9-17", "--blinds", dc)
+    assert done.exit_code == 0, done.output
+    assert "sDA300/50%: " in done.output
+    assert again.read_bytes() == csv.read_bytes()
+    assert csv.read_text().startswith("x,y,z,nx,ny,nz,daylight_autonomy,")
+
+
+def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: Path, sensors: Path) -> None:
+    epw = write_epw(tmp_path / "nowhere.epw")
+    year = ("cornell-box", "-o", tmp_path / "year.nc", "--points", sensors)
+    for wrong, text in (
+        (year, "--weather"),
+        ((*year, "--weather", tmp_path / "none.epw"), "none.epw"),
+        ((*year, "--weather", epw, "--latitude", 40), "--latitude"),
+        ((*year, "--weather", epw, "--occupied", "8"), "8-18"),
+        ((*year[:3], "--weather", epw), "No --points"),
+        (("cornell-box", "-o", tmp_path / "dc.npz", "--points", sensors, "--blinds", "office"), "--weather"),
+        ((tmp_path / "dc.npz", "-o", tmp_path / "other.npz"), "has coefficients already"),
+        (("cornell-box", "-o", tmp_path / "year.txt", "--points", sensors, "--weather", epw), ".nc or .csv"),
+    ):
+        done = run(*wrong)
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["nowhere.epw", "sensors.csv"]
+
+
+def test_texels_are_sensors_and_show_the_year(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    trimesh = pytest.importorskip("trimesh")
+    epw = write_epw(tmp_path / "nowhere.epw")
+    dc, vtp, glb, again = (tmp_path / name for name in ("dc.npz", "year.vtp", "year.glb", "again.vtp"))
+    asked = ("--receiver", "texels", "--texel-size", 150, "--texel-shape", "short*", "--texel-shape", "floor")
+    options = ("--samples", 2, "--suns", 30, "--max-depth", 1, "--weather", epw)
+    done = run("cornell-box", *(f"-o{path}" for path in (dc, vtp, glb, tmp_path / "year.csv")), *asked, *options)
+    assert done.exit_code == 0, done.output
+    expected = glpath.texels("cornell-box", 150, shapes=["short*", "floor"])
+    assert f"{len(expected)} sensors" in done.output
+    found = arrays(vtp)
+    np.testing.assert_array_equal(found["Points/Points"].reshape(-1, 4, 3), expected.corners)
+    kept = glpath.DaylightCoefficients.load(dc)
+    np.testing.assert_array_equal(found["CellData/sky_view_factor"], kept.sky_view)
+    table = np.genfromtxt(tmp_path / "year.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(kept.points[:, 1], table["y"], rtol=1e-5, atol=1e-5)
+    for value in OF_YEARS:
+        np.testing.assert_allclose(found[f"CellData/{value}"], table[value], rtol=1e-6)
+    assert {name for name in found if name.startswith("CellData")} == {
+        f"CellData/{name}" for name in (*OF_YEARS, "area", "shape")
+    }
+    (name,) = trimesh.load(glb, force="scene").geometry
+    assert name == f"irradiation_year, 0 to {table['irradiation_year'].max():.4g} kWh m-2"
+    # The file of coefficients has the faces, and needs no weather for the sky view factor.
+    done = run(dc, "-o", again, "-o", glb, "--show", "sky_view_factor")
+    assert done.exit_code == 0, done.output
+    assert set(arrays(again)) >= {"CellData/sky_view_factor", "CellData/area"}
+    (name,) = trimesh.load(glb, force="scene").geometry
+    assert name.startswith("sky_view_factor, 0 to")
+
+
+def test_points_are_shown_as_points(tmp_path: Path, sensors: Path) -> None:
+    done = run("cornell-box", "-o", tmp_path / "a.vtp", "--points", sensors, "--samples", 2, "--max-depth", 1)
+    assert done.exit_code == 0, done.output
+    found = arrays(tmp_path / "a.vtp")
+    np.testing.assert_array_equal(found["Points/Points"], [[0, 0, 0], [0.3, 0.1, 0.2]])
+    assert found["PointData/sky_view_factor"].shape == (2,)
+
+
+def test_wrong_usage_of_texels_is_refused_before_anything_is_computed(tmp_path: Path, sensors: Path) -> None:
+    start = ("cornell-box", "-o", tmp_path / "a.glb")
+    of_texels = (*start, "--receiver", "texels")
+    for wrong, text in (
+        (of_texels, "Give --texel-size"),
+        ((*of_texels, "--texel-size", 0), "must be above 0"),
+        ((*of_texels, "--texel-size", 1e-6), "at most 4,000,000"),
+        ((*of_texels, "--texel-size", 100, "--texel-shape", "roof"), "no shape is called 'roof'"),
+        ((*of_texels, "--texel-size", 1, "--points", sensors), "--points: beside --receiver texels"),
+        ((*of_texels, "--texel-size", 1, "--normal", "0,1,0"), "--normal: beside --receiver texels"),
+        ((*of_texels, "--texel-size", 1, "--show", "lux"), "There is sky_view_factor; with --weather others"),
+        ((*start, "--points", sensors), "the sensors are points"),
+        ((*start, "--points", sensors, "--texel-size", 1), "--texel-size: belongs to --receiver texels"),
+        (("cornell-box", "-o", tmp_path / "a.vtp", "--points", sensors, "--show", "x"), "--show: is what colours"),
+    ):
+        done = run(*wrong)
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["sensors.csv"]

@@ -69,6 +69,14 @@ def test_an_open_sensor_sees_all_of_the_sky() -> None:
     assert (found.standard_errors < 0.003 * np.pi).all()
 
 
+def test_a_description_without_light_has_the_up_of_its_camera() -> None:
+    """A studio stands in for light as it is loaded, whose own up is y."""
+    described = {"camera": VIEW, "shapes": [{"type": "quad", "corners": GROUND}]}
+    found = daylight_coefficients(described, [[0.0, 0, 0]], [0.0, 0, 1], samples=1)
+    assert found.up.tolist() == [0.0, 0.0, 1.0]
+    assert found.sky_view == pytest.approx([1.0], rel=1e-2)
+
+
 def test_receivers_have_their_closed_forms() -> None:
     """Under a white sky: pi/2 on a wall, and as the mean of a cylinder and of a sphere."""
     nowhere = scene([[90, 90, 0], [91, 90, 0], [91, 91, 0], [90, 91, 0]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from glpath.daylight.compass import Compass
 from glpath.daylight.receivers import response
 from glpath.daylight.sky_patches import SUBDIVISIONS, SkyPatches
 from glpath.errors import UsageError
+from glpath.io import load_scene
+from glpath.io.completed import aside
 
 COMPASS = Compass((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 #: Of a patch of each row, and the cap: Radiance's gendaymtx.c, after Tregenza 1987.
@@ -74,3 +78,23 @@ def test_the_first_patch_is_in_the_north_and_the_next_east_of_it() -> None:
 def test_other_subdivisions_are_refused() -> None:
     with pytest.raises(UsageError, match="2305 patches"):
         SkyPatches(3)
+
+
+@pytest.mark.parametrize("subdivision", [1, 2, 4])
+def test_directions_into_a_patch_are_contained_in_it(subdivision: int) -> None:
+    compass = Compass((0.0, 1.0, 0.0), (0.6, 0.0, -0.8))
+    into = SkyPatches(subdivision).directions(compass, 4)
+    assert np.array_equal(SkyPatches(subdivision).containing(into.directions, compass), into.patch)
+
+
+@pytest.mark.parametrize("sky", [{}, {"sky": {"zenith": 1}}, {"sky": {"type": "cie", "cie_type": 1, "zenith": 1}}])
+@pytest.mark.parametrize(("up", "north"), [([0, 0, 1], (0, 1, 0)), ([0, 1, 0], (0, 0, -1))])
+def test_up_is_the_scene_s_and_not_that_of_a_studio_that_stands_in_for_light(
+    sky: dict[str, Any], up: list[int], north: tuple[int, ...]
+) -> None:
+    camera = {"position": [9, 9, 9], "target": [0, 0, 0], "up": up}
+    ball = {"type": "sphere", "center": [0, 0, 0], "radius": 1}
+    with aside("light"):
+        found = Compass.of(load_scene({"camera": camera, "shapes": [ball], **sky}))
+    assert found.up == tuple(up)
+    assert found.north == north

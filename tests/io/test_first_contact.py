@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError
-from tests.support.photometry import ies
+from tests.support.photometry import eulumdat, ies
 from tests.support.repository import ROOT
 
 
@@ -46,7 +46,6 @@ def test_a_lamps_file_is_told_what_it_is_and_where_it_goes(
     [
         ("room.fbx", r"is an FBX model, not a scene\.\n.*glTF"),
         ("sky.hdr", r'is a picture, not a scene\.\n.*\[sky\] with file = "sky\.hdr"'),
-        ("lamp.ldt", r"EULUMDAT.*not a scene\.\n.*IES"),
     ],
 )
 def test_other_files_are_told_where_they_go(name: str, words: str, tmp_path: Path) -> None:
@@ -61,6 +60,10 @@ def test_a_lamps_file_that_is_broken_or_absent_is_told_so(tmp_path: Path) -> Non
         glpath.load_scene(tmp_path / "lamp.ies")
     with pytest.raises(SceneError, match="no such file"):
         glpath.load_scene(tmp_path / "none.ies")
+    eulumdat(tmp_path / "lamp.ldt", np.array([0.0, 90, 180]), np.zeros(1), np.full((1, 3), 50.0), symmetry=1)
+    with pytest.raises(SceneError, match=r"\(EULUMDAT: up to 50 cd, 628.3 lm in all\), not a scene.") as caught:
+        glpath.load_scene(tmp_path / "lamp.ldt")
+    assert 'profile = "lamp.ldt"' in str(caught.value)
 
 
 def described(**material: Any) -> dict[str, Any]:
@@ -100,6 +103,7 @@ def test_words_of_other_programs_are_answered_with_ours(field: str, answer: str)
         ("camera", "eye", "position"),
         ("lights", "power", "intensity"),
         ("lights", "ies", "profile"),
+        ("lights", "ldt", "profile"),
         ("shapes", "material_name", "material"),
         ("shapes", "luminance", "emission"),
     ],

@@ -16,7 +16,7 @@ import glpath
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError, SceneError, SceneWarning
 from glpath.io.gltf import read_gltf
-from glpath.io.ies import read_ies
+from glpath.io.photometry import read_profile
 from glpath.lights.samples import incident
 from glpath.scene.model import Float64, Light, LightProfile
 from glpath.scene.source_location import SourceLocation
@@ -45,7 +45,7 @@ GAMMA, C = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 361.0, 15.0)
 )
 def test_every_years_form_is_read(head: str, tmp_path: Path) -> None:
     path = ies(tmp_path / "a.ies", GAMMA, C, web(C, GAMMA), head=head, factors=(2, 0.5, 0.25))
-    profile = read_ies(path, PLACE)
+    profile = read_profile(path, PLACE)
     assert profile.gamma == (0, 180)
     assert profile.candela.shape == (24, 37)
     np.testing.assert_allclose(profile.candela, 0.25 * web(C, GAMMA)[:-1], rtol=1e-8)
@@ -57,7 +57,7 @@ def test_numbers_may_be_parted_in_any_way(tmp_path: Path) -> None:
         b"TILT=INCLUDE\r\n1\r\n3, 0 45 90\r\n1.0,1,1\r\n1,1000, 1.5 3\r\n 2 1\t1 0 0 0\r\n1.0 1.0 50.\r\n"
         b"0\r\n45,90\r\n0 180\r\n100 50\r\n0,200 60 1e1\r\n"
     )
-    profile = read_ies(tmp_path / "a.IES", PLACE)
+    profile = read_profile(tmp_path / "a.IES", PLACE)
     # Alike on both sides of the plane through 0 and 180.
     assert profile.candela.tolist() == [[150, 75, 0], [300, 90, 15]]
     assert profile.gamma == (0, 90)
@@ -66,7 +66,7 @@ def test_numbers_may_be_parted_in_any_way(tmp_path: Path) -> None:
 def test_a_tilt_with_factors_is_told_of(tmp_path: Path) -> None:
     path = ies(tmp_path / "a.ies", GAMMA, C, web(C, GAMMA), tilt="TILT=INCLUDE\n1\n2\n0 90\n1 0.8")
     with pytest.warns(SceneWarning, match="depends on how its lamp is tilted"):
-        assert read_ies(path, PLACE).candela.shape == (24, 37)
+        assert read_profile(path, PLACE).candela.shape == (24, 37)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_what_the_file_leaves_out_follows_by_symmetry(c: Float64, of, tmp_path: 
             return np.where(beyond < 90, 180 - beyond, beyond)
 
     path = ies(tmp_path / "a.ies", GAMMA, c, web(c, GAMMA))
-    profile = read_ies(path, PLACE)
+    profile = read_profile(path, PLACE)
     angle = np.arange(0.0, 360.0, 5.0)
     table = np.stack([np.interp(of(angle), c, column) for column in web(c, GAMMA).T], axis=1)
     found = np.stack([profile.at(np.full(len(GAMMA), a), GAMMA) for a in angle])
@@ -104,7 +104,7 @@ def test_what_the_file_leaves_out_follows_by_symmetry(c: Float64, of, tmp_path: 
 )
 def test_uneven_angles_are_kept(gamma: list[float], tmp_path: Path) -> None:
     c = np.array([0, 10, 45, 80, 90.0])
-    profile = read_ies(ies(tmp_path / "a.ies", np.array(gamma), c, web(c, np.array(gamma))), PLACE)
+    profile = read_profile(ies(tmp_path / "a.ies", np.array(gamma), c, web(c, np.array(gamma))), PLACE)
     expected = RegularGridInterpolator((c, gamma), web(c, np.array(gamma)))
     at = np.random.default_rng(0).uniform((0, gamma[0]), (90, gamma[-1]), (500, 2))
     np.testing.assert_allclose(profile.at(at[:, 0], at[:, 1]), expected(at), rtol=1e-7)
@@ -147,24 +147,24 @@ GOOD = "IESNA91\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0\n1 1 10\n0 90\n0\n5 1\n"
 def test_hostile_files_are_refused_with_their_line(text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "a.ies").write_text(text)
     with pytest.raises(SceneError, match=message) as caught:
-        read_ies(tmp_path / "a.ies", PLACE)
+        read_profile(tmp_path / "a.ies", PLACE)
     assert str(caught.value).startswith(f"room.toml: lights[0].profile names {tmp_path / 'a.ies'}")
 
 
 def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / "b.ies").write_text(GOOD)
     with pytest.raises(SceneError, match=r"does not exist") as caught:
-        read_ies(tmp_path / "a.ies", PLACE)
+        read_profile(tmp_path / "a.ies", PLACE)
     assert "b.ies" in str(caught.value)
-    with pytest.raises(SceneError, match=r"ends in \.ies"):
-        read_ies(tmp_path / "a.png", PLACE)
+    with pytest.raises(SceneError, match=r"ends in \.ies or \.ldt"):
+        read_profile(tmp_path / "a.png", PLACE)
     with (tmp_path / "large.ies").open("wb") as file:
         file.truncate(1 << 30)
     with pytest.raises(SceneError, match=r"1,073,741,824 bytes; a photometric file has at most"):
-        read_ies(tmp_path / "large.ies", PLACE)
+        read_profile(tmp_path / "large.ies", PLACE)
     (tmp_path / "dir.ies").mkdir()
     with pytest.raises(SceneError, match=r"is no file"):
-        read_ies(tmp_path / "dir.ies", PLACE)
+        read_profile(tmp_path / "dir.ies", PLACE)
 
 
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
                 )
             path.write_bytes(spoilt)
             try:
-                profile = read_ies(path, PLACE)
+                profile = read_profile(path, PLACE)
             except SceneError:
                 refused += 1
             else:
@@ -519,7 +519,7 @@ def test_radiance_sends_the_same_in_every_direction(tmp_path: Path) -> None:
         "point",
         np.ones(3),
         direction=np.array([0.0, 0.0, -1.0]),
-        profile=read_ies(path, PLACE),
+        profile=read_profile(path, PLACE),
         c0=np.array([1.0, 0.0, 0.0]),
     )
     ours = incident(light, 1000 * directions).irradiance[:, 0] * 1000**2

@@ -16,7 +16,7 @@ from glpath.errors import GlpathError, UsageError
 from glpath.io.vtk import VtkMesh, points_with_values
 from glpath.scene.tessellate import box_mesh
 
-TYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "UInt8": "u1"}
+TYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "Int32": "<i4", "UInt8": "u1"}
 CUBE = box_mesh((0, 0, 0), (1, 1, 1))
 #: Of its inside.
 ROOM = {"faces": (CUBE.vertices, CUBE.faces), "groups": [f"wall {i // 2}" for i in range(12)], "flip": True}

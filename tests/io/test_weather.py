@@ -201,3 +201,11 @@ def test_a_clear_day() -> None:
     direct, diffuse = clear_day(np.array(["2024-06-21T11:30"], "datetime64[s]"), 47.5, 8.5)
     assert 700 < direct[0] < 1000
     assert 50 < diffuse[0] < 200
+
+
+def test_a_february_of_a_leap_year_ends_on_the_28th(recwarn: pytest.WarningsRecorder) -> None:
+    """This file's is of 1996, and pvlib has its last hour end in March, a day too late."""
+    found = read_weather(Path(pvlib.__file__).parent / "data" / "723170TYA.CSV")
+    assert (np.diff(found.times).astype(int) == 3600).all()
+    assert found.times[[0, -1]].astype(str).tolist() == ["2023-01-01T00:00:00", "2023-12-31T23:00:00"]
+    assert not recwarn.list

@@ -317,8 +317,10 @@ def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
         (["--points", "nothing.csv"], "cannot be read"),
         (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, path-buffer, gather"),
         (["--plane", "z=0", "--spp", "0"], "--spp 0"),
-        (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .png"),
+        (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .html, .png, .glb, .vtp"),
         (["--points", "a.csv", "-o", "lux.png"], "a picture is of a grid"),
+        (["--points", "a.csv", "-o", "lux.glb"], "a picture is of a grid"),
+        (["--plane", "z=0", "--maintenance-factor", "2"], "--maintenance-factor 2: must be above 0, up to 1"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_by_name(scene: Path, arguments: list[str], words: str) -> None:

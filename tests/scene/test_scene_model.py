@@ -62,7 +62,7 @@ def everything() -> Scene:
             [
                 Shape("t", mesh, 0, np.stack([np.eye(3, 4), 2 * np.eye(3, 4)]), motion=motion),
                 Shape("s", "sphere", 1, np.arange(12.0).reshape(1, 3, 4)),
-                Shape("p", "plane", 1, np.arange(12.0).reshape(1, 3, 4), np.ones(3), True),
+                Shape("p", "plane", 1, np.arange(12.0).reshape(1, 3, 4), np.ones(3), True, maintenance_factor=0.5),
             ]
         ),
         materials=(Material("m", np.full(3, 0.5)), Material("n", np.full(3, 0.25), roughness=0.5, **slots)),
@@ -71,7 +71,15 @@ def everything() -> Scene:
             Texture("x", np.ones((2, 2, 3), np.float32)),
             Texture("y", np.ones((1, 2, 4), np.uint8), srgb=True),
         ),
-        lights=(Light("l", "point", np.ones(3), profile=LightProfile(np.arange(6.0).reshape(2, 3))),),
+        lights=(
+            Light(
+                "l",
+                "point",
+                np.ones(3),
+                profile=LightProfile(np.arange(6.0).reshape(2, 3)),
+                maintenance_factor=0.5,
+            ),
+        ),
         ambient=np.ones(3),
         sky=Sky(np.ones(3), np.zeros(3)),
         portals=(Portal(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])),),

@@ -13,6 +13,7 @@ from benchmarks.walks import FENCE, LAMP, commands_of
 from tests.support.honeybee_model import two_rooms
 from tests.support.honeybee_model import write as write_honeybee
 from tests.support.repository import ROOT
+from tests.support.weather_files import write_epw
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
@@ -36,6 +37,10 @@ NOT_RUN = {
     ("sh", "#SBATCH"): "needs Slurm",
     ("glsl", "shader_type spatial"): "needs Godot",
     ("python", "mpl_image_compare"): "is of pytest-mpl; benchmarks/image_suite has such a test",
+    (
+        "sh",
+        "--blinds office-closed.toml",
+    ): "the page has a part of that scene; tests/daylight/test_year.py has blinds",
     ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
 }
 
@@ -119,6 +124,10 @@ def write_models(folder: Path) -> None:
     (folder / "dem.asc").write_text(
         header + "\n".join(" ".join(str(r * c % 7) for c in range(16)) for r in range(12))
     )
+    for name in ("desk.csv", "sensors.csv"):
+        (folder / name).write_text("x,y,z,nx,ny,nz\n1.0,1.0,0.76,0,0,1\n2.0,3.0,0.76,0,0,1\n")
+    write_epw(folder / "zurich.epw")
+    write_epw(folder / "bern.epw", latitude=46.9)
     (folder / "suns.csv").write_text("azimuth,altitude,hours\n120,20,365\n180,35,365\n")
     seat = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "Seat"}
     scene = {

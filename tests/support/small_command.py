@@ -17,6 +17,7 @@ SMALLER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("--resolution", "24x16"),
     ),
     "lightmap": (("--size", "--spp", "--noise", "--clean"), ("--size", "512", "--spp", "2")),
+    "daylight": (("--subdivision", "--samples", "--suns"), ("--samples", "2", "--suns", "40")),
     "measure": (("--spp", "--noise"), ("--spp", "4")),
     "probes": (("--spp", "--noise", "--grid"), ("--spp", "2", "--grid", "2x2x2")),
     "radiosity": (("--patches", "--particles"), ("--patches", "100")),

@@ -11,7 +11,7 @@ from glpath.cli.commands import COMMANDS
 from glpath.cli.main import app
 from glpath.compare import SUFFIXES as COMPARED
 from glpath.film.image import READABLE
-from glpath.io import ies
+from glpath.io import photometry
 from glpath.io.gltf.document import KNOWN_EXTENSIONS, UNUSED_EXTENSIONS
 from glpath.io.library import SCENE_SUFFIXES
 from glpath.io.lights import MAPS
@@ -33,7 +33,7 @@ def pages() -> dict[str, str]:
                 ("scenes and models", _listed(SCENE_SUFFIXES)),
                 ("textures", _listed(TEXTURES)),
                 ("environment maps", _listed(MAPS)),
-                ("profiles of lamps", _listed(ies.SUFFIXES)),
+                ("profiles of lamps", _listed(photometry.SUFFIXES)),
                 ("height fields, by `glpath horizon`", _listed(FIELD_SUFFIXES)),
                 ("clouds of points, by `glpath horizon`", _listed(CLOUD_SUFFIXES)),
                 ("pictures, by `glpath.read_image`", _listed(READABLE)),

@@ -37,6 +37,18 @@ OwnUnit = (
     ]
     | UnsetType
 )
+MaintenanceFactor = (
+    Annotated[
+        float,
+        Meta(
+            gt=0,
+            le=1,
+            description="What is left of the light after lamps have aged and dust has settled, by which it is "
+            "multiplied; 1 without it.",
+        ),
+    ]
+    | UnsetType
+)
 Falloff = Annotated[
     Literal["quadratic", "none"],
     Meta(description="quadratic: by the square of the distance, as in nature; none: the same at any distance."),
@@ -57,12 +69,13 @@ class PointLight(Light, tag="point", kw_only=True):
     intensity: Intensity | UnsetType = UNSET
     flux: Flux = UNSET
     falloff: Falloff = "quadratic"
+    maintenance_factor: MaintenanceFactor = UNSET
     profile: (
         Annotated[
             str,
             Meta(
-                description="A photometric web, an IES LM-63 file (.ies) of type C, relative to this file's "
-                "folder: its candela are multiplied by `intensity`, which is then 1 by default."
+                description="A photometric web, an IES LM-63 file (.ies) of type C or a EULUMDAT file (.ldt), "
+                "relative to this file's folder: its candela are multiplied by `intensity`, 1 without it."
             ),
         ]
         | UnsetType
@@ -103,6 +116,7 @@ class SpotLight(Light, tag="spot", kw_only=True):
         ),
     ] = (30.0, 40.0)
     falloff: Falloff = "quadratic"
+    maintenance_factor: MaintenanceFactor = UNSET
 
 
 class DirectionalLight(Light, tag="directional", kw_only=True):

@@ -7,6 +7,7 @@ from typing import Annotated
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from glpath.film.units import Unit
+from glpath.io.description.lights import MaintenanceFactor
 from glpath.io.description.vector import Vector
 from glpath.io.meshes import NAMES
 
@@ -48,6 +49,7 @@ class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
         ]
         | UnsetType
     ) = UNSET
+    maintenance_factor: MaintenanceFactor = UNSET
 
 
 class Rotation(Struct, forbid_unknown_fields=True, kw_only=True):

@@ -140,6 +140,11 @@ def _to_y_up(up: Float64) -> list[float]:
     return [0.0, 0.0, sign * half, half] if axis == 0 else [-sign * half, 0.0, 0.0, half]
 
 
+def y_up_from(up: Float64) -> Float64:
+    """(3, 3): the rotation by quarter turns that takes the axis nearest to `up` to +y."""
+    return _matrix(_to_y_up(up))
+
+
 def _matrix(rotation: list[float]) -> Float64:
     """(3, 3) of a rotation x y z w by quarter turns, exact."""
     axis, w = np.array(rotation[:3]), rotation[3]

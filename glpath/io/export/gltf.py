@@ -19,6 +19,7 @@ import numpy as np
 
 from glpath.film.units import conversion
 from glpath.io.export import gltf_json
+from glpath.io.export.false_colours import Facets
 from glpath.io.export.geometry import (
     Notes,
     at_opening,
@@ -41,12 +42,15 @@ _SHEAR = 1e-6
 _EDGE = 1e-4
 
 
-def write_gltf(scene: Scene, path: Path, light_maps: Sequence[LightMap] | None = None) -> tuple[str, ...]:
+def write_gltf(
+    scene: Scene, path: Path, light_maps: Sequence[LightMap] | None = None, facets: Facets | None = None
+) -> tuple[str, ...]:
     """Write the scene; returns what the file says otherwise, a sentence each. Raises SceneError and ImageError.
 
     light_maps : of each shape, as MOZ_lightmap of its material; equal pictures are one
+    facets     : to be shown in the scene, in false colours
     """
-    return _Writer(scene, light_maps).write(path)
+    return _Writer(scene, light_maps).write(path, facets)
 
 
 class _Writer:
@@ -68,7 +72,7 @@ class _Writer:
         self._meshes: dict[tuple[Mesh, int], int] = {}
         self._surfaces = Surfaces(self.scene, self.file, self.notes)
 
-    def write(self, path: Path) -> tuple[str, ...]:
+    def write(self, path: Path, facets: Facets | None = None) -> tuple[str, ...]:
         for number, shape in enumerate(self.scene.shapes):
             self._add_shape(shape, None if self._light_maps is None else self._light_maps[number])
         if self.scene.lights:
@@ -81,7 +85,9 @@ class _Writer:
             if present:
                 self.notes.add(f"{what} is left out")
         culled = {m.name for m in (self.scene.materials[s.material] for s in self.scene.shapes) if m.culled}
-        self.file.save(path, **({} if culled else BLACK_BACKS))
+        if facets is not None:
+            facets.add_to(self.file, self.scene.origin)
+        self.file.save(path, **({} if culled else BLACK_BACKS), **({} if facets is None else facets.legend))
         return self.notes.texts
 
     # Geometry

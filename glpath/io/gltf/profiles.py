@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
-from glpath.io.ies import MAX_BYTES, parse_ies
+from glpath.io.ies import parse_ies
+from glpath.io.photometry import MAX_BYTES
 from glpath.scene.profile import LightProfile
 
 NAME = "EXT_lights_ies"

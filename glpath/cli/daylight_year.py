@@ -1,0 +1,119 @@
+"""The year of `glpath daylight`: its options checked, its files and what is printed of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from glpath.errors import UsageError
+from glpath.system.files import Save, is_stream
+
+if TYPE_CHECKING:
+    from glpath.daylight.coefficients import DaylightCoefficients
+    from glpath.daylight.year import DaylightYear
+    from glpath.io.weather import Weather
+
+
+@dataclass(frozen=True, eq=False)
+class YearRequest:
+    """weather   : of the site
+    occupied  : hours that count, from and to
+    threshold : lx of daylight autonomy
+    ground    : albedo
+    hours     : are written, of each sensor
+    """
+
+    weather: Weather
+    occupied: tuple[float, float]
+    threshold: float
+    ground: float
+    hours: bool
+
+    def of(self, coefficients: DaylightCoefficients, blinds: DaylightCoefficients | None) -> DaylightYear:
+        """Raises UsageError, as `daylight_year` says."""
+        from glpath.daylight.year import daylight_year
+
+        return daylight_year(
+            coefficients,
+            self.weather,
+            blinds=blinds,
+            occupied=self.occupied,
+            threshold=self.threshold,
+            ground=self.ground,
+        )
+
+    def save_as(self, year: DaylightYear) -> Save:
+        """How a file of the year is written."""
+        return lambda path: year.save(path, self.hours)
+
+
+def year_request(
+    weather: Path | None,
+    blinds: str | None,
+    occupied: str,
+    threshold: float,
+    ground: float,
+    hours: bool,
+    out: Sequence[Path],
+    latitude: float | None,
+) -> YearRequest | None:
+    """None without --weather. Raises UsageError for options and files that do not fit, before all else."""
+    for path in out:
+        suffix = path.suffix.lower()
+        if suffix == ".npz" and not is_stream(path):
+            continue
+        if weather is None or is_stream(path):
+            raise UsageError(
+                f"{path}: daylight coefficients are written as .npz.",
+                "Name the file dc.npz, say; .nc and .csv are of a year: give --weather.",
+            )
+        from glpath.daylight.year import check_suffix
+
+        check_suffix(path)
+    if weather is None:
+        if blinds is not None:
+            raise UsageError("--blinds: are of a year.", "Give --weather.")
+        return None
+    if latitude is not None:
+        raise UsageError("--latitude: says nothing beside --weather, whose site has one.", "Leave it out.")
+    from glpath.io.weather import read_weather
+
+    return YearRequest(read_weather(weather), _hours(occupied), threshold, ground, hours)
+
+
+def year_summary(year: DaylightYear) -> Iterator[str]:
+    """Lines of what was found."""
+    occupied = int(year.occupied.sum())
+    yield f"{year.weather.site}: {occupied:,} occupied hours, {len(year.skies):,} hours of daylight"
+    yield (
+        f"  daylight autonomy ({year.threshold:g} lx): mean {100 * year.autonomy.mean():.1f} %, minimum "
+        f"{100 * year.autonomy.min():.1f} %; mean illuminance {year.mean.mean():,.0f} lx"
+    )
+    low, middle, enough, high = 100 * year.useful.mean(axis=0)
+    yield (
+        f"  useful daylight: {low:.1f} % of the time below 100 lx, {middle:.1f} % to 300, {enough:.1f} % to 3000, "
+        f"{high:.1f} % above"
+    )
+    if year.sda is not None:
+        closed = int((year.closed & year.occupied).sum())
+        yield f"  sDA{year.threshold:g}/50%: {100 * year.sda:.1f} % (blinds closed in {closed:,} occupied hours)"
+    else:
+        yield (
+            f"  {100 * year.autonomous_share:.1f} % of the sensors have {year.threshold:g} lx in half of the time; "
+            "sDA counts with blinds: --blinds"
+        )
+    yield f"  ASE1000,250h: {100 * year.ase:.1f} %"
+    yield (
+        f"  irradiation {year.irradiation.sum(axis=1).mean():,.0f} kWh/m2, hours of sun "
+        f"{year.sun_hours.sum(axis=1).mean():,.0f}, in the mean"
+    )
+
+
+def _hours(text: str) -> tuple[float, float]:
+    first, _, last = text.partition("-")
+    try:
+        return float(first), float(last)
+    except ValueError:
+        raise UsageError(f"--occupied {text}: two hours of the day are needed.", "For example 8-18.") from None

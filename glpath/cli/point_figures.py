@@ -1,0 +1,28 @@
+"""Figures of what was measured at points, as text: mean, minimum, maximum and uniformity, with standard errors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from glpath.rendering.uniformity import Estimate, Spread
+
+
+def figures(spread: Spread, digits: int = 4) -> str:
+    """What is asked of a grid, with standard errors: U0 is its minimum over its mean, Ud over its maximum."""
+    mean, minimum, maximum = (
+        with_error(x, f"{x.value:.{digits}g}", unit)
+        for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
+    )
+    text = f"mean {mean}, minimum {minimum}, maximum {maximum}"
+    if not spread.mean.value > 0:
+        return text
+    u0, ud = (with_error(x, f"{x.value:.3f}") for x in (spread.u0, spread.ud))
+    return f"{text}; U0 {u0}, Ud {ud}"
+
+
+def with_error(of: Estimate, value: str, unit: str = "") -> str:
+    """Two digits of the error; none where it is not known, or beyond what is shown."""
+    if not of.error > 1e-4 * abs(of.value):
+        return f"{value}{unit}"
+    return f"{value} ± {of.error:.2g}{unit}"

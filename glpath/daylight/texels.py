@@ -1,0 +1,234 @@
+"""Texels: the surfaces of a scene in small faces, each a sensor, so that what they receive is shown on the model.
+
+Two triangles that make a parallelogram, as walls and roofs are, become a grid of cells. Other triangles are halved
+across their longest edge until no edge is longer than a texel. A sensor is the middle of its texel, and faces as
+the front of its surface does: backs have none.
+
+Cost:     128 bytes a texel, and what a sensor costs.
+Poor at:  surfaces whose fronts look inwards; light that changes within a texel.
+Source:   Rivara 1984, bisection of longest edges, which keeps angles from becoming small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glpath.errors import SceneError, UsageError
+from glpath.io import AnyScene, load_scene
+from glpath.io.completed import aside
+from glpath.io.export.false_colours import Facets, write_facets
+from glpath.io.vtk import VtkMesh
+from glpath.radiosity.shafts.occluders import Occluders
+from glpath.scene import Scene
+from glpath.scene.triangulate import path_traceable
+
+Float64 = NDArray[np.float64]
+
+#: At most.
+MAX_TEXELS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """Faces of a scene's surfaces.
+
+    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; a triangle's last twice
+    shape       : (N,) int32, which of the scene's shapes
+    shape_names : of all its shapes
+    """
+
+    corners: Float64
+    shape: NDArray[np.int32]
+    shape_names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def __getitem__(self, which: slice) -> Texels:
+        return Texels(self.corners[which], self.shape[which], self.shape_names)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Texels]) -> Texels:
+        """Texels of one scene, one behind the other."""
+        corners = np.concatenate([part.corners for part in parts])
+        return cls(corners, np.concatenate([part.shape for part in parts]), parts[0].shape_names)
+
+    @cached_property
+    def points(self) -> Float64:
+        """(N, 3) their middles."""
+        of_three, of_four = self.corners[:, :3].mean(axis=1), self.corners.mean(axis=1)
+        return np.asarray(np.where(self._triangular[:, None], of_three, of_four))
+
+    @cached_property
+    def normals(self) -> Float64:
+        """(N, 3) unit, of their fronts."""
+        across = self._across
+        return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+
+    @cached_property
+    def areas(self) -> Float64:
+        """(N,) scene units squared."""
+        return np.asarray(np.linalg.norm(self._across, axis=1) * np.where(self._triangular, 0.5, 1.0))
+
+    def mean(self, values: ArrayLike) -> Float64:
+        """Of values (N, ...) of the texels, each by its area."""
+        return np.asarray(np.average(np.asarray(values, np.float64), axis=0, weights=self.areas))
+
+    def to_vtk(self, values: Mapping[str, ArrayLike]) -> VtkMesh:
+        """The texels with values on them, each (N,) or (N, k) by name: `.save("city.vtp")`, `.to_pyvista()`.
+
+        Their areas and the numbers of their shapes are there, too. Raises UsageError for values of another number.
+        """
+        data: dict[str, Any] = {name: np.asarray(each) for name, each in values.items()}
+        about = {"area": self.areas, "shape": self.shape}
+        return Facets(self.corners, "area", self.areas, "").to_vtk(data | about)
+
+    def to_glb(
+        self, path: str | Path, values: ArrayLike, *, quantity: str, unit: str = "", up: ArrayLike = (0.0, 0.0, 1.0)
+    ) -> None:
+        """Write the texels in false colours of values (N,) as .glb, with a camera that shows all of them.
+
+        quantity, unit : what the values are, which the file says, as it has no legend
+        up             : (3,) of the scene, an axis; glTF's is y
+
+        Raises UsageError for another suffix or number of values, ImageError, and GlpathError without matplotlib.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".glb":
+            raise UsageError(f"{path}: a model in false colours is written as .glb.", "For example city.glb.")
+        facets = Facets(self.corners, quantity, np.asarray(values, np.float64), unit)
+        write_facets(facets, np.asarray(up, np.float64), target)
+
+    def arrays(self) -> dict[str, Any]:
+        """For a file: what `read` takes."""
+        return {
+            "texel_corners": self.corners,
+            "texel_shape": self.shape,
+            "texel_shape_names": np.array(self.shape_names, dtype=np.str_),
+        }
+
+    @classmethod
+    def read(cls, arrays: Any, count: int) -> Texels:
+        """Of arrays that `glpath.system.npz` reads."""
+        return cls(
+            arrays.read("texel_corners", "f", (count, 4, 3)),
+            arrays.read("texel_shape", "i", (count,)).astype(np.int32),
+            tuple(arrays.read("texel_shape_names", "U", (None,)).tolist()),
+        )
+
+    @cached_property
+    def _triangular(self) -> NDArray[np.bool_]:
+        return np.asarray((self.corners[:, 2] == self.corners[:, 3]).all(axis=1))
+
+    @cached_property
+    def _across(self) -> Float64:
+        """(N, 3): the cross product of the edges from the first corner, as long as a parallelogram is large."""
+        a, b, d = self.corners[:, 0], self.corners[:, 1], self.corners[:, 3]
+        return np.asarray(np.cross(b - a, d - a))
+
+
+def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None = None) -> Texels:
+    """The surfaces of a scene in texels.
+
+    Parameters
+    ----------
+    scene  : what `load_scene` takes
+    size   : scene units: edges of a texel are that long or shorter
+    shapes : names of shapes, with * for any letters, such as "roof*"; by default all shapes
+
+    Raises UsageError for a size that is none, for too many texels and for names that no shape has; SceneError for
+    what has no triangles in memory: endless planes and streams.
+
+    >>> found = texels("cornell-box", 100)
+    >>> found.points.shape == found.normals.shape == (len(found), 3)
+    True
+    """
+    if not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
+        raise UsageError(f"texels: a size of {size!r}; must be above 0, in scene units.")
+    with aside("camera", "light"):
+        loaded = load_scene(scene)
+    traced = path_traceable(loaded.still(), centred=False)
+    faces = Occluders.of_scene(traced)
+    chosen = _chosen(traced, shapes)[faces.shape]
+    corners, four, shape = faces.corners[chosen], faces.parallelogram[chosen], faces.shape[chosen]
+    edges = corners[:, 1:] - corners[:, :1]
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) * np.where(four, 1.0, 0.5)
+    corners, four, shape, areas = corners[areas > 0], four[areas > 0], shape[areas > 0], areas[areas > 0]
+    if not len(corners):
+        raise SceneError(f"{loaded.source or loaded.name}: has no triangles to be texels.")
+    # The area of each is that of a square of that size at most, or of a triangle with such sides.
+    fewest = (areas / np.where(four, 1.0, 0.25 * np.sqrt(3.0))).sum() / size**2
+    if fewest > MAX_TEXELS:
+        raise UsageError(
+            f"texels: {fewest:,.0f} or more of size {size:g}; at most {MAX_TEXELS:,} are allowed.",
+            "Take larger ones, or some shapes alone.",
+        )
+    cells, of_cell = _grids(corners[four], shape[four], size)
+    halves, of_half = _halved(corners[~four], shape[~four], size)
+    names = tuple(each.name for each in traced.shapes)
+    return Texels(np.concatenate([cells, halves]), np.concatenate([of_cell, of_half]).astype(np.int32), names)
+
+
+def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool_]:
+    """(S,) of the scene's shapes. Raises UsageError."""
+    names = [each.name for each in scene.shapes]
+    if shapes is None:
+        return np.ones(len(names), np.bool_)
+    found = np.zeros(len(names), np.bool_)
+    for pattern in [shapes] if isinstance(shapes, str) else shapes:
+        fits = [fnmatchcase(name, pattern) for name in names]
+        if not any(fits):
+            raise UsageError(
+                f"texels: no shape is called {pattern!r}.",
+                f"The shapes are {', '.join(names[:12])}{', ...' if len(names) > 12 else ''}.",
+            )
+        found |= fits
+    return found
+
+
+def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
+    """(N, 4, 3) cells of parallelograms (P, 3, 3): a corner, the next ones on either side; and their shapes."""
+    lengths = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)
+    counts = np.maximum(np.ceil(lengths / size - 1e-9), 1).astype(np.int64)
+    parent = np.repeat(np.arange(len(corners)), counts.prod(axis=1))
+    starts = np.concatenate([[0], np.cumsum(counts.prod(axis=1))[:-1]])
+    number = np.arange(len(parent)) - starts[parent]
+    i, j = number % counts[parent, 0], number // counts[parent, 0]
+    first, along, up = (corners[parent, k] - (corners[parent, 0] if k else 0.0) for k in range(3))
+    found = np.empty((len(parent), 4, 3))
+    for k, (di, dj) in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
+        s, t = ((index / counts[parent, axis])[:, None] for axis, index in enumerate((i + di, j + dj)))
+        found[:, k] = first + s * along + t * up
+    return found, shape[parent]
+
+
+def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
+    """(N, 4, 3) pieces of triangles (T, 3, 3), no edge of which is longer than `size`, and their shapes."""
+    done: list[Float64] = []
+    of: list[NDArray[np.int32]] = []
+    while len(triangles):
+        lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        long = lengths.max(axis=1) > size * (1 + 1e-9)
+        done.append(triangles[~long])
+        of.append(shape[~long])
+        triangles, shape, lengths = triangles[long], shape[long], lengths[long]
+        if sum(map(len, done)) + 2 * len(triangles) > MAX_TEXELS:
+            raise UsageError(
+                f"texels: of size {size:g} there are more than {MAX_TEXELS:,}.", "Take larger ones, or some shapes."
+            )
+        # The longest edge from the first corner to the second.
+        turn = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(triangles, turn[:, :, None], axis=1).swapaxes(0, 1)
+        middle = 0.5 * (a + b)
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        shape = np.concatenate([shape, shape])
+    pieces = np.concatenate([*done, np.zeros((0, 3, 3))])
+    return pieces[:, [0, 1, 2, 2]], np.concatenate([*of, np.zeros(0, np.int32)])

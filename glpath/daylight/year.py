@@ -1,0 +1,403 @@
+"""A year of daylight: what weather makes of daylight coefficients, hour by hour, and what is counted of it.
+
+    light of the hours = coefficients @ skies of the hours
+
+The rows of sensors are multiplied block by block, so that memory does not grow with their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.daylight import metrics
+from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.daylight.hourly_skies import HourlySkies, Quantity
+from glpath.daylight.receivers import response
+from glpath.errors import UsageError
+from glpath.io.weather import Weather, read_weather
+from glpath.system.files import whole_file
+from glpath.system.frames import data_set, package
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+#: Hours of a day in which rooms are occupied: from the first on, until the last [LM-83].
+OCCUPIED = (8, 18)
+#: Albedo of the ground around the scene.
+GROUND = 0.2
+#: Bytes of hours in a file, beyond which it has the summaries alone.
+MAX_HOURS = 2 << 30
+# Floats of a block: 64 MiB.
+_BLOCK = 1 << 24
+# Degrees that the coefficients' latitude may be off the weather's.
+_LATITUDE = 2.5
+_WATTS_PER_KILOWATT = 1000.0
+# The WMO's sunshine: W m^-2 of a surface that faces the sun.
+_SUNSHINE = 120.0
+
+
+@dataclass(frozen=True, eq=False)
+class DaylightYear:
+    """Of N sensors in the H hours of `weather`. Shares are of 0 to 1.
+
+    coefficients : of the sensors
+    weather      : of the site
+    blinds       : coefficients of the same sensors with blinds closed; None where there are none
+    skies        : of the hours that are lit
+    occupied     : (H,) bool, hours that autonomy and the like count
+    threshold    : lx of daylight autonomy
+    closed       : (H,) bool, blinds are closed, as more than 2 % of the sensors are in sunlight; all False without
+    autonomy     : (N,) float64, share of the occupied hours with `threshold` lx or more
+    useful       : (N, 4) float64, shares of the occupied hours below 100 lx, to 300, to 3000, and above
+    mean         : (N,) float64, lx, of the occupied hours
+    sunlight_hours : (N,) float64, occupied hours of 1000 lx or more straight from the sun, blinds open
+    sun_hours    : (N, 12) float64, hours of each month in which the sun shines onto the sensor, blinds open
+    irradiation  : (N, 12) float64, kWh per square metre in each month, the sun's whole spectrum, blinds open
+    """
+
+    coefficients: DaylightCoefficients
+    weather: Weather
+    blinds: DaylightCoefficients | None
+    skies: HourlySkies
+    occupied: NDArray[np.bool_]
+    threshold: float
+    closed: NDArray[np.bool_]
+    autonomy: Float64
+    useful: Float64
+    mean: Float64
+    sunlight_hours: Float64
+    sun_hours: Float64
+    irradiation: Float64
+
+    def __len__(self) -> int:
+        return len(self.coefficients)
+
+    @property
+    def sda(self) -> float | None:
+        """sDA of LM-83, 300 lx and half of the time by default: the share of the sensors whose daylight autonomy is
+        half or more. None without blinds, as LM-83 has it with blinds that are operated."""
+        return None if self.blinds is None else metrics.spatial_autonomy(self.autonomy)
+
+    @property
+    def autonomous_share(self) -> float:
+        """As `sda`, whether there are blinds or not."""
+        return metrics.spatial_autonomy(self.autonomy)
+
+    @property
+    def ase(self) -> float:
+        """ASE of LM-83: the share of the sensors with more than 250 occupied hours of 1000 lx or more by the sun
+        alone, blinds open."""
+        return metrics.sunlight_exposure(self.sunlight_hours)
+
+    def light(self, rows: slice = slice(None), quantity: Quantity = "illuminance") -> Float32:
+        """(n, H) float32: of some sensors in all hours, lx; or W m^-2, of "irradiance". With blinds as they are."""
+        of = range(len(self))[rows]
+        found = np.zeros((len(of), len(self.weather.times)), np.float32)
+        for first, last in blocks(len(of), len(self.skies)):
+            part = slice(of.start + first * of.step, of.start + last * of.step, of.step)
+            found[first:last, self.skies.hours] = _light(self, part, quantity)
+        return found
+
+    def to_xarray(self, hours: bool = True) -> Any:
+        """An `xarray.Dataset`: summaries of sensors, and with `hours` the illuminance of each in each hour.
+
+        Raises GlpathError where xarray is missing.
+        """
+        sensor = ("sensor",)
+        points, normals = self.coefficients.points, self.coefficients.normals
+        variables: dict[str, Any] = {
+            name: (dims, values, {"units": unit, "long_name": what})
+            for name, (dims, values, unit, what) in self._summaries().items()
+        }
+        variables["blinds_closed"] = (("time",), self.closed, {"long_name": "blinds are closed"})
+        variables["occupied"] = (("time",), self.occupied, {"long_name": "hours that count"})
+        if hours:
+            what = {"units": "lx", "long_name": "illuminance, mean of the hour"}
+            variables["illuminance"] = (("sensor", "time"), self.light(), what)
+        coordinates = {
+            **{axis: (sensor, points[:, i]) for i, axis in enumerate("xyz")},
+            **{f"n{axis}": (sensor, normals[:, i]) for i, axis in enumerate("xyz")},
+            "time": self.weather.times.astype("datetime64[ns]"),
+            "month": np.arange(1, 13),
+        }
+        return data_set(variables, coordinates, self.attributes())
+
+    def attributes(self) -> dict[str, Any]:
+        """What goes for all sensors, by the names that files have."""
+        found: dict[str, Any] = {
+            "site": self.weather.site,
+            "weather": Path(self.weather.source).name,
+            "latitude": self.weather.latitude,
+            "longitude": self.weather.longitude,
+            "time_zone": self.weather.time_zone,
+            "receiver": self.coefficients.receiver,
+            "patches": len(self.coefficients.patches) - 1,
+            "sun_positions": len(self.coefficients.suns),
+            "ground_albedo": self.skies.ground,
+            "threshold_lx": self.threshold,
+            "occupied_hours": int(self.occupied.sum()),
+            "ASE": self.ase,
+            "autonomous_share": self.autonomous_share,
+        }
+        if self.sda is not None:
+            found |= {"sDA": self.sda, "blinds_closed_hours": int((self.closed & self.occupied).sum())}
+        return found
+
+    def of_sensors(self) -> Iterator[tuple[str, Float64, str]]:
+        """Name, values (N,) and unit of each summary of the year."""
+        for name, (dims, values, unit, _) in self._summaries().items():
+            if dims == ("sensor",):
+                yield name, values, "" if unit == "1" else unit
+
+    def columns(self) -> dict[str, Float64]:
+        """Of a table with a row for each sensor, (N,) each: what `.csv` has."""
+        points, normals = self.coefficients.points, self.coefficients.normals
+        found: dict[str, Float64] = {axis: points[:, i] for i, axis in enumerate("xyz")}
+        found |= {f"n{axis}": normals[:, i] for i, axis in enumerate("xyz")}
+        found |= {name: values for name, values, _ in self.of_sensors()}
+        for name in ("sun_hours", "irradiation"):
+            of_months = getattr(self, name)
+            found |= {f"{name}_{month:02d}": of_months[:, month - 1] for month in range(1, 13)}
+        return found
+
+    def save(self, path: str | Path, hours: bool = True) -> None:
+        """Write .nc (netCDF of `to_xarray`) or .csv (`columns`).
+
+        hours : the illuminance of each hour as well, in .nc
+
+        Raises UsageError for another suffix, and for more hours than 2 GiB; ImageError where it cannot be written.
+        """
+        suffix = check_suffix(path)
+        if suffix == ".csv":
+            columns = self.columns()
+            table = np.stack(list(columns.values()), axis=1)
+            with whole_file(path) as part:
+                np.savetxt(part, table, "%.7g", ",", header=",".join(columns), comments="")
+            return
+        check_hours(path, len(self), len(self.weather.times), hours)
+        found = self.to_xarray(hours)
+        # netCDF 3 has neither.
+        found = found.assign({name: found[name].astype(np.int8) for name in ("blinds_closed", "occupied")})
+        with whole_file(path) as part:
+            found.to_netcdf(part, engine="scipy", format="NETCDF3_64BIT")
+
+    def _summaries(self) -> dict[str, tuple[tuple[str, ...], Float64, str, str]]:
+        sensor, month = ("sensor",), ("sensor", "month")
+        low, middle, high = (f"{bound:g}" for bound in metrics.USEFUL)
+        names = ("low", "supplementary", "enough", "high")
+        within = (f"below {low} lx", f"{low} to {middle} lx", f"{middle} to {high} lx", f"above {high} lx")
+        useful = {
+            f"useful_daylight_{name}": (sensor, self.useful[:, i], "1", f"share of the occupied hours, {what}")
+            for i, (name, what) in enumerate(zip(names, within, strict=True))
+        }
+        return {
+            "daylight_autonomy": (
+                sensor, self.autonomy, "1", f"share of the occupied hours with {self.threshold:g} lx or more",
+            ),
+            **useful,
+            "mean_illuminance": (sensor, self.mean, "lx", "mean of the occupied hours"),
+            "sunlight_hours": (
+                sensor, self.sunlight_hours, "h", f"occupied hours of {metrics.SUNLIGHT:g} lx by the sun alone",
+            ),
+            "sky_view_factor": (sensor, self.coefficients.sky_view, "1", "sky view factor"),
+            "irradiation_year": (sensor, self.irradiation.sum(axis=1), "kWh m-2", "of the year"),
+            "sun_hours": (month, self.sun_hours, "h", "hours of sun"),
+            "irradiation": (month, self.irradiation, "kWh m-2", "whole spectrum of the sun"),
+        }  # fmt: skip
+
+
+def daylight_year(
+    coefficients: DaylightCoefficients,
+    weather: Weather | str | Path,
+    *,
+    blinds: DaylightCoefficients | None = None,
+    occupied: tuple[float, float] = OCCUPIED,
+    threshold: float = metrics.AUTONOMY,
+    ground: float = GROUND,
+) -> DaylightYear:
+    """The year of sensors in the weather of a site.
+
+    Parameters
+    ----------
+    coefficients : with positions of the sun of the weather's latitude
+    weather      : an EPW or TMY3 file, or what `glpath.io.weather.read_weather` has read
+    blinds       : coefficients of the same sensors with blinds closed, which are in hours in which more than 2 % of
+                   the sensors have 1000 lx or more straight from the sun, as LM-83 has it
+    occupied     : hours of the day that count, from and to, local standard time
+    threshold    : lx of daylight autonomy
+    ground       : albedo of the ground around the scene, whose light comes from below the horizon
+
+    Raises UsageError for coefficients without suns, of another latitude, or of other sensors with blinds;
+    SceneError for weather that is none; GlpathError where pvlib is missing.
+
+    Cost:     some seconds for a thousand sensors: a product of sensors, patches and lit hours.
+    Source:   McNeil & Lee 2013; IES LM-83-12.
+    """
+    first, last = occupied
+    if not 0 <= first < last <= 24:
+        raise UsageError(f"occupied: from {first:g} to {last:g} where two hours of a day are needed, as 8 and 18.")
+    if not threshold > 0:
+        raise UsageError(f"threshold: {threshold:g} lx where more than 0 is needed.")
+    if not 0 <= ground <= 1:
+        raise UsageError(f"ground: an albedo of {ground:g} where 0 to 1 is needed.")
+    of = weather if isinstance(weather, Weather) else read_weather(weather)
+    _check_alike(coefficients, of, blinds)
+    skies = HourlySkies.of(of, coefficients, ground)
+    begin = (of.times - of.times.astype("datetime64[D]")).astype("timedelta64[s]").astype(np.float64) / 3600
+    counted = (begin >= first) & (begin + 1 <= last)
+    if not counted.any():
+        raise UsageError(f"occupied: no hour of {of.source} lies from {first:g} to {last:g}.")
+    closed = np.zeros(len(of.times), np.bool_)
+    count = len(coefficients)
+    if blinds is not None:
+        sunlit = np.zeros(len(skies))
+        for part in _parts(count, len(skies)):
+            sunlit += (part.stop - part.start) * metrics.sunlit_share(_sunlight(coefficients, skies, part))
+        closed[skies.hours] = metrics.blinds_closed(sunlit / count)
+    year = DaylightYear(
+        coefficients,
+        of,
+        blinds,
+        skies,
+        counted,
+        float(threshold),
+        closed,
+        autonomy=np.empty(count),
+        useful=np.empty((count, 4)),
+        mean=np.empty(count),
+        sunlight_hours=np.empty(count),
+        sun_hours=np.empty((count, 12)),
+        irradiation=np.empty((count, 12)),
+    )
+    _count(year)
+    return year
+
+
+def check_suffix(path: str | Path) -> str:
+    """Of a file of a year. Raises UsageError for another; GlpathError where its package is missing."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".nc", ".csv"):
+        raise UsageError(
+            f"{path}: a year of daylight is written as .nc or .csv.",
+            "netCDF has the hours, a table the sums of each sensor.",
+        )
+    if suffix == ".nc":
+        package("xarray")
+    return suffix
+
+
+def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> None:
+    """Raises UsageError where hours are more than a file takes."""
+    need = 4 * sensors * hours
+    if wanted and need > MAX_HOURS:
+        raise UsageError(
+            f"{path}: {sensors:,} sensors in {hours:,} hours are {need / 2**30:.1f} GiB, but a file takes 2.",
+            "Leave the hours out: --no-hours, or hours=False; `light(rows)` has those of some sensors.",
+        )
+
+
+def blocks(count: int, width: int) -> Iterator[tuple[int, int]]:
+    """Rows from and to, so many of `width` floats that memory stays small."""
+    step = max(1, _BLOCK // max(1, width))
+    for first in range(0, count, step):
+        yield first, min(first + step, count)
+
+
+def _parts(count: int, width: int) -> Iterator[slice]:
+    return (slice(first, last) for first, last in blocks(count, width))
+
+
+def _check_alike(coefficients: DaylightCoefficients, weather: Weather, blinds: DaylightCoefficients | None) -> None:
+    """Raises UsageError."""
+    if not len(coefficients.suns):
+        raise UsageError(
+            "daylight_year: the coefficients have no positions of the sun.",
+            f"Compute them with latitude={weather.latitude:g}.",
+        )
+    if abs(coefficients.latitude - weather.latitude) > _LATITUDE:
+        raise UsageError(
+            f"daylight_year: the suns of the coefficients are of latitude {coefficients.latitude:g}, the weather's "
+            f"site {weather.site} is at {weather.latitude:g}.",
+            f"Compute them with latitude={weather.latitude:g}.",
+        )
+    if blinds is None:
+        return
+    for name in ("points", "normals", "directions", "column"):
+        if not np.array_equal(getattr(coefficients, name), getattr(blinds, name)):
+            raise UsageError(
+                f"daylight_year: the coefficients with blinds have other {name}.",
+                "Compute both with the same sensors and options; only the scene differs.",
+            )
+    if blinds.receiver != coefficients.receiver:
+        raise UsageError(
+            f"daylight_year: the coefficients with blinds are of a {blinds.receiver}, those without of a "
+            f"{coefficients.receiver}."
+        )
+
+
+def _light(year: DaylightYear, part: slice, quantity: Quantity) -> Float32:
+    """(n, L): of the lit hours, with blinds as they are."""
+    skies, closed = year.skies, year.closed[year.skies.hours]
+    sky, sun = skies.sky(quantity), skies.sun(quantity).astype(np.float32)
+    if year.blinds is None or not closed.any():
+        return _product(year.coefficients, part, sky, skies.position, skies.to_sun, sun)
+    found = np.empty((len(range(len(year))[part]), len(skies)), np.float32)
+    for which, coefficients in ((~closed, year.coefficients), (closed, year.blinds)):
+        found[:, which] = _product(
+            coefficients, part, sky[:, which], skies.position[which], skies.to_sun[which], sun[which]
+        )
+    return found
+
+
+def _product(
+    of: DaylightCoefficients, part: slice, sky: Float32, position: NDArray[np.intp], to_sun: Float64, sun: Float32
+) -> Float32:
+    found = of.sky(part) @ sky
+    found += (of.indirect_sun(part)[:, position] + _direct(of, part, position, to_sun)) * sun
+    return np.asarray(found, np.float32)
+
+
+def _direct(of: DaylightCoefficients, part: slice, position: NDArray[np.intp], to_sun: Float64) -> Float32:
+    """(n, L): what sensors get of the sun. A position says whether it is seen; angles are the sun's own."""
+    found = of.sunlight(part)[:, position]
+    found *= response(of.receiver, of.normals[part], to_sun)
+    return found
+
+
+def _sunlight(of: DaylightCoefficients, skies: HourlySkies, part: slice) -> Float32:
+    """(n, L) lx straight from the sun."""
+    return _direct(of, part, skies.position, skies.to_sun) * skies.sun("illuminance").astype(np.float32)
+
+
+def _count(year: DaylightYear) -> None:
+    """Fill in the summaries."""
+    skies, of = year.skies, year.coefficients
+    counted = year.occupied[skies.hours]
+    dark = int(year.occupied.sum()) - int(counted.sum())
+    hours = int(year.occupied.sum())
+    month = year.weather.times[skies.hours].astype("datetime64[M]").astype(np.int64) % 12
+    months = (month[:, None] == np.arange(12)).astype(np.float32)
+    watts_sky = skies.sky("irradiance") @ months
+    suns = np.zeros((len(of.suns), 12), np.float32)
+    np.add.at(suns, (skies.position, month), skies.direct.astype(np.float32))
+    shining = (skies.direct >= _SUNSHINE).astype(np.float32)
+    for part in _parts(len(of), len(skies)):
+        lux = _light(year, part, "illuminance")[:, counted]
+        # Hours after dark have no light, and count.
+        year.autonomy[part] = metrics.daylight_autonomy(lux, year.threshold) * counted.sum() / hours
+        year.useful[part] = metrics.useful_daylight(lux) * counted.sum() / hours
+        year.useful[part, 0] += dark / hours
+        year.mean[part] = lux.sum(axis=1, dtype=np.float64) / hours
+        direct = _direct(of, part, skies.position, skies.to_sun)
+        sunlight = direct[:, counted] * skies.sun("illuminance")[counted].astype(np.float32)
+        year.sunlight_hours[part] = (sunlight >= metrics.SUNLIGHT).sum(axis=1)
+        year.sun_hours[part] = ((direct > 0) * shining) @ months
+        watts = of.sky(part) @ watts_sky + of.indirect_sun(part) @ suns
+        watts += (direct * skies.direct.astype(np.float32)) @ months
+        year.irradiation[part] = watts / _WATTS_PER_KILOWATT

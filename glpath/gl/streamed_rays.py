@@ -1,0 +1,147 @@
+"""Which points see out along shared directions of a scene that is never in memory all at once: part after part.
+
+A ray is blocked where any part blocks it, so parts may come in any order, and each only once: all directions of all
+points are asked while it is there. A ray that is blocked already is not cast again, nor is one of a square of
+points whose rays of its direction all pass the part's box.
+
+Cost:     the BVH of each part once, half a microsecond a triangle on two cores; a ray of `ParallelRays` for each
+          point, direction and part that it may meet. 16 bytes a point on the device.
+Poor at:  parts that lie in one another, whose boxes do not tell them apart.
+"""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.gl.device_scene import DeviceScene
+from glpath.gl.owner import Owner
+from glpath.gl.parallel_rays import WORD, along_z_curve, texel_table, z_curve_texels
+from glpath.gl.passes import Pass
+from glpath.gl.program import load_program
+from glpath.gl.ray_bvh import PartBvh
+
+Float64 = NDArray[np.float64]
+
+# Points along a square: few enough that boxes around them are small; and of all squares of a draw, a word each.
+_SQUARE, _POINTS_A_DRAW = 64, 1 << 17
+# Of the scene's extent: by so much boxes are wider than they are, for rounding.
+_MARGIN = 1e-5
+# What of a scene makes no difference to triangles that are streamed: those are opaque.
+_NOT_STREAMED = ("HAS_ALPHA", "HAS_INSTANCES", "HAS_THIN_DIELECTRICS", "HAS_VARYING_THIN_DIELECTRICS")
+
+
+class StreamedRays(Owner):
+    """The points on the device.
+
+    gl        : the context
+    scene     : what is not streamed
+    positions : (N, 3), in the space of the device's scene, already off the surfaces that they lie on
+    extent    : how large coordinates are, of the points and of all triangles
+    """
+
+    def __init__(self, gl: moderngl.Context, scene: DeviceScene, positions: Float64, extent: float) -> None:
+        self._gl, self._scene = gl, scene
+        self._margin = _MARGIN * extent
+        self._words = max(1, min(_POINTS_A_DRAW // _SQUARE**2, gl.info["GL_MAX_TEXTURE_SIZE"] // _SQUARE))
+        self._texels = across = z_curve_texels(_SQUARE)
+        rows = _SQUARE * self._words
+        self._directions = texel_table(gl, (WORD, self._words), "f4", 4)
+        self._asked = texel_table(gl, (_SQUARE, rows), "u4", 1)
+        self._seen = texel_table(gl, (_SQUARE, rows), "u4", 1)
+        self._target = gl.framebuffer([self._seen])
+        order = along_z_curve(positions)
+        self._squares: list[tuple[NDArray[np.intp], moderngl.Texture]] = []
+        boxes = []
+        for first in range(0, len(positions), _SQUARE**2):
+            which = order[first : first + _SQUARE**2]
+            texels = np.zeros((_SQUARE**2, 4), np.float32)
+            texels[across[: len(which)], :3] = positions[which]
+            texture = texel_table(gl, (_SQUARE, _SQUARE), "f4", 4)
+            texture.write(texels.tobytes())
+            self._squares.append((which, texture))
+            boxes.append((positions[which].min(axis=0), positions[which].max(axis=0)))
+        self._boxes = np.array(boxes).reshape(-1, 2, 3)
+
+    def narrow(
+        self,
+        part: PartBvh,
+        lower: Float64,
+        upper: Float64,
+        directions: Float64,
+        words: NDArray[np.uint32],
+    ) -> None:
+        """Clear those bits of words (ceil(D / 32), N) whose rays meet a part of the scene.
+
+        lower, upper : (3,) corners of the box around the part
+        directions   : (D, 3) unit
+        """
+        scene = self._scene
+        program = load_program(
+            self._gl,
+            vertex="gl/fullscreen.vert",
+            fragment="daylight/parallel_rays.frag",
+            generated={**scene.generated, **part.generated},
+            defines={k: v for k, v in scene.defines.items() if k not in _NOT_STREAMED}
+            | part.defines
+            | {"ASKED": 1},
+        )
+        textures = {
+            **scene.textures,
+            **part.textures,
+            "shared_directions": self._directions,
+            "asked_words": self._asked,
+        }
+        uniforms = {**scene.uniforms, **part.uniforms, "square": _SQUARE}
+        toward = np.zeros((len(words) * WORD, 4), np.float32)
+        toward[: len(directions), :3] = directions
+        for (which, positions), (low, high) in zip(self._squares, self._boxes, strict=True):
+            toward[: len(directions), 3] = meets(
+                lower - high - self._margin, upper - low + self._margin, directions
+            )
+            by_word = toward.reshape(len(words), WORD, 4)
+            asking = np.flatnonzero(by_word[:, :, 3].any(axis=1))
+            if not len(asking):
+                continue
+            asked = words[np.ix_(asking, which)]
+            open_ = asked.any(axis=1)
+            asking, asked = asking[open_], asked[open_]
+            rays = Pass(
+                "parallel rays",
+                self._gl,
+                program,
+                self._target,
+                textures={**textures, "point_positions": positions},
+            )
+            for first in range(0, len(asking), self._words):
+                some = slice(first, first + self._words)
+                words[np.ix_(asking[some], which)] = self._drawn(rays, uniforms, by_word[asking[some]], asked[some])
+
+    def _drawn(
+        self, rays: Pass, uniforms: dict[str, object], toward: NDArray[np.float32], asked: NDArray[np.uint32]
+    ) -> NDArray[np.uint32]:
+        """(W, n): what is left of words."""
+        count, texels = len(asked), _SQUARE**2
+        where = self._texels[: asked.shape[1]]
+        table = np.zeros((count, texels), np.uint32)
+        table[:, where] = asked
+        self._directions.write(np.ascontiguousarray(toward), viewport=(0, 0, WORD, count))
+        self._asked.write(table, viewport=(0, 0, _SQUARE, _SQUARE * count))
+        rays.area = (0, 0, _SQUARE, _SQUARE * count)
+        rays.run(uniforms)
+        seen = np.frombuffer(self._seen.read(), np.uint32)[: count * texels]
+        return seen.reshape(count, texels)[:, where]
+
+
+def meets(lower: Float64, upper: Float64, directions: Float64) -> NDArray[np.bool_]:
+    """(D,): which rays from the origin along directions (D, 3) meet the box between two corners (3,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near, far = lower / directions, upper / directions
+    # Along an axis that a ray does not move along, it is within the planes all the time, or never.
+    within = (lower <= 0) & (upper >= 0)
+    still = directions == 0
+    near, far = np.minimum(near, far), np.maximum(near, far)
+    near = np.where(still, np.where(within, -np.inf, np.inf), near)
+    far = np.where(still, np.where(within, np.inf, -np.inf), far)
+    return np.asarray(np.maximum(near.max(axis=1), 0.0) <= far.min(axis=1))

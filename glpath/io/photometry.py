@@ -1,0 +1,41 @@
+"""Photometric files of luminaires: IES LM-63 (.ies) and EULUMDAT (.ldt)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from glpath.io.eulumdat import parse_eulumdat
+from glpath.io.ies import parse_ies
+from glpath.io.values import nearby_files
+from glpath.scene.profile import LightProfile
+from glpath.scene.source_location import SourceLocation
+
+#: By suffix: what the format is called, and who reads it.
+FORMATS: dict[str, tuple[str, Callable[[bytes, Path | str, SourceLocation], LightProfile]]] = {
+    ".ies": ("IES LM-63", parse_ies),
+    ".ldt": ("EULUMDAT", parse_eulumdat),
+}
+SUFFIXES = tuple(FORMATS)
+#: Bytes of a file.
+MAX_BYTES = 16 << 20
+
+
+def read_profile(path: Path, location: SourceLocation) -> LightProfile:
+    """The profile of a file that a scene names at `location`. Raises and warns as its parser does."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise location.error(f"names {path}, but a photometric file is one that ends in {' or '.join(SUFFIXES)}.")
+    if not os.path.isfile(path):
+        raise location.error(
+            f"names the file {path}, which {'is no file' if os.path.exists(path) else 'does not exist'}.",
+            nearby_files("Photometric files", path, SUFFIXES),
+        )
+    size = os.path.getsize(path)
+    if size > MAX_BYTES:
+        raise location.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise location.error(f"names {path}, which cannot be read ({error.strerror}).") from error
+    return FORMATS[path.suffix.lower()][1](data, path, location)
