@@ -162,7 +162,7 @@ def main() -> int:
         report = {
             "name": name,
             "rows": rows,
-            "machine": machine("none"),
+            "machine": machine(""),
             "versions": versions("glpath"),
             "date": datetime.date.today().isoformat(),
         }
