@@ -54,6 +54,7 @@ def bench_footprint(rounds: int = 7, progress: Callable[[str], None] = lambda te
     }
     for arguments in commands.values():
         _run(arguments)
+    plugin_cost()
     progress(f"{rounds} turns")
     contestants: dict[str, Callable[[], float]] = {
         name: partial(_processor_s, arguments) for name, arguments in commands.items()
@@ -135,7 +136,11 @@ def _processor_s(arguments: list[str]) -> float:
 
 
 def _run(arguments: list[str]) -> subprocess.CompletedProcess[bytes]:
-    done = subprocess.run([sys.executable, *arguments], stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    # Images of containers set it: each process would compile all modules anew, which no user's does.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(
+        [sys.executable, *arguments], stdin=subprocess.DEVNULL, capture_output=True, check=False, env=environment
+    )
     if done.returncode:
         said = done.stderr.decode(errors="replace").strip().splitlines() or ["no word"]
         raise GlpathError(f"bench footprint: python {' '.join(arguments)} failed: {said[-1]}")

@@ -20,7 +20,7 @@ from glpath.scene import Scene
 Float64 = NDArray[np.float64]
 
 #: Bytes a triangle of a part, while its BVH is built: corners, items, nodes, their order, and the device's copy.
-BYTES_A_TRIANGLE = 460
+BYTES_A_TRIANGLE = 580
 #: And of the largest chunk, as it is read: in 64 bits, before and after it is placed and checked.
 BYTES_IN_THE_READING = 400
 # Triangles of a stream from which on compiled code builds the trees.

@@ -163,3 +163,52 @@ def test_pyvista_has_the_same_mesh() -> None:
     found = glpath.view_factors(**ROOM)
     mesh = found.to_vtk(**ROOM).to_pyvista()
     assert mesh.area == pytest.approx(found.areas.sum())
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("suffix", [".vtp", ".vtu"])
+def test_vtk_itself_reads_what_was_written(suffix: str, tmp_path: Path) -> None:
+    """Points, cells of every kind, areas and values by the readers that ParaView has."""
+    pytest.importorskip("vtkmodules", reason="needs the extra mesh")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersVerdict import vtkMeshQuality
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+
+    points = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [3, 0.5, 0], [1, 2, 0]], float)
+    polygons = [[0, 1, 2, 3], [1, 4, 2], [0, 1, 4, 2, 5]]
+    values = {"front & <back>": np.array([1.5, -2.0, 4.0]), "row": np.arange(3)}
+    VtkMesh(points, polygons, values, {"rgb": points}).save(tmp_path / f"a{suffix}")
+    reader = vtkXMLUnstructuredGridReader() if suffix == ".vtu" else vtkXMLPolyDataReader()
+    reader.SetFileName(str(tmp_path / f"a{suffix}"))
+    reader.Update()
+    mesh = reader.GetOutput()
+    assert reader.GetErrorCode() == 0
+    np.testing.assert_array_equal(vtk_to_numpy(mesh.GetPoints().GetData()), points)
+    assert [mesh.GetCellType(cell) for cell in range(mesh.GetNumberOfCells())] == [9, 5, 7]
+    for cell, polygon in enumerate(polygons):
+        ids = mesh.GetCell(cell).GetPointIds()
+        assert [ids.GetId(i) for i in range(ids.GetNumberOfIds())] == polygon
+    assert [vtkMeshQuality.QuadArea(mesh.GetCell(0)), vtkMeshQuality.TriangleArea(mesh.GetCell(1))] == [2.0, 0.5]
+    for name, wanted in values.items():
+        read = vtk_to_numpy(mesh.GetCellData().GetArray(name))
+        np.testing.assert_array_equal(read, wanted)
+        assert read.dtype == wanted.dtype
+    np.testing.assert_array_equal(vtk_to_numpy(mesh.GetPointData().GetArray("rgb")), points)
+
+
+@pytest.mark.evidence
+def test_vtk_itself_reads_points_alone_and_an_irradiance(tmp_path: Path) -> None:
+    pytest.importorskip("vtkmodules", reason="needs the extra mesh")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    values = np.arange(18.0).reshape(6, 3)
+    points_with_values(DESK, {"irradiance": values}).save(tmp_path / "a.vtp")
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(tmp_path / "a.vtp"))
+    reader.Update()
+    mesh = reader.GetOutput()
+    assert (mesh.GetNumberOfVerts(), mesh.GetNumberOfPolys()) == (6, 0)
+    np.testing.assert_array_equal(vtk_to_numpy(mesh.GetPoints().GetData()), DESK)
+    data = [mesh.GetPointData().GetArray("irradiance"), mesh.GetCellData().GetArray("irradiance")]
+    np.testing.assert_array_equal(vtk_to_numpy(next(each for each in data if each is not None)), values)
