@@ -458,9 +458,6 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 // By microfacets, clearcoat, a mirror or through glass; chosen: beyond the diffuse lobe's chance. Returns the cosine.
 float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
-#ifdef CONTROL_VARIATE
-    path.emission = 1.0;
-#endif
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;
     BsdfSample leaving = bsdf_sample(s.v, s.lobes, chosen, numbers);
     path.direction = leaving.direction;
@@ -480,6 +477,9 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
     {
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
+#ifdef CONTROL_VARIATE
+        path.emission = 1.0;  // but not behind a thin dielectric, where light is still that of the vertex before
+#endif
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
         path.straight = false;
 #endif

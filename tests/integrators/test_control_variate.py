@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
+from benchmarks.scenes.daylit_office import office, sensors
 from glpath.gl.context import get_context
 from glpath.gl.passes import run_in_areas
 from glpath.integrators.settings import DEEPEST
@@ -88,6 +89,20 @@ def assert_the_same(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> N
 @pytest.mark.parametrize("scene", ["cornell-box-36", ROOM], ids=["box", "room"])
 def test_there_is_no_bias(scene: Any) -> None:
     assert_the_same(means(scene, CORRECTED, 8, 64, 32), means(scene, PLAIN, 8, 128, 32))
+
+
+def test_there_is_none_behind_window_glass() -> None:
+    """Of light that comes through a pane, the solution has a share as of light that comes straight; plain paths know none."""
+    room = {**office(), "unit": "radiometric", "sky": {"zenith": 1.0, "horizon": 1.0}}
+    points = sensors()[::7]
+    found = [
+        glpath.irradiance(room, points, [0.0, 0.0, 1.0], spp=spp, max_depth=depth)
+        for depth, spp in ((None, 1024), (64, 2048))
+    ]
+    means, errors = ([getattr(each, name)[:, 1] for each in found] for name in ("values", "standard_errors"))
+    off = means[0].sum() - means[1].sum()
+    assert abs(off) < 4 * np.hypot(*(np.linalg.norm(each) for each in errors))
+    assert abs(off) < 0.025 * means[1].sum(), "five percent too much, once"
 
 
 @pytest.mark.parametrize("options", [PLAIN, CORRECTED], ids=["paths", "with a solution"])
