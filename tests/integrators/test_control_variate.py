@@ -92,7 +92,7 @@ def test_there_is_no_bias(scene: Any) -> None:
 
 
 def test_there_is_none_behind_window_glass() -> None:
-    """Of light that comes through a pane, the solution has a share as of light that comes straight; plain paths know none."""
+    """Light through a pane weighs as light that comes straight; plain paths of depth 64 say how much it is."""
     room = {**office(), "unit": "radiometric", "sky": {"zenith": 1.0, "horizon": 1.0}}
     points = sensors()[::7]
     found = [
