@@ -47,7 +47,8 @@ def office(blinds: bool = False) -> dict[str, Any]:
             "wall": {"reflectance": 0.5},
             "ceiling": {"reflectance": 0.8},
             "glass": {"type": "glazing", "transmittance": TRANSMITTANCE},
-            "cloth": {"type": "principled", "reflectance": 0.5, "diffuse_transmission": CLOTH},
+            # Matte: a glossy layer over it, as principled materials have, would mirror some of the light.
+            "cloth": {"type": "principled", "reflectance": 0.5, "specular": 0.0, "diffuse_transmission": CLOTH},
         },
         "shapes": shapes,
     }

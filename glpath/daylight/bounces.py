@@ -55,11 +55,12 @@ class ReflectingSides:
 
     scene    : in triangles, in memory
     elements : their number, about
+    seed     : of the points in them
 
     points, normals : (R POINTS, 3), off the surfaces, and unit; those of a side one behind the other
     """
 
-    def __init__(self, scene: Scene, elements: int) -> None:
+    def __init__(self, scene: Scene, elements: int, seed: int = 0) -> None:
         surface = surfaces(scene)
         size = size_for_count(scene, surface, elements, by_size=True)
         divisions = divisions_of_size(scene, surface, size)
@@ -70,7 +71,7 @@ class ReflectingSides:
         self._number = number.ravel()  # twice the element and its back
         occluders = Occluders.of_scene(scene)
         solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
-        points, _ = open_points(scene, solid, made, sides, POINTS)
+        points, _ = open_points(scene, solid, made, sides, POINTS, seed)
         lower, upper = scene.bounds
         self.lift = RAY_ROUNDING * float(np.abs([lower, upper]).max() + np.linalg.norm(upper - lower))
         self.normals = np.repeat(sides.normal, POINTS, axis=0)

@@ -229,7 +229,7 @@ def daylight_coefficients(
         else:
             report("elements", len(directions))
             scene_in_triangles = path_traceable(loaded.still())
-            sides = ReflectingSides(scene_in_triangles, elements)
+            sides = ReflectingSides(scene_in_triangles, elements, seed)
             few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
             radiosity = _radiosity(context.gl, loaded, sides, few, max_depth, seed)
             if flag:

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.daylight.bounces import ReflectingSides
 from glpath.daylight.compute import daylight_coefficients
 from glpath.errors import ImageError, SceneWarning, UsageError
 from glpath.io import scene_from_dict
+from glpath.radiosity.mesh.sides import random_in_parts, sub_triangles
+from glpath.scene import path_traceable
 
 VIEW = {"position": [0, -1, 1], "target": [0, 0, 1], "up": [0, 0, 1]}
 WHITE_SKY = {"zenith": [1, 1, 1], "horizon": [1, 1, 1], "up": [0, 0, 1]}
@@ -145,3 +148,25 @@ def test_a_scene_with_a_stream_has_direct_light_and_says_so():
             "terrain", [[0.0, 500.0, 0.0]], [0.0, 1, 0], samples=1, parameters={"streamed": True}
         )
     assert found.indirect is None
+
+
+def test_points_of_sides_are_spread_over_all_of_them() -> None:
+    """Of a sheet close behind a window the rim is in shade, and counts by its area, however large elements are."""
+    sheet = path_traceable(scene(0.5, plate(1.2, 0.98)).still())
+    window = [
+        float((np.abs(ReflectingSides(sheet, 40, seed).points[:, :2]) < 1).all(axis=1).mean()) for seed in range(16)
+    ]
+    assert np.mean(window) == pytest.approx((2 / 2.4) ** 2, abs=4 * np.std(window) / 4)
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_random_points_of_an_element_are_one_in_each_part_of_it(k: int) -> None:
+    found = random_in_parts(k, 500, 1)
+    assert found.sum(axis=2) == pytest.approx(1)
+    assert (found > 0).all()
+    # In a part the mean is its middle, and no coordinate is farther from that than two thirds of its size.
+    off = found - sub_triangles(k)
+    assert np.abs(off).max() < 2 / 3 / k
+    assert np.abs(off.mean(axis=0)).max() < 5 * np.sqrt(1 / 18 / 500) / k
+    cells = np.floor(found * k).astype(int)
+    assert len(np.unique(cells.reshape(-1, 3), axis=0)) == k * k, "each of the parts, and no other"

@@ -84,8 +84,9 @@ class Elements:
         return lattice.element_index(self.n, self.i, self.j, self.upper)
 
     def points(self, scene: Scene, barycentric: Float64) -> Float64:
-        """(E, k, 3): the points of barycentric coordinates (k, 3) in each element."""
-        b = np.einsum("kc,ecx->ekx", barycentric, self.corners() / self.n[:, None, None])
+        """(E, k, 3): the points of barycentric coordinates (k, 3) in each element, or of its own (E, k, 3)."""
+        subscripts = "kc,ecx->ekx" if barycentric.ndim == 2 else "ekc,ecx->ekx"
+        b = np.einsum(subscripts, barycentric, self.corners() / self.n[:, None, None])
         triangles = scene.triangles[self.triangle]
         edges = triangles[:, 1:] - triangles[:, :1]
         return np.asarray(triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges))

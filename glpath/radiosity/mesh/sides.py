@@ -98,17 +98,37 @@ def sub_triangles(k: int) -> Float64:
     return np.stack([1 - b1 - b2, b1, b2], axis=1)
 
 
+def random_in_parts(k: int, count: int, seed: int) -> Float64:
+    """(count, k * k, 3): the barycentric coordinates of a uniform random point in each of the equal parts."""
+    middles = sub_triangles(k)
+    within = np.random.default_rng(seed).random((count, k * k, 2))
+    within = np.where(within.sum(axis=2, keepdims=True) > 1, 1 - within, within)
+    off = np.concatenate([1 - within.sum(axis=2, keepdims=True), within], axis=2) - 1 / 3
+    # Parts that stand on their heads have their middle at two thirds of a cell.
+    upper = np.round(middles[:, 1:2] * k % 1 * 3) == 2
+    return np.asarray(middles + np.where(upper, -off, off) / k)
+
+
 def open_points(
-    scene: Scene, solid: NDArray[np.bool_], elements: Elements, sides: Sides, count: int
+    scene: Scene,
+    solid: NDArray[np.bool_],
+    elements: Elements,
+    sides: Sides,
+    count: int,
+    seed: int | None = None,
 ) -> tuple[Float64, Float64]:
     """(R, count, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is.
 
     solid : (T,) which triangles belong to closed surfaces; those that the camera or a light is in are rooms, no
             solids, whichever side their fronts are
     count : 1, 4, 9, ...
+    seed  : of points at random in equal parts of an element, in place of the middles of these, which never come
+            close to its edge: of a blind behind a window they see too much of the window
     """
     solid = solid & ~_inhabited(scene)[scene.triangle_shape]
-    points = elements.points(scene, sub_triangles(round(count**0.5)))[sides.element]
+    k = round(count**0.5)
+    parts = sub_triangles(k) if seed is None else random_in_parts(k, len(elements), seed)
+    points = elements.points(scene, parts)[sides.element]
     is_open = np.ones(len(sides))
     if not (solid.any() and len(sides)):
         return points, is_open
