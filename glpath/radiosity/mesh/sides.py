@@ -122,8 +122,8 @@ def open_points(
     solid : (T,) which triangles belong to closed surfaces; those that the camera or a light is in are rooms, no
             solids, whichever side their fronts are
     count : 1, 4, 9, ...
-    seed  : of points at random in equal parts of an element, in place of the middles of these, which never come
-            close to its edge: of a blind behind a window they see too much of the window
+    seed  : of points at random in equal parts of an element; None takes the middles of these, which never come
+            close to the element's edge: of a blind behind a window they see too much of the window
     """
     solid = solid & ~_inhabited(scene)[scene.triangle_shape]
     k = round(count**0.5)
