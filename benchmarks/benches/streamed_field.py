@@ -113,9 +113,14 @@ def _row(scene: Scene, points: Float64, budget: int, alone: bool) -> Row:
 
 
 def predicted(rows: list[Row], triangles: int) -> float:
-    """Seconds of the processor for a larger field, by two smaller ones with as many points."""
+    """Seconds of the processor for a larger field, by two smaller ones with as many points.
+
+    nan where the trees alone took no less than all: in a small run, whose rays are lost in what varies.
+    """
     small, large = rows
     of_rays = [row["core_s"] - row["build_s"] for row in rows]
+    if min(of_rays) <= 0:
+        return float("nan")
     power = np.log(of_rays[1] / of_rays[0]) / np.log(large["triangles"] / small["triangles"])
     share = triangles / large["triangles"]
     return float(large["build_s"] * share + of_rays[1] * share**power)

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.benches import streamed_field
 from benchmarks.benches.height_field import hills
 from benchmarks.benches.streamed_field import TILE, bench_streamed_field, predicted, write_tiles
+from benchmarks.verdict import judge
 
 
 def test_tiles_are_the_triangles_of_the_field(tmp_path: Path) -> None:
@@ -25,6 +26,14 @@ def test_tiles_are_the_triangles_of_the_field(tmp_path: Path) -> None:
 def test_the_law_is_a_power_of_the_triangles_for_rays_and_their_number_for_trees() -> None:
     rows = [{"triangles": t, "build_s": 2e-6 * t, "core_s": 2e-6 * t + 3 * (t / 1e6) ** 0.25} for t in (1e6, 4e6)]
     assert predicted(rows, 16_000_000) == pytest.approx(32 + 3 * 2)
+
+
+def test_rays_that_took_no_time_have_no_law_and_fail_the_claim() -> None:
+    rows = [{"triangles": t, "build_s": b, "core_s": c} for t, b, c in ((1e4, 0.2, 0.3), (1e5, 1.02, 0.98))]
+    law = predicted(rows, 1_000_000)
+    assert np.isnan(law)
+    numbers = {"law_off": 1.0 / law, "seconds": 1.0, "budget_share": 0.5, "off_memory": 0.0, "resumed": 1.0}
+    assert not judge(streamed_field.CLAIM, streamed_field.RULE, numbers)[1]
 
 
 def test_a_small_bench_measures_all(monkeypatch: pytest.MonkeyPatch) -> None:
