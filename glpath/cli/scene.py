@@ -101,7 +101,7 @@ def light_of(scene: Scene) -> str:
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
     factors = sorted(set(factors_of(scene)))
-    if parts and factors != [1.0]:
+    if factors and factors != [1.0]:  # none where the sun alone shines
         between = " to ".join(f"{factor:g}" for factor in dict.fromkeys((factors[0], factors[-1])))
         parts[-1] += f" (maintenance factor {between})"
     if isinstance(scene.sky, Environment):

@@ -9,12 +9,12 @@ import re
 
 # Of commands, besides the options of integrators.
 _OF_COMMANDS = (
-    *("integrator", "crop", "resolution", "device", "require_gpu"),
+    *("integrator", "crop", "resolution", "device", "require_gpu", "hours"),
     *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
 )
 
-# A name and its value: words in quotes with their alternatives, several in brackets, True, a number.
-_ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|True\b|[\d.]+\b)""")
+# A name and its value: words in quotes with their alternatives, several in brackets, True or False, a number.
+_ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|(?:True|False)\b|[\d.]+\b)""")
 
 
 def as_typed(text: str) -> str:
@@ -32,6 +32,8 @@ def _option(argument: re.Match[str]) -> str:
     typed = flag_of(known[name]) if name in known else flag(name)
     if value == "True":
         return typed
+    if value == "False":
+        return typed.replace("--", "--no-", 1)
     words = re.sub(r"""["'()]""", "", value).rstrip(",")
     if name in known and known[name].first.several:
         return " ".join(f"{typed} {word}" for word in words.split(", "))

@@ -298,7 +298,7 @@ def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> Non
     if wanted and need > MAX_HOURS:
         raise UsageError(
             f"{path}: {sensors:,} sensors in {hours:,} hours are {need / 2**30:.1f} GiB, but a file takes 2.",
-            "Leave the hours out: --no-hours, or hours=False; `light(rows)` has those of some sensors.",
+            "Leave the hours out: hours=False; `light(rows)` has those of some sensors.",
         )
 
 

@@ -16,6 +16,7 @@ from glpath.cli.measured import Measured
 from glpath.cli.point_files import Points, grid_of
 from glpath.cli.point_model import save_glb, save_vtp
 from glpath.cli.point_report import save_report
+from glpath.cli.scene import light_of
 from glpath.errors import GlpathError, SceneWarning
 from glpath.film.image import encode_srgb
 from glpath.scene.maintenance import maintained
@@ -109,6 +110,11 @@ def test_a_report_has_the_figures_the_lamps_and_the_values_on_the_plan(measured:
     assert [row[0] for row in rows] == ["y 1.5", "y 0.5", "y -0.5", "y -1.5"]
     values = np.array([[float(cell) for cell in row[1:]] for row in rows])[::-1]
     np.testing.assert_allclose(values.ravel(), np.where(lit, expected, 0), atol=0.51)
+
+
+def test_a_scene_lit_by_the_sun_alone_is_described_without_maintenance_factors() -> None:
+    sun = [{"type": "directional", "direction": [0, 0, -1], "irradiance": 1.0}]
+    assert light_of(glpath.load_scene(ROOM | {"lights": sun})) == "light: 1 punctual light"
 
 
 def test_a_report_of_points_has_them_in_a_table(measured: Measured, tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ def test_files_have_what_the_year_has(of_open_ground: DaylightYear, tmp_path: Pa
 
 
 def test_more_hours_than_a_file_takes_are_refused() -> None:
-    with pytest.raises(UsageError, match="--no-hours"):
+    with pytest.raises(UsageError, match="hours=False"):
         year.check_hours("year.nc", 100_000, 8760, wanted=True)
     year.check_hours("year.nc", 100_000, 8760, wanted=False)
 

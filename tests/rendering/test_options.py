@@ -383,6 +383,7 @@ def test_errors_speak_python_and_the_command_line_translates() -> None:
     assert "Render it with --integrator classic or t-buffer" in shown.output
     for said, typed in (
         ("leave out require_gpu=True.", "leave out --require-gpu."),
+        ("Leave the hours out: hours=False;", "Leave the hours out: --no-hours;"),
         ("in parts (crop=(x, y, width, height), whose", "in parts (--crop x,y,width,height, whose"),
         ("Render with aovs=('albedo', 'normal').", "Render with --aov albedo --aov normal."),
         ("with max_depth=4.", "with --max-depth 4."),
