@@ -16,12 +16,12 @@ unexport PYTHONDONTWRITEBYTECODE
 BIN    := .venv/bin
 STAMPS := .venv/.glpath
 
-.PHONY: help render test coverage lint evidence bench figure docs gallery wheel clean
+.PHONY: help render test coverage lint evidence release-check bench figure docs gallery wheel clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-14s %s\n", $$1, $$2}' Makefile
 	@echo "Variables: SPP=128 (make render), BENCH=path-buffer (make bench), FIGURE=path-buffer-7 (make figure), JOBS=auto (make test: processes),"
 	@echo "           PYTHON=python3.12 (which one to use)"
 
@@ -53,6 +53,9 @@ lint: $(STAMPS)-test ## only check the style, the words, the prose, the types an
 evidence: $(STAMPS)-reference ## set up with Mitsuba, Blender, Radiance and a browser, then run the slow comparisons
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" GLPATH_PEERS_PYTHON="$$(sh .ci/setup --peers)" \
 		sh .ci/evidence $(BIN)/python $(JOBS)
+
+release-check: $(STAMPS)-reference ## set up, then go as readers go from nothing to a result, attack the program and render for long
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m release $$(grep -rl --include="test_*.py" "pytest.mark.release" tests)
 
 bench: $(STAMPS) ## measure; beside Mitsuba where make evidence has installed it
 	DRJIT_LIBLLVM_PATH="$$(sh .ci/setup --llvm)" $(BIN)/python -m benchmarks bench $(BENCH)

@@ -112,6 +112,7 @@ def test_versions_are_those_of_the_environment() -> None:
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_all_walks_end_with_their_results(tmp_path: Path) -> None:
     walks_command.walks(None, tmp_path / "walks.json")
     found = json.loads((tmp_path / "walks.json").read_text("utf-8"))

@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.attack import BAD, KINDS, main
 
-pytestmark = pytest.mark.evidence
+pytestmark = [pytest.mark.evidence, pytest.mark.release]
 
 
 @pytest.mark.parametrize("kind", KINDS)

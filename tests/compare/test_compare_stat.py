@@ -327,6 +327,7 @@ def neighbours(first: int, last: int) -> list[tuple[float, bool]]:
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_a_thousand_renders_of_other_seeds_pass() -> None:
     # In processes of their own, as what is small keeps no more than one core busy.
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:

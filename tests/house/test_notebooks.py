@@ -145,6 +145,7 @@ def pip(python: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_each_notebook_runs_with_no_more_than_it_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One environment, in which more and more is installed: the least first, and what that is enough for."""
     import nbformat

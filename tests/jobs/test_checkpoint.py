@@ -227,6 +227,7 @@ def test_five_kills_lose_nothing_beyond_the_last_checkpoint(tmp_path: Path) -> N
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_fifty_kills_lose_nothing_beyond_the_last_checkpoint(tmp_path: Path) -> None:
     kept = check_kills(tmp_path, 50, seed=1)
     assert len({*kept}) > 20
@@ -523,6 +524,7 @@ def test_a_film_that_memory_has_no_room_for_is_named(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path) -> None:
     from glpath.gl.context import open_context
 
