@@ -7,7 +7,8 @@ sides. Rays from the sensors are cast once; what they meet weighs the solution's
     H = E + F B,  B = rho H,  indirect = W B
 
 H is the irradiance of the elements' sides and B their radiosity. To the solution all surfaces are diffuse, metal
-too, and reflectance is a luminance: colours do not bleed.
+too, and reflectance is a luminance: colours do not bleed. Some columns are solved at a time, so that of a large
+scene no more is kept than what sensors have of them.
 
 Cost:     a microsecond of a core for each ray; of R sides a dense matrix, or beyond `DENSE` of them a sparse one.
 Poor at:  light that mirrors or solid glass throw; sun patches smaller than elements near the sensors.
@@ -17,13 +18,13 @@ Source:   Goral et al. 1984, Modeling the interaction of light between diffuse s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.daylight.hits import BATCHES, Hits, cast_hits
+from glpath.daylight.hits import BATCHES, Hits, cast_hits, ray_count
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import Receiver
 from glpath.film.image import LUMINANCE
@@ -44,7 +45,7 @@ DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
 POINTS = 4
 #: Sides up to which the matrix is dense: 144 MB.
 DENSE = 6000
-# Of the largest column's sum, by which a sparse solution changes at last; and the limit of reflections.
+# Of each column's sum, by which a sparse solution changes at last; and the limit of reflections.
 _CHANGE, _MAX_REFLECTIONS = 1e-4, 500
 # Floats of some columns of the sides: 32 MiB.
 _COLUMNS = 1 << 23
@@ -111,70 +112,109 @@ class ReflectingSides:
 
     def spread(self, hits: Hits, radiosity: Float32) -> Float32:
         """(n,) standard errors of the irradiance of points by sides of one radiosity each (R,)."""
+        if not len(self):
+            return np.zeros(len(hits.side), np.float32)
         number = self._number[np.maximum(hits.side, 0)]
         light = np.where((hits.side >= 0) & (number >= 0), radiosity[np.maximum(number, 0)], 0.0) * hits.weight
         means = light.reshape(len(light), BATCHES, -1).mean(axis=2)
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
 
-    def between(self, rays: int, seed: int) -> Any:
-        """(R, R) sparse, F: by rays of each point of the sides."""
+    def between(self, rays: int, seed: int) -> tuple[Any, Float32]:
+        """(R, R) sparse, F, by rays of each point of the sides; (R,) their irradiance by a sky and ground of 1."""
+        of_sky = np.zeros(len(self), np.float32)
+        found = _Rows(len(self), len(self), POINTS * ray_count(rays))
+        for hits in cast_hits(self.surfaces, self.points, self.normals, "plane", rays, seed):
+            left = np.where(hits.side < 0, hits.weight, np.float32(0)).mean(axis=1)
+            begin = hits.first // POINTS
+            of_sky[begin : begin + len(left) // POINTS] = left.reshape(-1, POINTS).mean(axis=1)
+            found.append(self.weights(hits, POINTS))
+        return found.whole(), of_sky
+
+
+class _Rows:
+    """A sparse matrix that is made some rows at a time. What it has room for and does not fill takes no memory.
+
+    rows, columns, most : its shape, and values of a row at most
+    """
+
+    def __init__(self, rows: int, columns: int, most: int) -> None:
+        room = rows * min(most, columns)
+        self._shape = (rows, columns)
+        self._values, self._columns = np.empty(room, np.float32), np.empty(room, np.int32)
+        self._begin = np.zeros(rows + 1, np.int64)
+        self._done = 0
+
+    def append(self, part: Any) -> None:
+        """part : (n, C) csr_array"""
+        first = int(self._begin[self._done])
+        last = first + part.nnz
+        self._values[first:last], self._columns[first:last] = part.data, part.indices
+        self._begin[self._done + 1 : self._done + 1 + part.shape[0]] = first + part.indptr[1:]
+        self._done += part.shape[0]
+
+    def whole(self) -> Any:
+        """(R, C) csr_array"""
         from scipy import sparse
 
-        parts = [
-            self.weights(hits, POINTS)
-            for hits in cast_hits(self.surfaces, self.points, self.normals, "plane", rays, seed)
-        ]
-        return sparse.vstack(parts, format="csr") if parts else sparse.csr_array((0, 0), dtype=np.float32)
+        assert self._done == self._shape[0], "rows are missing"
+        last = int(self._begin[-1])
+        return sparse.csr_array((self._values[:last], self._columns[:last], self._begin), shape=self._shape)
 
 
-def solved(sides: ReflectingSides, direct: Float32, max_depth: int | None, seed: int) -> Float32:
-    """(R, C) float32: radiosity of the sides.
+class Reflections:
+    """The radiosity of sides by what is on them: a matrix that is made once, for any number of columns.
 
-    direct    : (R, C), their irradiance straight from sky and sun; it is overwritten
     max_depth : 1 is direct light, 2 one reflection, and so on; None for all
+
+    of_sky : (R,) radiosity by a sky and a ground of radiance 1, by the rays between the sides; for errors
     """
-    from scipy import linalg
 
-    sent = sides.sent_on()
-    if max_depth is not None:
-        return _series(sent, sides.between(SIDE_RAYS, seed) if max_depth > 2 else None, direct, max_depth - 2)
-    between = sides.between(SIDE_RAYS, seed)
-    if len(sides) <= DENSE:
-        first = np.asarray(sent @ direct, np.float32)
-        system = np.eye(len(sides), dtype=np.float32) - (sent @ between).toarray()
-        return np.asarray(linalg.solve(system, first, overwrite_a=True, check_finite=False), np.float32)
-    return _series(sent, between, direct, _MAX_REFLECTIONS)
+    def __init__(self, sides: ReflectingSides, max_depth: int | None, seed: int) -> None:
+        self._sent = sides.sent_on()
+        self._between, of_sky = sides.between(SIDE_RAYS, seed)
+        self._most = _MAX_REFLECTIONS if max_depth is None else max_depth - 2
+        self._factors = self._factored() if max_depth is None and 0 < len(sides) <= DENSE else None
+        self.of_sky = self.radiosity(of_sky[:, None])[:, 0]
 
+    def _factored(self) -> Any:
+        from scipy import linalg
 
-def _series(sent: Any, between: Any, direct: Float32, reflections: int) -> Float32:
-    """The sum of so many reflections, or of as many as change it; some columns at a time, over those of direct."""
-    sums = np.asarray(sent.sum(axis=0)).ravel() @ direct
-    limit = _CHANGE * float(np.abs(sums).max(initial=0.0))
-    step = max(1, _COLUMNS // max(1, len(direct)))
-    for begin in range(0, direct.shape[1], step):
-        some = slice(begin, begin + step)
-        first = np.asarray(sent @ np.ascontiguousarray(direct[:, some]), np.float32)
-        direct[:, some] = _sum_of_series(sent, between, first, reflections, limit)
-    return direct
+        system = (self._sent @ self._between).toarray()
+        np.negative(system, out=system)
+        system.ravel()[:: len(system) + 1] += 1
+        return linalg.lu_factor(system, overwrite_a=True, check_finite=False)
 
+    def columns(self) -> int:
+        """How many are solved at a time."""
+        return max(1, _COLUMNS // max(1, self._sent.shape[0]))
 
-def _sum_of_series(sent: Any, between: Any, first: Float32, reflections: int, limit: float) -> Float32:
-    found, last = first.copy(), first
-    for _ in range(reflections):
-        last = np.asarray(sent @ (between @ last), np.float32)
-        found += last
-        if float(np.abs(last.sum(axis=0)).max(initial=0.0)) <= limit:
-            break
-    return found
+    def radiosity(self, direct: Float32) -> Float32:
+        """(R, c) float32, by the irradiance of the sides straight from sky and sun."""
+        from scipy import linalg
+
+        first = np.asarray(self._sent @ direct, np.float32)
+        if self._factors is not None:
+            return np.asarray(
+                linalg.lu_solve(self._factors, first, overwrite_b=True, check_finite=False), np.float32
+            )
+        found, last = first.copy(), first
+        limit = _CHANGE * np.abs(first.sum(axis=0))
+        for _ in range(self._most):
+            last = np.asarray(self._sent @ (self._between @ last), np.float32)
+            found += last
+            if (np.abs(last.sum(axis=0)) <= limit).all():
+                break
+        return found
 
 
 def gathered(
     sides: ReflectingSides,
-    radiosity: Float32,
+    reflections: Reflections,
+    direct: Iterable[Float32],
+    count: int,
     points: Float64,
     normals: Float64,
     receiver: Receiver,
-    in_sky: int,
     rays: int,
     seed: int,
     report: Callable[[int], None],
@@ -182,21 +222,41 @@ def gathered(
 ) -> Indirect:
     """What the sides give to sensors.
 
-    in_sky : columns of ground and sky, which come first
+    direct : (R,) irradiance of the sides straight from sky and sun, column by column
+    count  : of columns
     report : called with the number of sensors that are done
     number : of the first sensor, which random numbers follow from
     """
     from scipy import sparse
 
     at = points + sides.lift * normals if receiver == "plane" else points
-    of_sky = radiosity[:, :in_sky].sum(axis=1)
-    parts, errors = [], []
+    made, errors = _Rows(len(points), len(sides), ray_count(rays)), np.zeros(len(points), np.float32)
     for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + 1, number):
-        parts.append(sides.weights(hits))
-        errors.append(sides.spread(hits, of_sky))
-        report(hits.first + len(hits.side))
-    weights = sparse.vstack(parts, format="csr")
-    if points.shape[0] * radiosity.shape[1] < 2 * weights.nnz + radiosity.size:
-        rows = np.asarray(weights @ radiosity, np.float32)
-        weights, radiosity = sparse.eye_array(len(points), dtype=np.float32, format="csr"), rows
-    return Indirect(weights, radiosity, np.concatenate(errors))
+        last = hits.first + len(hits.side)
+        made.append(sides.weights(hits))
+        errors[hits.first : last] = sides.spread(hits, reflections.of_sky)
+        report(last)
+    weights = made.whole()
+    as_rows = len(points) * count < 2 * weights.nnz + len(sides) * count
+    found = np.empty((len(points) if as_rows else len(sides), count), np.float32)
+    begin = 0
+    for block in _blocks(direct, reflections.columns()):
+        radiosity = reflections.radiosity(block)
+        end = begin + block.shape[1]
+        found[:, begin:end] = weights @ radiosity if as_rows else radiosity
+        begin = end
+    if as_rows:
+        weights = sparse.eye_array(len(points), dtype=np.float32, format="csr")
+    return Indirect(weights, found, errors)
+
+
+def _blocks(columns: Iterable[Float32], width: int) -> Iterator[Float32]:
+    """(R, c), of so many columns, or what is left."""
+    held: list[Float32] = []
+    for column in columns:
+        held.append(column)
+        if len(held) == width:
+            yield np.stack(held, axis=1)
+            held = []
+    if held:
+        yield np.stack(held, axis=1)

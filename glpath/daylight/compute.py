@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.daylight.bounces import DEFAULT_ELEMENTS, GATHER_RAYS, POINTS, ReflectingSides, gathered, solved
+from glpath.daylight.bounces import DEFAULT_ELEMENTS, GATHER_RAYS, POINTS, ReflectingSides, Reflections, gathered
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
 from glpath.daylight.kept_words import KeptPass, KeptWords
@@ -231,7 +231,7 @@ def daylight_coefficients(
             scene_in_triangles = path_traceable(loaded.still())
             sides = ReflectingSides(scene_in_triangles, elements, seed)
             few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
-            radiosity = _radiosity(context.gl, loaded, sides, few, max_depth, seed)
+            reflections = Reflections(sides, max_depth, seed)
             if flag:
                 raise KeyboardInterrupt
 
@@ -242,8 +242,9 @@ def daylight_coefficients(
 
             shift = scene_in_triangles.origin - loaded.origin
             sensors = positions - shift, facing, receiver
+            on_sides = _irradiance(context.gl, loaded, sides, few, flag)
             indirect = gathered(
-                sides, radiosity, *sensors, len(patches), gather_rays, seed, gathering, first_sensor
+                sides, reflections, on_sides, few.columns, *sensors, gather_rays, seed, gathering, first_sensor
             )
             total = replace(direct, indirect=indirect)
         if kept is not None:
@@ -258,6 +259,11 @@ class _Shared:
     directions: Float64
     column: NDArray[np.intp]
     weight: Float64
+
+    @property
+    def columns(self) -> int:
+        """Of ground, patches and suns."""
+        return int(self.column[-1]) + 1
 
     @classmethod
     def of(
@@ -343,39 +349,31 @@ def _words_of_pass(
     return found, shares
 
 
-def _radiosity(
-    gl: moderngl.Context,
-    scene: Scene,
-    sides: ReflectingSides,
-    like: _Shared,
-    max_depth: int | None,
-    seed: int,
-) -> NDArray[np.float32]:
-    """(R, C) float32: of the sides, for each column of `like`."""
-    columns = int(like.column[-1]) + 1
+def _irradiance(
+    gl: moderngl.Context, scene: Scene, sides: ReflectingSides, like: _Shared, flag: Flag
+) -> Iterator[NDArray[np.float32]]:
+    """(R,) float32 of the sides, straight from sky and sun, for each column of `like` in turn."""
     if not len(sides):
-        return np.zeros((0, columns), np.float32)
+        return
     shift = path_traceable(scene.still()).origin - scene.origin
-    points = sides.points + shift
-    # Direction by direction, so that neither words nor shares of all are kept. Those of a column are neighbours.
-    direct = np.zeros((len(sides), columns), np.float32)
-    of_column, column = np.zeros(len(sides), np.float32), -1
     normals = sides.normals.astype(np.float32)
-    with PointVisibility(gl, scene, points, sides.normals) as rays:
+    # Direction by direction, so that neither words nor shares of all are kept. Those of a column are neighbours.
+    of_column = np.zeros(len(sides), np.float32)
+    with PointVisibility(gl, scene, sides.points + shift, sides.normals) as rays:
         for word, seen in enumerate(rays.see_out(like.directions)):
+            if flag:
+                raise KeyboardInterrupt
             some = slice(WORD * word, min(WORD * (word + 1), len(like.directions)))
             for k, direction in enumerate(like.directions[some].astype(np.float32)):
                 light = np.maximum(normals @ direction, 0.0) * (seen.word >> np.uint32(k) & np.uint32(1))
                 if seen.share is not None:
                     light *= seen.share[k]
                 number = WORD * word + k
-                if like.column[number] != column:
-                    of_column, column = np.zeros(len(sides), np.float32), int(like.column[number])
                 mean = light.reshape(-1, POINTS).mean(axis=1, dtype=np.float32)
                 of_column += np.float32(like.weight[number]) * mean
-                if number + 1 == len(like.column) or like.column[number + 1] != column:
-                    direct[:, column] = of_column
-    return solved(sides, direct, max_depth, seed)
+                if number + 1 == len(like.column) or like.column[number + 1] != like.column[number]:
+                    yield of_column
+                    of_column = np.zeros(len(sides), np.float32)
 
 
 def _key(scene: str, points: Float64, normals: Float64, directions: Float64, receiver: str) -> str:

@@ -70,11 +70,14 @@ def test_depths_add_up_to_all():
 
 
 def test_a_sparse_solution_is_the_dense_one(monkeypatch: pytest.MonkeyPatch):
+    """In every column: a patch of the sky gives a hundredth of what a sun gives, and its series is as long."""
     opened = scene(0.8, *box(1))
-    dense = daylight_coefficients(opened, [[0.0, 0, 0.5]], [0.0, 0, 1], **QUICK)
+    options = {"latitude": 40.0, "suns": 12, "subdivision": 2, **QUICK}
+    dense = daylight_coefficients(opened, [[0.0, 0, 0.5]], [0.0, 0, 1], **options)
     monkeypatch.setattr("glpath.daylight.bounces.DENSE", 0)
-    sparse = daylight_coefficients(opened, [[0.0, 0, 0.5]], [0.0, 0, 1], **QUICK)
-    np.testing.assert_allclose(sparse.sky(), dense.sky(), rtol=0.01, atol=1e-5)
+    sparse = daylight_coefficients(opened, [[0.0, 0, 0.5]], [0.0, 0, 1], **options)
+    np.testing.assert_allclose(sparse.sky(), dense.sky(), rtol=2e-4, atol=1e-9)
+    np.testing.assert_allclose(sparse.sun(), dense.sun(), rtol=2e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize("receiver", ["cylinder", "sphere"])
@@ -117,6 +120,13 @@ def test_the_same_call_gives_the_same_bits_whatever_the_threads(monkeypatch: pyt
     monkeypatch.setattr("glpath.daylight.hits.core_count", lambda: 1)
     found.append(daylight_coefficients(opened, [[0.0, 0, 0.5]], [0.0, 0, 1], **QUICK))
     np.testing.assert_array_equal(found[0].sky(), found[1].sky())
+
+
+@pytest.mark.parametrize("max_depth", [None, 2])
+def test_a_black_scene_reflects_nothing(max_depth: int | None):
+    found = daylight_coefficients(scene(0.0, plate(1, 0)), [[0.0, 0, 1]], [0.0, 0, -1], max_depth=max_depth)
+    assert found.sky_sums[0] == pytest.approx(found.direct_sky().sum())
+    assert found.standard_errors[0] < 0.1
 
 
 def test_light_that_comes_through_a_window_is_reflected_inside():
