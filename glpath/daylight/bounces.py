@@ -134,11 +134,12 @@ class ReflectingSides:
 class _Rows:
     """A sparse matrix that is made some rows at a time. What it has room for and does not fill takes no memory.
 
-    rows, columns, most : its shape, and values of a row at most
+    rows, columns : its shape
+    max_values    : of a row, at most
     """
 
-    def __init__(self, rows: int, columns: int, most: int) -> None:
-        room = rows * min(most, columns)
+    def __init__(self, rows: int, columns: int, max_values: int) -> None:
+        room = rows * min(max_values, columns)
         self._shape = (rows, columns)
         self._values, self._columns = np.empty(room, np.float32), np.empty(room, np.int32)
         self._begin = np.zeros(rows + 1, np.int64)
@@ -172,7 +173,7 @@ class Reflections:
     def __init__(self, sides: ReflectingSides, max_depth: int | None, seed: int) -> None:
         self._sent = sides.sent_on()
         self._between, of_sky = sides.between(SIDE_RAYS, seed)
-        self._most = _MAX_REFLECTIONS if max_depth is None else max_depth - 2
+        self._max_reflections = _MAX_REFLECTIONS if max_depth is None else max_depth - 2
         self._factors = self._factored() if max_depth is None and 0 < len(sides) <= DENSE else None
         self.of_sky = self.radiosity(of_sky[:, None])[:, 0]
 
@@ -186,7 +187,7 @@ class Reflections:
 
     def columns(self) -> int:
         """How many are solved at a time."""
-        return max(1, _COLUMNS // max(1, self._sent.shape[0]))
+        return max(1, _COLUMNS // max(1, len(self.of_sky)))
 
     def radiosity(self, direct: Float32) -> Float32:
         """(R, c) float32, by the irradiance of the sides straight from sky and sun."""
@@ -199,7 +200,7 @@ class Reflections:
             )
         found, last = first.copy(), first
         limit = _CHANGE * np.abs(first.sum(axis=0))
-        for _ in range(self._most):
+        for _ in range(self._max_reflections):
             last = np.asarray(self._sent @ (self._between @ last), np.float32)
             found += last
             if (np.abs(last.sum(axis=0)) <= limit).all():

@@ -154,6 +154,7 @@ print(len(made), peak_resident_bytes() / 2**20)
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_300_different_scenes_in_one_process_stay_below_600_mb():
     """340 MB. Its scenes take 500 programs, some 3 MB each: 1.5 GB where they stay."""
     command = [sys.executable, "-c", _RENDERS, "300"]

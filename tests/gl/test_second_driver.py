@@ -115,14 +115,18 @@ def assert_passes(suites: list[str], environment: dict[str, str]) -> None:
         "pytest",
         "-p",
         "no:cacheprovider",
+        "-v",  # which process ran what, in which order: a driver's fault may depend on it
         "-n",
         "auto",
+        "--dist",
+        "loadfile",
         "-m",
         "not evidence",
         *suites,
     ]
     result = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True)
-    assert result.returncode == 0, result.stdout[-8000:] + result.stderr[-2000:]
+    order = "\n".join(line for line in result.stdout.splitlines() if line.startswith("[gw"))
+    assert result.returncode == 0, f"{order}\n{result.stdout[-8000:]}{result.stderr[-2000:]}"
 
 
 def test_what_draws_passes_its_tests_on_zink(zink: dict[str, str]) -> None:

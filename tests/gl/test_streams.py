@@ -308,6 +308,7 @@ def test_a_budget_is_an_option_of_scans_alone():
 
 
 @pytest.mark.evidence
+@pytest.mark.release
 def test_twenty_million_triangles_take_256_mebibytes():
     found = []
     for tiles in (1, 25):  # of 32,768 triangles

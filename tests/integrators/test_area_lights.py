@@ -60,7 +60,7 @@ def test_a_lamp_that_faces_away_gives_no_light_unless_both_sides_emit(integrator
         ("cornell-box", 128, {"integrator": "path-buffer"}),
         pytest.param("room", 512, {}, marks=pytest.mark.evidence),
         pytest.param(
-            "room", 1024, {"integrator": "path-buffer", "light_resolution": 1024}, marks=pytest.mark.evidence
+            "room", 384, {"integrator": "path-buffer", "light_resolution": 1024}, marks=pytest.mark.evidence
         ),
     ],
 )

@@ -538,7 +538,7 @@ def stills_of_mitsuba() -> list[Any]:
 
     scene, times = a_moving_scene(), (np.arange(64) + 0.5) / 64
     return [
-        np.mean([render_mitsuba(scene.at(t), 16, 3, seed=100 * s + i) for i, t in enumerate(times)], axis=0)
+        np.mean([render_mitsuba(scene.at(t), 8, 3, seed=100 * s + i) for i, t in enumerate(times)], axis=0)
         for s in (1, 2)
     ]
 
@@ -547,9 +547,7 @@ def stills_of_mitsuba() -> list[Any]:
 @pytest.mark.parametrize("engine", ["path", "pair"])
 def test_what_moves_is_the_mean_of_mitsubas_stills(engine: Any) -> None:
     theirs, scene = stills_of_mitsuba(), a_moving_scene()
-    ours = [
-        glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)
-    ]
+    ours = [glpath.render(scene, spp=512, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)]
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
     floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
     found = relative_mse(ours[0], theirs[0])
@@ -571,7 +569,7 @@ def pictures_of_mitsuba(kind: str) -> list[Any]:
     pytest.importorskip("mitsuba", reason="needs the reference extra")
     from benchmarks.peers.mitsuba import render_mitsuba
 
-    return [render_mitsuba(a_scene_through(kind), 1024, 3, seed=seed) for seed in (1, 2)]
+    return [render_mitsuba(a_scene_through(kind), 512, 3, seed=seed) for seed in (1, 2)]
 
 
 @pytest.mark.evidence
@@ -579,9 +577,7 @@ def pictures_of_mitsuba(kind: str) -> list[Any]:
 @pytest.mark.parametrize("kind", ["orthographic", "lens"])
 def test_mitsuba_sees_the_same_through_the_same_camera(kind: str, engine: Any) -> None:
     theirs, scene = pictures_of_mitsuba(kind), a_scene_through(kind)
-    ours = [
-        glpath.render(scene, spp=1024, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)
-    ]
+    ours = [glpath.render(scene, spp=512, max_depth=3, **engine_options(engine), seed=seed).mean for seed in (1, 2)]
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.005)
     floor = relative_mse(ours[0], ours[1]) + relative_mse(theirs[0], theirs[1])
     found = relative_mse(ours[0], theirs[0])

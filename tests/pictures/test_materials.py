@@ -154,8 +154,8 @@ def test_balls_in_the_cornell_box_are_mitsubas(name: str) -> None:
     pytest.importorskip("mitsuba")
     scene, notes = mitsuba_peer.comparable(with_balls(**BALLS[name]))
     assert len(notes) == 1
-    ours = [blocks(glpath.render(scene, spp=1024, max_depth=8, seed=seed).mean) for seed in (1, 2)]
-    theirs = blocks(mitsuba_peer.render_mitsuba(scene, 2048, 8))
+    ours = [blocks(glpath.render(scene, spp=512, max_depth=8, seed=seed).mean) for seed in (1, 2)]
+    theirs = blocks(mitsuba_peer.render_mitsuba(scene, 1024, 8))
     mean = 0.5 * (ours[0] + ours[1])
     assert mean.mean() == pytest.approx(theirs.mean(), rel=0.01)
     off, spread = np.abs(mean - theirs), np.abs(ours[0] - ours[1])

@@ -72,7 +72,7 @@ def test_radiance_finds_the_same_irradiance_in_the_office() -> None:
     except GlpathError as error:
         pytest.skip(str(error))
     scene, points, normals = office_grid(6)
-    settings = f"{measure._DIRECT} {measure._ALONE.format(512, 1 / 512, 0)}"
+    settings = f"{measure._DIRECT} {measure._ALONE.format(1024, 1 / 1024, 0)}"
     _, theirs = radiance_peer.irradiance(scene, points, normals, settings)
     ours = glpath.irradiance(scene, points, normals, spp=4096)
     assert luminance(ours.values).mean() == pytest.approx(luminance(theirs).mean(), rel=0.02)
