@@ -89,7 +89,7 @@ def test_a_witness_is_mitsubas(name: str, engine: str) -> None:
     depth = ALL_LIGHT if engine == "gather" else witness.depth
     theirs = picture(by_mitsuba(witness, depth, 768))
     # More than for Mitsuba's error in a pixel: pixels that share random numbers have their error in common.
-    film = render(witness.scene, engine, depth, 512)
+    film = render(witness.scene, engine, depth, 640)
     assert theirs.noise is not None
     noise = ((film.variance_of_mean() + theirs.noise.variance) / (theirs.mean**2 + 0.01)).mean()
     off, error = film.mean.mean() / theirs.mean.mean() - 1.0, relative_mse(film.mean, theirs.mean)

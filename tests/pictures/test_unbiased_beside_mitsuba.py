@@ -164,8 +164,8 @@ def blocks(films: Float64) -> Float64:
 ROOMS: dict[str, tuple[Any, int, int]] = {
     "box": (lambda: load_scene("cornell-box-36"), 64, 512),
     "room": (lambda: load_scene("room"), 32, 512),
-    "windowed": (lambda: flattened(scene_from_dict(WINDOWED)), 320, 640),
-    "glossy": (lambda: flattened(scene_from_dict(GLOSSY)), 96, 640),
+    "windowed": (lambda: flattened(scene_from_dict(WINDOWED)), 512, 1024),
+    "glossy": (lambda: flattened(scene_from_dict(GLOSSY)), 128, 1024),
     "parlour": (parlour, 32, 512),
 }
 
