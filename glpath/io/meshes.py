@@ -39,9 +39,11 @@ NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit("
 # In the header of a PLY.
 _RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
 _POINTS = re.compile(rb"\belement\s+vertex\s+[1-9]")
-_TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\b")
+_TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\s+0*[1-9]")
 _SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
+# The first word of an OFF, with the number of vertices.
+_OFF = re.compile(rb"([A-Za-z]+)(\d+)")
 #: Keys of the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
@@ -364,6 +366,9 @@ def _checked_off(content: bytes) -> bool:
     """
     lines = [line for line in (raw.partition(b"#")[0].split() for raw in content.splitlines()) if line]
     keyword = lines[0].pop(0).upper()
+    if joined := _OFF.fullmatch(keyword):  # a number may follow it without a space
+        keyword = joined[1]
+        lines[0].insert(0, joined[2])
     body = lines if lines[0] else lines[1:]
     vertices, faces = int(body[0][0]), int(body[0][1])
     found = body[1 + vertices :][:faces]

@@ -45,6 +45,7 @@ def test_a_lamps_file_is_told_what_it_is_and_where_it_goes(
     ("name", "words"),
     [
         ("room.fbx", r"is an FBX model, not a scene\.\n.*glTF"),
+        ("part.3mf", r"is a 3MF model, not a scene\.\n.*glTF"),
         ("sky.hdr", r'is a picture, not a scene\.\n.*\[sky\] with file = "sky\.hdr"'),
     ],
 )

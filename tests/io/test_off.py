@@ -74,6 +74,11 @@ def test_colours_are_not_lost_in_silence(text: str, tmp_path: Path) -> None:
     assert len(scene.triangles) == 6
 
 
+def test_the_number_of_vertices_may_follow_the_keyword_without_a_space(tmp_path: Path) -> None:
+    (tmp_path / "pyramid.off").write_text(PYRAMID.replace("OFF\n", "OFF", 1))
+    assert len(glpath.load_scene(tmp_path / "pyramid.off").triangles) == 6
+
+
 @pytest.mark.parametrize(
     ("text", "found"),
     [

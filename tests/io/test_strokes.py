@@ -27,10 +27,15 @@ end_header
 """
 
 
+#: As MeshLab writes it.
+_WITH_NO_FACE = CLOUD.replace("end_header", "element face 0\nproperty list uchar int vertex_indices\nend_header")
+
+
 @pytest.mark.filterwarnings("ignore:.*no camera")
-def test_a_ply_of_points_is_balls_of_their_colours(tmp_path: Path):
+@pytest.mark.parametrize("cloud", [CLOUD, _WITH_NO_FACE], ids=["without faces", "element face 0"])
+def test_a_ply_of_points_is_balls_of_their_colours(cloud: str, tmp_path: Path):
     path = tmp_path / "cloud.ply"
-    path.write_text(CLOUD)
+    path.write_text(cloud)
     with pytest.warns(SceneWarning, match=r"has no triangles, so its 3 points are drawn as balls of radius 0.0283"):
         scene = load_scene(path)
     (shape,) = scene.shapes
