@@ -200,7 +200,7 @@ def city(scale: float, say: Say) -> dict[str, float]:
 
 
 def shard(sensors_of_it: int) -> dict[str, float]:
-    """Seconds and memory of a process that computes a shard with all reflections, 2,305 patches and suns, and saves it."""
+    """Seconds and memory of this process: a shard with all reflections, 2,305 patches and suns, and its file."""
     blocks = City.of(CITY)
     at = blocks.points(sensors_of_it)
     started = time.perf_counter()
