@@ -54,6 +54,12 @@ def test_as_the_bare_geometry_of_a_shape_it_has_no_triangles(tmp_path: Path):
     assert "In a file that is a model of its own" in error.value.remedy
 
 
+def test_points_in_one_place_count_as_one():
+    corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    three = np.concatenate([corners, corners, corners + 1e-6])
+    assert point_radius(three) == pytest.approx(point_radius(corners), rel=1e-3)
+
+
 def test_balls_touch_where_points_lie_in_a_grid():
     grid = np.stack(np.meshgrid(*[np.arange(20.0)] * 2, [0.0]), axis=-1).reshape(-1, 3)
     assert point_radius(grid) == pytest.approx(0.5)
