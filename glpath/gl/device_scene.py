@@ -164,7 +164,8 @@ class DeviceScene(Owner):
             "first_instanced": self.triangle_count,
             "instance_shift": 0 if self.instances is None else self.instances.shift,
             "light_count": len(lights),
-            "opacity_seed": 0,  # unless a path set has its own
+            "opacity_seed": 0,  # unless a render has its own, and the number of its path set
+            "opacity_set": 0,
             **bases,
             **uint_bases,
         }

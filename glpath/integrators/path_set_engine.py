@@ -173,7 +173,7 @@ class PathSetEngine(Engine):
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
         """The uniforms of the eye's rays, or points: their position in each pixel, and the path set's number."""
         seed, sample = self.settings.seed, (float(pixel[0]), float(pixel[1]))
-        own = {"opacity_seed": counter_hash(seed, index, 0, 12)}
+        own = {"opacity_seed": counter_hash(seed, 0, 0, 12), "opacity_set": index}
         if self._points is not None:
             assert isinstance(self.sensor, PointSensor), "of the same kind"
             return self._points.at(self.sensor, self.window, sample[0]) | own

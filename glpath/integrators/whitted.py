@@ -102,7 +102,7 @@ class WhittedTracer(Engine):
         # An endless plane may be nearer than what has a size.
         ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
         eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
-        eye["opacity_seed"] = counter_hash(self.settings.seed, index, 0, 12)
+        eye |= {"opacity_seed": counter_hash(self.settings.seed, 0, 0, 12), "opacity_set": index}
         self.fill_shadow_buffers()
         # Rays that meet at the eye share what follows from it, see t_buffer/eye_hit.glsl.
         parallel = camera.projection == "orthographic"

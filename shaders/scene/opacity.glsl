@@ -11,16 +11,32 @@
 #endif
 
 #ifdef HAS_ALPHA
-uniform uint opacity_seed;  // (seed, path set) folded on the CPU
+uniform uint opacity_seed;  // of a render, folded on the CPU
+uniform uint opacity_set;   // number of the path set
 // What chance depends on, besides the surface: another for each ray, set before it is cast.
 uint opacity_key = 0u;
+// Of rays that each set casts through the same pixel: the set's point of a sequence, which each key and surface permutes.
+uint opacity_point = 0u;
 
 bool is_see_through(int shape) { return shape_texel(shape, SHAPE_MATERIAL).z != 0u; }
 
-// A key for what follows of a pixel of the image in this path set.
+// A key for what follows of a pixel of the image. Of 8 sets in a row a surface is hit by its share of 8, up to one of them.
 void new_opacity_key(ivec2 pixel_of_image, uint use)
 {
     opacity_key = pcg(uint(pixel_of_image.x) + (uint(pixel_of_image.y) << 16u) + pcg(opacity_seed + use));
+    opacity_point = bitfieldReverse(opacity_set);
+}
+
+// Uniform in [0, 1), and independent for two surfaces that a ray may hit [Burley 2020, Practical Hash-based Owen
+// Scrambling, with the hash of Laine & Karras 2011]: each bit of the set's number is changed by those above it.
+float opacity_chance(uint number)
+{
+    uint key = pcg(opacity_key + pcg(number)), x = opacity_point + key;
+    x ^= x * 0x6c50b47cu;
+    x ^= x * 0xb82f1e52u;
+    x ^= x * 0xc7afe638u;
+    x ^= x * 0x8d22f6e6u;
+    return float((x ^ pcg(key)) >> 8u) * (1.0 / 16777216.0);
 }
 
 // alpha: of the texture and the vertices; number: of the surface, as of its triangle.
@@ -35,7 +51,7 @@ bool alpha_lets_through(int material, float alpha, uint number, bool front)
     vec4 cover = cover_texel(material, COVER_OPACITY);
     float opacity = cover.x * alpha;
     bool mask = slots_texel(material, SLOTS_SECOND).y == ALPHA_MASK;
-    return mask ? opacity < cover.y : random_unit(opacity_key + pcg(number)) >= opacity;
+    return mask ? opacity < cover.y : opacity_chance(number) >= opacity;
 }
 
 // By the weights of the triangle's corners.

@@ -81,6 +81,31 @@ def test_half_of_a_blended_surface_is_half_of_its_light(engine: str) -> None:
     assert half == pytest.approx(0.5 * all_of_it + 0.25 * nothing, rel=0.04)
 
 
+def veils(*opacities: float) -> Scene:
+    """Black sheets one over the other, over a floor that glows as brightly as 1, looked at from above."""
+    sheets = [Shape(f"veil {k}", level(0.3 + 0.2 * k, 2.0), 2 + k) for k, _ in enumerate(opacities)]
+    materials = [
+        Material(f"veil {k}", np.zeros(3), alpha="blend", opacity=opacity) for k, opacity in enumerate(opacities)
+    ]
+    return scene_of([lamp(level(0.0, 2.0), 1, np.ones(3)), *sheets], [BLACK, GREY, *materials], camera([0, 3.0, 0], pixels=16))
+
+
+@pytest.mark.parametrize("engine", ["rays", "t-buffer"])
+@pytest.mark.parametrize("opacity", [0.3, 0.5, 0.9])
+def test_of_eight_sets_a_blended_surface_is_seen_by_its_share(engine: str, opacity: float) -> None:
+    """In each pixel up to one of them, where chance alone has some off by three or four."""
+    seen = 8.0 * np.asarray(glpath.render(veils(opacity), spp=8, **ENGINES[engine]).mean)[..., 0]
+    i, j = np.indices(seen.shape)
+    seen = seen[np.abs(i + j - 15) > 1]  # two triangles share the other pixels
+    assert np.abs(seen - 8.0 * (1.0 - opacity)).max() < 1.0
+
+
+def test_two_blended_surfaces_hide_what_is_behind_them_apart_from_each_other() -> None:
+    """In each pixel: a sequence that both shared would have a bias there that no number of sets takes away."""
+    seen = np.asarray(glpath.render(veils(0.5, 0.5), spp=1024, **ENGINES["rays"]).mean)[..., 0][6:10, 6:10]
+    assert np.abs(seen - 0.25).max() < 4 * np.sqrt(0.25 * 0.75 / 1024)
+
+
 def mean_light(scene: Scene, **options: Any) -> Float64:
     return np.asarray(glpath.render(scene, **options).mean).mean(axis=(0, 1))
 
