@@ -29,9 +29,9 @@ def point_radius(points: Float64) -> float:
     if len(points) < 2 or diagonal == 0.0:
         return 0.01
     # Of points in one place, such as corners that faces do not share, one counts.
-    places = np.floor((points - points.min(axis=0)) / (_MIN_POINT * diagonal)).astype(np.int64)
-    side = int(places.max()) + 1
-    points = points[np.unique(places @ [side * side, side, 1], return_index=True)[1]]
+    cells = np.floor((points - points.min(axis=0)) / (_MIN_POINT * diagonal)).astype(np.int64)
+    side = int(cells.max()) + 1
+    points = points[np.unique(cells @ [side * side, side, 1], return_index=True)[1]]
     some = points[:: -(-len(points) // 10_000)]
     apart = cKDTree(points).query(some, 2)[0][:, 1]
     return float(np.clip(0.5 * np.median(apart), _MIN_POINT * diagonal, _MAX_POINT * diagonal))

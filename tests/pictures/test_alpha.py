@@ -87,7 +87,9 @@ def veils(*opacities: float) -> Scene:
     materials = [
         Material(f"veil {k}", np.zeros(3), alpha="blend", opacity=opacity) for k, opacity in enumerate(opacities)
     ]
-    return scene_of([lamp(level(0.0, 2.0), 1, np.ones(3)), *sheets], [BLACK, GREY, *materials], camera([0, 3.0, 0], pixels=16))
+    return scene_of(
+        [lamp(level(0.0, 2.0), 1, np.ones(3)), *sheets], [BLACK, GREY, *materials], camera([0, 3.0, 0], pixels=16)
+    )
 
 
 @pytest.mark.parametrize("engine", ["rays", "t-buffer"])
