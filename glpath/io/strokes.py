@@ -28,7 +28,7 @@ def point_radius(points: Float64) -> float:
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     if len(points) < 2 or diagonal == 0.0:
         return 0.01
-    # Of points in one place, such as corners that faces do not share, one counts.
+    # Of points at one position, such as corners that faces do not share, one counts.
     cells = np.floor((points - points.min(axis=0)) / (_MIN_POINT * diagonal)).astype(np.int64)
     side = int(cells.max()) + 1
     points = points[np.unique(cells @ [side * side, side, 1], return_index=True)[1]]
