@@ -195,7 +195,14 @@ class Lab:
         # Chromium's word on leaving a notebook that was not saved.
         console = [message for message in console if "beforeunload" not in message]
         lines = self.log.read_text().splitlines()[self._before :]
-        return [*shown, *console, *(line for line in lines if "Traceback" in line or line.startswith("[E "))]
+        # Of a traceback its error's words, the first line after it that is not set in.
+        said = [
+            next((each for each in lines[k + 1 :] if each[:1].strip()), line) if "Traceback" in line else line
+            for k, line in enumerate(lines)
+            if "Traceback" in line or line.startswith("[E ")
+        ]
+        # tornado's, where a message was on its way to a page that is gone: nobody awaits what becomes of it.
+        return [*shown, *console, *(line for line in said if not line.startswith("tornado."))]
 
     def camera(self) -> glpath.scene.Camera:
         text = self.ask(
