@@ -63,8 +63,8 @@ RAYS, CONVERGED = (1000, 4000, 16000), 200_000
 #: Directions into each patch.
 SAMPLES = (4, 16, 64)
 CITY, SENSORS = 43_000, 1_000_000
-#: Sensors of one of eight shards of 100,000.
-SHARD = 12_500
+#: Sensors of a matrix, and its shards.
+SHARDED, SHARDS = 100_000, 8
 _UP = [0.0, 0.0, 1.0]
 
 
@@ -199,16 +199,16 @@ def city(scale: float, say: Say) -> dict[str, float]:
     }
 
 
-def shard(sensors_of_it: int) -> dict[str, float]:
+def shard(sensors_of_all: int) -> dict[str, float]:
     """Seconds and memory of this process: a shard with all reflections, 2,305 patches and suns, and its file."""
     blocks = City.of(CITY)
-    at = blocks.points(sensors_of_it)
+    at = blocks.points(sensors_of_all)
     started = time.perf_counter()
-    found = daylight_coefficients(blocks.scene, at, _UP, subdivision=4, latitude=47.0, up=_UP)
+    found = daylight_coefficients(blocks.scene, at, _UP, subdivision=4, latitude=47.0, up=_UP, shard=(1, SHARDS))
     with tempfile.TemporaryDirectory() as folder:
         found.save(Path(folder, "shard.npz"))
     return {
-        "shard_sensors": float(len(at)),
+        "shard_sensors": float(len(found.points)),
         "shard_directions": float(len(found.directions)),
         "shard_s": time.perf_counter() - started,
         "shard_GiB": peak_resident_bytes() / 2**30,
@@ -218,7 +218,7 @@ def shard(sensors_of_it: int) -> dict[str, float]:
 def shard_alone(scale: float, say: Say) -> dict[str, float]:
     """The same in a process of its own, whose memory is its alone."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
-        found = processes.submit(shard, max(500, round(SHARD * scale))).result()
+        found = processes.submit(shard, max(4000, round(SHARDED * scale))).result()
     say(f"shard of a city: {found['shard_s']:.0f} s, {found['shard_GiB']:.2f} GiB")
     return found
 

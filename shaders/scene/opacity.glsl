@@ -11,7 +11,7 @@
 #endif
 
 #ifdef HAS_ALPHA
-uniform uint opacity_seed;  // of a render, folded on the CPU
+uniform uint opacity_seed;  // of a render, or of one light of a path set; folded on the CPU
 uniform uint opacity_set;   // number of the path set
 // What chance depends on, besides the surface: another for each ray, set before it is cast.
 uint opacity_key = 0u;

@@ -202,7 +202,8 @@ class Lab:
             if "Traceback" in line or line.startswith("[E ")
         ]
         # tornado's, where a message was on its way to a page that is gone: nobody awaits what becomes of it.
-        return [*shown, *console, *(line for line in said if not line.startswith("tornado."))]
+        gone = ("tornado.iostream.StreamClosedError", "tornado.websocket.WebSocketClosedError")
+        return [*shown, *console, *(line for line in said if not line.startswith(gone))]
 
     def camera(self) -> glpath.scene.Camera:
         text = self.ask(
