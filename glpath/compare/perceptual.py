@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from glpath.compare.measures import matching_pair
 from glpath.compare.picture import Picture
@@ -55,6 +54,8 @@ def flip(
     for name, limit in (("mean", mean), ("local", local)):
         if not 0 <= limit <= 1:
             raise UsageError(f"{name}: found {limit}, expected a number from 0 to 1.")
+    from scipy import ndimage  # slow to import
+
     found = flip_map(picture.mean, reference.mean, ppd=ppd)
     side = 2 * round((_SPOT * ppd - 1) / 2) + 1
     spots = ndimage.uniform_filter(found, max(side, 1), mode="reflect")

@@ -24,7 +24,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError
 from glpath.film.film import Film
-from glpath.film.image import decode_srgb, encode_srgb, read_exr_channels, tonemap, write_exr, write_png
+from glpath.film.image import (
+    decode_levels,
+    decode_srgb,
+    encode_srgb,
+    read_exr_channels,
+    tonemap,
+    write_exr,
+    write_png,
+)
 
 Float64 = NDArray[np.float64]
 
@@ -125,15 +133,19 @@ class Picture:
             raise ImageError(
                 f"picture: {broken} of its {values.shape[0] * values.shape[1]} pixels are NaN or infinite."
             )
-        mean = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values[..., :3]
         alpha = values[..., 3] if values.shape[2] == 4 and (values[..., 3] != 1).any() else None
         if alpha is not None and not (alpha.min() >= 0 and alpha.max() <= 1):
             raise ImageError(
                 f"picture: found alpha from {alpha.min():g} to {alpha.max():g}, expected 0 to 1.",
                 "The fourth channel is opacity; leave out what is not.",
             )
+        light = values[..., :3]
+        if white == 255:
+            light = decode_levels(given.reshape(values.shape)[..., :3])
+        elif white:
+            light = decode_srgb(light)
         return cls(
-            decode_srgb(mean) if white else mean,
+            np.repeat(light, 3, axis=2) if values.shape[2] == 1 else light,
             None,
             {"glpath.kind": "array", **(provenance or {})},
             alpha,

@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from glpath.compare.measures import matching_pair
 from glpath.compare.picture import Picture
@@ -75,6 +74,13 @@ def fuzzy(
     for name, value in (("threshold", threshold), ("edge", edge), ("failpercent", failpercent)):
         if not 0 <= value < math.inf:
             raise UsageError(f"{name}: found {value}, expected a number of at least 0.")
+    limits = {"threshold": threshold, "edge": edge, "failpercent": failpercent}
+    same = np.array_equal(*matching_pair(picture.mean, reference.mean))
+    if same:  # as nearly all pictures of a test suite, in a tenth of the time
+        measured = {"pixels": 0, "percent": 0.0, "worst_levels": 0.0, "worst_at": [0, 0], "max_difference": 0.0}
+        return Verdict("fuzzy", True, 0.0, _within(threshold), measured, limits)
+    from scipy import ndimage  # slow to import
+
     a, b = (255 * _levels(image) for image in matching_pair(picture.mean, reference.mean))
     off = np.abs(a - b)
     around = (3, 3, 1)
@@ -94,14 +100,13 @@ def fuzzy(
         "worst_at": [int(x), int(y)],
         "max_difference": float(np.max(np.abs(picture.mean - reference.mean))),
     }
-    limits = {"threshold": threshold, "edge": edge, "failpercent": failpercent}
     # The pixel that decides: the worst one when all that are allowed to fail are left out.
     allowed = int(failpercent / 100 * beyond.size)
     deciding = 0.0 if allowed >= beyond.size else max(0.0, float(np.sort(beyond, axis=None)[::-1][allowed]))
     passed = deciding <= threshold + _ROUNDING
     severity = deciding / threshold if threshold else 0.0 if passed else 1.0 + deciding
     if not count:
-        summary = f"no pixel is off by more than {threshold:g} of 255 levels"
+        summary = _within(threshold)
     else:
         summary = (
             f"{_share(count, failing.size)} are off by more than {threshold:g} of 255 levels, {failpercent:g} % "
@@ -115,6 +120,10 @@ def _levels(radiance: Float64) -> Float64:
     above = np.log(np.maximum(radiance, 1.0)) * (1.055 / 2.4)
     levels: Float64 = encode_srgb(radiance) + above + np.minimum(radiance, 0.0)
     return levels
+
+
+def _within(threshold: float) -> str:
+    return f"no pixel is off by more than {threshold:g} of 255 levels"
 
 
 def _share(count: int, of: int) -> str:

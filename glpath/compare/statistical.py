@@ -41,7 +41,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtri
 
 from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, unusable_noise
 from glpath.compare.verdict import Verdict
@@ -62,7 +62,7 @@ MIN_BATCHES = 4
 
 # A bias is called visible when it is found in 99 of 100 pairs, and path sets are called enough when they are in 9
 # of 10 cases.
-_MARGIN = float(stats.norm.ppf(0.99))
+_MARGIN = float(ndtri(0.99))
 _ENOUGH = 0.9
 
 # Stands for infinity, which JSON does not have.
@@ -119,6 +119,8 @@ def stat(
             f"sees: found {sees}, expected a share above the tolerance ({tolerance:g}), at most 1.",
             "0.05 asks that a picture 5 % too dark would be found out.",
         )
+    from scipy import stats  # slow to import
+
     ours, theirs = _noise(picture, "picture"), _noise(reference, "reference")
     paired = picture.shares_samples_with(reference)
     typical = luminance(reference.mean).mean()
@@ -272,6 +274,8 @@ def _path_sets_needed(image: _Scale, noise: Noise, alpha_test: float, tolerance:
 
     The error of the picture to come is an estimate like the one at hand, so that their squares differ by an F.
     """
+    from scipy import stats  # slow to import
+
     dof = image.dof * (BATCHES - 1) / (len(noise.batch_counts) - 1)
     errors = stats.t.isf(alpha_test / 2, dof) + _MARGIN
     signal = sees * np.abs(image.reference) - tolerance * image.level

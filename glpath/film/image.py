@@ -12,6 +12,7 @@ import io
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,16 @@ def encode_srgb(linear: Float64) -> Float64:
 def decode_srgb(encoded: Float64) -> Float64:
     """sRGB in [0, 1] as linear values in [0, 1]."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def decode_levels(levels: NDArray[np.uint8]) -> Float64:
+    """8-bit sRGB as linear values in [0, 1], to the bit as `decode_srgb` of levels / 255: looked up."""
+    return _of_levels()[levels]
+
+
+@cache
+def _of_levels() -> Float64:
+    return decode_srgb(np.arange(256) / 255)
 
 
 def _reinhard(radiance: Float64) -> Float64:
@@ -319,6 +330,8 @@ def _read_png(path: Path) -> Float64:
 
     _check_pillow(path, ".png")
     stored = iio.imread(path, plugin="pillow")
+    if stored.dtype == np.uint8:
+        return decode_levels(stored)
     white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # a picture of one bit is bool
     return decode_srgb(stored / white)
 
@@ -327,7 +340,7 @@ def _read_jpeg(path: Path) -> Float64:
     import imageio.v3 as iio
 
     _check_pillow(path, ".jpg")
-    return decode_srgb(iio.imread(path, plugin="pillow", mode="RGB") / 255)  # a JPEG may be CMYK
+    return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # a JPEG may be CMYK
 
 
 def _read_exr(path: Path) -> Float64:

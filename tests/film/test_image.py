@@ -261,3 +261,8 @@ def test_a_name_that_is_too_long_is_found_before_the_work(length: int, tmp_path:
     with pytest.raises(ImageError, match="File name too long"):
         files.check_writable(tmp_path / f"{'a' * length}.png")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_levels_are_looked_up_to_the_bit() -> None:
+    levels = np.random.default_rng(0).integers(0, 256, (37, 41, 3), np.uint8)
+    assert np.array_equal(image.decode_levels(levels), image.decode_srgb(levels / 255))
