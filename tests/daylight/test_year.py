@@ -133,7 +133,8 @@ def test_blinds_close_in_hours_of_sunlight_and_only_then(weather: Weather) -> No
     assert not without.closed.any()
     light, before = shaded.light(), without.light()
     assert not light[:, expected].any()
-    assert np.array_equal(light[:, ~expected], before[:, ~expected])
+    # A product of some of the hours: on some processors its last bits are others than in one of all.
+    np.testing.assert_allclose(light[:, ~expected], before[:, ~expected], rtol=1e-5)
     occupied = without.occupied
     assert occupied.sum() == 3650
     assert shaded.autonomy == pytest.approx((light[:, occupied] >= 300).mean(axis=1))
