@@ -199,10 +199,10 @@ def city(scale: float, say: Say) -> dict[str, float]:
     }
 
 
-def shard(sensors_of_all: int) -> dict[str, float]:
+def shard(scale: float) -> dict[str, float]:
     """Seconds and memory of this process: a shard with all reflections, 2,305 patches and suns, and its file."""
-    blocks = City.of(CITY)
-    at = blocks.points(sensors_of_all)
+    blocks = City.of(max(500, round(CITY * scale)))
+    at = blocks.points(max(800, round(SHARDED * scale)))
     started = time.perf_counter()
     found = daylight_coefficients(blocks.scene, at, _UP, subdivision=4, latitude=47.0, up=_UP, shard=(1, SHARDS))
     with tempfile.TemporaryDirectory() as folder:
@@ -218,7 +218,7 @@ def shard(sensors_of_all: int) -> dict[str, float]:
 def shard_alone(scale: float, say: Say) -> dict[str, float]:
     """The same in a process of its own, whose memory is its alone."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
-        found = processes.submit(shard, max(4000, round(SHARDED * scale))).result()
+        found = processes.submit(shard, scale).result()
     say(f"shard of a city: {found['shard_s']:.0f} s, {found['shard_GiB']:.2f} GiB")
     return found
 
@@ -233,7 +233,7 @@ def bench_daylight(rounds: int = 3, scale: float = 1.0, say: Say = lambda text: 
     Parameters
     ----------
     rounds : of the office
-    scale  : below 1, fewer sensors in the city and fewer rays of Radiance
+    scale  : below 1, fewer sensors in the city, fewer rays of Radiance, and a shard of a smaller city
     say    : called with a line on what is measured
     """
     seconds, printed = office_seconds(rounds, say)

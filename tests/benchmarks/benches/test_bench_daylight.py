@@ -60,5 +60,7 @@ def test_a_small_bench_measures_what_it_promises(monkeypatch: pytest.MonkeyPatch
     report = daylight.bench_daylight(1, 0.001)
     assert report.measured["city_sensors"] == 1000
     assert report.measured["office_s"] > 0
+    assert report.measured["shard_sensors"] == 100
+    assert report.measured["shard_GiB"] > 0
     assert any("sDA" in note for note in report.notes)
     assert report.faults == []
