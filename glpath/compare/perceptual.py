@@ -35,6 +35,13 @@ PPD = 67.0
 # Side of a spot, degrees.
 _SPOT = 0.1
 
+# How far FLIP looks for the value of one pixel, degrees: three standard deviations of its widest filter, that of
+# the contrast sensitivity for blue and yellow (exp(-pi^2 r^2 / 0.04)).
+_REACH = 3 * math.sqrt(0.04 / (2 * math.pi**2))
+
+# Its colour of no difference, the first of matplotlib's magma.
+_EQUAL = (0.001462, 0.000466, 0.013866)
+
 
 def flip(
     picture: Picture, reference: Picture, *, mean: float = MEAN, local: float | None = None, ppd: float = PPD
@@ -96,10 +103,38 @@ def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool)
         raise UsageError(f"ppd: found {ppd}, expected pixels per degree above 0.")
     evaluate = _evaluator()
     a, b = (np.ascontiguousarray(encode_srgb(side), np.float32) for side in matching_pair(image, reference))
+    found = np.zeros((*a.shape[:2], 3 if colours else 1), np.float32)
+    if colours:
+        found[:] = _EQUAL
+    part = _differing(a, b, ppd)
+    if part is not None:
+        shape = found[part].shape
+        found[part] = _by_package(evaluate, a[part], b[part], ppd, colours=colours).reshape(shape)
+    return found
+
+
+def _differing(a: NDArray[np.float32], b: NDArray[np.float32], ppd: float) -> tuple[slice, slice] | None:
+    """The rectangle outside of which no pixel has a difference, as far around as its pixels see; None if equal.
+
+    FLIP takes half a microsecond per pixel, and a change is mostly small.
+    """
+    differ = (a != b).any(axis=2)
+    if not differ.any():
+        return None
+    # A pixel has a difference within reach of pixels that differ, and sees as far again.
+    margin = 2 * (math.ceil(_REACH * ppd) + 1)
+    spans = (np.flatnonzero(differ.any(axis=1 - axis)) for axis in (0, 1))
+    rows, columns = (slice(max(int(span[0]) - margin, 0), int(span[-1]) + 1 + margin) for span in spans)
+    return rows, columns
+
+
+def _by_package(
+    evaluate: Any, a: NDArray[np.float32], b: NDArray[np.float32], ppd: float, *, colours: bool
+) -> NDArray[np.float32]:
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            evaluated = evaluate(b, a, "LDR", applyMagma=colours, computeMeanError=False, parameters={"ppd": ppd})
+            evaluated = evaluate(np.ascontiguousarray(b), np.ascontiguousarray(a), "LDR", applyMagma=colours, computeMeanError=False, parameters={"ppd": ppd})
     except (SystemExit, RuntimeError, ValueError, TypeError) as error:
         reason = " ".join(printed.getvalue().replace("Exiting.", "").split()) or str(error)
         raise ImageError(f"flip: flip-evaluator refused the pictures: {reason}") from error

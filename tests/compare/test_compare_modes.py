@@ -231,8 +231,29 @@ def test_flip_neither_prints_nor_leaves_the_process(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(flip_evaluator, "evaluate", exits)
     with pytest.raises(ImageError, match=r"refused the pictures: The tonemapper is not to my liking\."):
-        flip_map(GREY, GREY)
+        flip_map(0.5 * GREY, GREY)
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("ppd", [20, 67, 90])
+@pytest.mark.parametrize(("x", "y"), [(100, 80), (0, 0), (199, 150)])
+def test_flip_of_a_small_change_is_that_of_the_whole_picture(x: int, y: int, ppd: float) -> None:
+    """Only the rectangle around a change is evaluated: the package itself, given all of it, says the same."""
+    evaluate = pytest.importorskip("flip_evaluator").evaluate
+    rng = np.random.default_rng(0)
+    reference = rng.uniform(0.1, 0.9, (151, 200, 3)).astype(np.float32)
+    changed = reference.copy()
+    changed[y : y + 4, x : x + 9] = 1.0
+    for colours in (False, True):
+        whole = evaluate(
+            reference, changed, "LDR", applyMagma=colours, computeMeanError=False, parameters={"ppd": ppd}
+        )[0]
+        a, b = (decode_srgb(side.astype(np.float64)) for side in (changed, reference))
+        if colours:
+            found = flip_picture(a, b, ppd=ppd).astype(np.int64)
+            assert np.abs(found - 255 * whole.reshape(found.shape)).max() <= 1.01
+        else:
+            np.testing.assert_allclose(flip_map(a, b, ppd=ppd), whole.reshape(151, 200), atol=2e-5)
 
 
 def test_flip_says_which_package_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
