@@ -134,7 +134,14 @@ def _by_package(
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            evaluated = evaluate(np.ascontiguousarray(b), np.ascontiguousarray(a), "LDR", applyMagma=colours, computeMeanError=False, parameters={"ppd": ppd})
+            evaluated = evaluate(
+                np.ascontiguousarray(b),
+                np.ascontiguousarray(a),
+                "LDR",
+                applyMagma=colours,
+                computeMeanError=False,
+                parameters={"ppd": ppd},
+            )
     except (SystemExit, RuntimeError, ValueError, TypeError) as error:
         reason = " ".join(printed.getvalue().replace("Exiting.", "").split()) or str(error)
         raise ImageError(f"flip: flip-evaluator refused the pictures: {reason}") from error
