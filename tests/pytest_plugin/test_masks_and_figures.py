@@ -136,7 +136,7 @@ def test_plot(render_regression):
 
 
 def test_figures_have_the_style_and_no_text(run: Run, suite, pytester: pytest.Pytester) -> None:
-    pytest.importorskip("matplotlib.pyplot")  # loaded here once: pytester unloads what its runs load
+    pytest.importorskip("matplotlib.pyplot")
     marker = "style={'lines.linewidth': 7.0}, backend='agg', savefig_kwargs={'dpi': 50}, remove_text=True"
     baselines = suite(FIGURE.format(marker=marker, title="monday", options=""))
     run("-s").stdout.fnmatch_lines(["*backend agg 7.0*"])

@@ -79,7 +79,7 @@ def test_figure(render_regression, i):
 
 
 def test_all_kinds_of_pictures_are_compared_by_what_they_show(run: Run, suite) -> None:
-    pytest.importorskip("matplotlib.pyplot")  # pytester unloads what a run of its own has loaded
+    pytest.importorskip("matplotlib.pyplot")
     baselines = suite(SUBJECTS.format(level=150))
     run().assert_outcomes(passed=9)
     assert {Path(name).suffix for name in files_of(baselines)} == {".png"}
@@ -364,7 +364,7 @@ def test_an_error_is_said_once_with_the_line_of_the_test(run: Run, suite, call: 
 
 def readme_suite(suite, pytester: pytest.Pytester) -> str:
     """The example of the page on image tests as the suite, with its ini-file; returns the page."""
-    pytest.importorskip("matplotlib.pyplot")  # pytester unloads what a run of its own has loaded
+    pytest.importorskip("matplotlib.pyplot")
     section = (ROOT / "docs/howto/image-tests.md").read_text(encoding="utf-8")
     code, ini = ("\n\n".join(re.findall(rf"```{kind}\n(.*?)```", section, re.DOTALL)) for kind in ("python", "ini"))
     suite("import matplotlib\nmatplotlib.use('Agg')\n" + code)

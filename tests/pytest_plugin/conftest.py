@@ -1,0 +1,9 @@
+"""What tests of the plugin share."""
+
+from __future__ import annotations
+
+import contextlib
+
+# pytester unloads what a run of its own has loaded: a second copy of matplotlib does not know objects of the first.
+with contextlib.suppress(ImportError):
+    import matplotlib.pyplot  # noqa: F401
