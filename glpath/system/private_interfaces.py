@@ -26,7 +26,7 @@ class Releases:
 
 SEEN = {
     "numba": Releases("0.61", "0.68"),
-    "trimesh": Releases("4.6", "5.2"),
+    "trimesh": Releases("4.7", "5.2"),
     "pytest": Releases("8", "9.2"),
     "jupyter_rfb": Releases("1.0", "1.0"),
 }

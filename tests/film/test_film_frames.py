@@ -20,6 +20,7 @@ def rendered(spp: int) -> glpath.Film:
     )
 
 
+@pytest.mark.filterwarnings("ignore:The behavior of DataFrame concatenation:FutureWarning")  # pandas before 3
 def test_what_renders_took_are_rows_that_join() -> None:
     pandas = pytest.importorskip("pandas", reason="needs the extra frames")
     films = [rendered(2), rendered(16)]

@@ -140,6 +140,7 @@ def test_without_a_driver_measure_ends_with_the_remedy(tmp_path: Path) -> None:
 
 def test_notebooks_say_what_is_missing(tmp_path: Path) -> None:
     pytest.importorskip("jupyter_rfb", reason="needs the extra jupyter")
+    pytest.importorskip("IPython", "8.24", reason="older ones need fcntl where they are not on Windows")
     code = """
 from glpath.errors import ContextError
 import glpath
