@@ -75,7 +75,7 @@ def test_a_remote_frame_buffer_has_a_page() -> None:
 
 
 def test_what_is_gone_is_named_with_the_releases_that_have_it() -> None:
-    wanted = rf"trimesh {version('trimesh')} has no SimpleNamespace\._cache.* 4\.6 to"
+    wanted = rf"trimesh {version('trimesh')} has no SimpleNamespace\._cache.* 4\.7 to"
     with pytest.raises(GlpathError, match=wanted):
         private_interfaces.given_trimesh_normals(SimpleNamespace())
 
