@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 
 from glpath.errors import warn
-from glpath.film.image import luminance
 from glpath.io.plain_background import with_plain_background
 from glpath.scene.camera import framing
+from glpath.scene.emitted import emitted_radiance
 from glpath.scene.model import Camera, Scene, Shape, Sky
 from glpath.scene.source_location import shown
 from glpath.scene.studio import studio
@@ -109,19 +109,8 @@ def _lamps_light(scene: Scene) -> bool:
 
     A filament or a row of diodes does not; what is lit by nothing else would be a black picture.
     """
-    lower, upper = scene.bounds
-    x, y, z = upper - lower
-    around = 2 * (x * y + y * z + z * x)
-    power = 0.0  # over pi
-    for number, shape in enumerate(scene.shapes):
-        if not shape.emits or shape.primitive != "triangle" or _glows(scene, shape):
-            continue
-        emission, slot = shape.emission, scene.materials[shape.material].emission_texture
-        if slot is not None:
-            emission = emission * scene.textures[slot.texture].mean
-        sides = 2 if shape.emission_two_sided else 1
-        power += sides * float(luminance(emission)) * float(scene.areas[scene.shapes.ranges[number]].sum())
-    return power > _LAMP * float(around)
+    lamps = (shape for shape in scene.shapes if shape.primitive == "triangle" and not _glows(scene, shape))
+    return emitted_radiance(scene, lamps) > _LAMP
 
 
 def _glows(scene: Scene, shape: Shape) -> bool:

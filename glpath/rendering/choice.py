@@ -25,6 +25,7 @@ from glpath.integrators.settings import IntegratorSettings
 from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering.options import options, settings_of
 from glpath.scene import Environment, Scene, path_traceable
+from glpath.scene.emitted import emitted_radiance
 
 #: Solving a scene of more takes longer than a picture, under a sky most of all, as each side casts rays to it.
 #: Processor seconds until a picture looks clean, by paths and by a gather: 10 and 50 (`benchmarks scene helmet`,
@@ -32,6 +33,8 @@ from glpath.scene import Environment, Scene, path_traceable
 MAX_TRIANGLES = 40_000
 #: Pixels of a thumbnail: paths have it clean before a solver is loaded.
 THUMBNAIL = 96 * 96
+#: Of a sky's mean radiance: what emits less, on a box around the scene, is a part of its look (a screen, a diode).
+FAINT = 0.1
 # An option that one has, and those before it have not, chooses it.
 _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSettings)
 #: Of paths in a scene whose ambient light stands for further bounces.
@@ -87,12 +90,17 @@ def _has_ambient(scene: Scene) -> bool:
 
 
 def _stands_free(scene: Scene) -> bool:
-    """Whether a sky alone lights it, and it is seen from outside: light comes straight or by few bounces then.
+    """Whether a sky lights it, and nothing else by much, and it is seen from outside: light comes straight or by
+    few bounces then.
 
     That is not worth a solution, to which each element under a sky casts many rays.
     """
-    if scene.sky is None or scene.lights or any(shape.emits for shape in scene.shapes):
-        return isinstance(scene.sky, Environment) and scene.sky.assumed  # what glows in a studio lights little
+    if scene.sky is None or scene.lights:
+        return False
+    if isinstance(scene.sky, Environment) and scene.sky.assumed:
+        return True  # a studio, which stands in for light where nothing sends much
+    if emitted_radiance(scene, scene.shapes) > FAINT * scene.sky.mean_integral / (4 * math.pi):
+        return False
     lower, upper = scene.bounds
     return bool(np.any((scene.camera.position < lower) | (scene.camera.position > upper)))
 

@@ -204,7 +204,7 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(folder)], check=True)
 
 
-@pytest.mark.filterwarnings("ignore:Exception ignored in:pytest.PytestUnraisableExceptionWarning")  # ZipFile of numpy 1
+@pytest.mark.filterwarnings("ignore:Exception ignored in:pytest.PytestUnraisableExceptionWarning")  # numpy 1
 def test_a_full_disk_leaves_the_old_file_and_no_half_one(tiny_disk: Path, make_film: MakeFilm) -> None:
     large = make_film([(0, 8)], (200, 200))
     for suffix in (".exr", ".npz", ".png"):

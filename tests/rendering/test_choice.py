@@ -16,6 +16,7 @@ from glpath.integrators.settings import DEEPEST, IntegratorSettings
 from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering import RenderJob, choice
 from glpath.scene import Scene
+from glpath.scene.emitted import emitted_radiance
 from glpath.sensors.sensor import PointSensor
 from tests.support.terrain import Hills
 
@@ -86,6 +87,25 @@ def test_what_stands_free_under_a_sky_is_path_traced_without_a_solution(camera: 
     assert isinstance(of(seen), PathSettings) == free
     lit = scene(FLOOR, LAMP, sky={"zenith": 1.0})
     assert isinstance(of(lit), GatherSettings)
+
+
+@pytest.mark.parametrize(("emission", "free"), [(0.05, True), (20.0, False)])
+def test_what_glows_faintly_under_a_sky_stands_free_all_the_same(emission: float, free: bool) -> None:
+    """A helmet with diodes on it: a solution took ten times as long as the picture."""
+    screen = {**LAMP, "emission": {"radiance": emission}}
+    seen = scene(FLOOR, screen, sky={"zenith": 1.0}, camera={"position": [0, 2, 6], "target": [0, 1, 0], "fov": 45})
+    assert isinstance(of(seen), PathSettings) == free
+
+
+def test_the_light_of_a_plate_on_the_box_around_it() -> None:
+    """A plate of 1 x 1 of radiance 3 in a box of 2 x 2 x 2: a 24th of the radiance, both ways twice as much."""
+    crossing = {**FLOOR, "corners": [[-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1]]}
+    plate = {**LAMP, "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
+    seen = scene(crossing, {**plate, "emission": {"radiance": 3.0}})
+    assert emitted_radiance(seen, seen.shapes) == pytest.approx(3 / 24)
+    both = scene(crossing, {**plate, "emission": {"radiance": 3.0, "two_sided": True}})
+    assert emitted_radiance(both, both.shapes) == pytest.approx(6 / 24)
+    assert emitted_radiance(seen, []) == 0
 
 
 def test_what_moves_while_the_shutter_is_open_is_path_traced() -> None:
