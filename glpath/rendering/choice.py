@@ -34,7 +34,7 @@ MAX_TRIANGLES = 40_000
 #: Pixels of a thumbnail: paths have it clean before a solver is loaded.
 THUMBNAIL = 96 * 96
 #: Of a sky's mean radiance: what emits less, on a box around the scene, is a part of its look (a screen, a diode).
-FAINT = 0.1
+FAINT = 0.25
 # An option that one has, and those before it have not, chooses it.
 _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSettings)
 #: Of paths in a scene whose ambient light stands for further bounces.
