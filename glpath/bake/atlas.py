@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from glpath.bake.overlaps import overlapping
 from glpath.bake.pieces import pieces
 from glpath.bake.steps import corners_in_steps, points_in_steps, power_of_two, rounded
+from glpath.bake.xatlas_workers import atlas_of
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
@@ -326,19 +327,19 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
     areas = scene.areas  # found anew at each call
     area = sum(of**2 * float(areas[triangles].sum()) for triangles, _, of in models)
     finer = min(max(rounded(_CHART_PAGE / (texels * math.sqrt(2 * area))), 1.0), _FINER)
-    atlas = xatlas.Atlas()
-    for part in models:
-        atlas.add_mesh(*_corners(scene, part, unit))
-    pack = xatlas.PackOptions()
-    pack.texels_per_unit, pack.padding, pack.resolution = finer * texels * unit, _MIN_PADDING, 0
-    atlas.generate(pack_options=pack)
-    made: list[Charts] = []
-    for i in range(len(models)):
-        _, faces, uv = atlas[i]
-        faces = faces.reshape(-1, 3)
-        on_a_page = atlas.get_mesh_vertex_assignment(i)[0][faces[:, 0]] < int(atlas.atlas_count)
-        corners = uv * (np.array([atlas.width, atlas.height]) / pack.texels_per_unit)
-        made.append((corners.astype(np.float32), faces[on_a_page].astype(np.uint32), np.flatnonzero(on_a_page)))
+    with atlas_of(xatlas) as atlas:
+        for part in models:
+            atlas.add_mesh(*_corners(scene, part, unit))
+        pack = xatlas.PackOptions()
+        pack.texels_per_unit, pack.padding, pack.resolution = finer * texels * unit, _MIN_PADDING, 0
+        atlas.generate(pack_options=pack)
+        made: list[Charts] = []
+        for i in range(len(models)):
+            _, faces, uv = atlas[i]
+            faces = faces.reshape(-1, 3)
+            on_a_page = atlas.get_mesh_vertex_assignment(i)[0][faces[:, 0]] < int(atlas.atlas_count)
+            corners = uv * (np.array([atlas.width, atlas.height]) / pack.texels_per_unit)
+            made.append((corners.astype(np.float32), faces[on_a_page].astype(np.uint32), np.flatnonzero(on_a_page)))
     return [
         (corners * np.float32(scales[i] / scales[first[k]]), faces, which)
         for i, k in enumerate(kind)
@@ -385,40 +386,40 @@ def _packed(
 
     charts : of each part, from `_charts`
     """
-    atlas = xatlas.Atlas()
     unit = _unit(scene, parts)
-    for i, part in enumerate(parts):
-        if charts is None:
-            atlas.add_mesh(*_corners(scene, part, unit))
-        else:
-            atlas.add_uv_mesh(*charts[i][:2])
-    pack = xatlas.PackOptions()
-    pack.texels_per_unit, pack.padding = texels * unit, padding
-    pack.resolution = 0 if size is None else size
-    atlas.generate(pack_options=pack)
-    made: list[tuple[Any, ...]] = []
-    for i, (of_part, side, _) in enumerate(parts):
-        triangles = of_part if charts is None else of_part[charts[i][2]]
-        _, faces, uv = atlas[i]
-        page_of, chart_of = atlas.get_mesh_vertex_assignment(i)
-        faces = faces.reshape(-1, 3)
-        assert len(faces) == len(triangles), "xatlas keeps faces"
-        corners = (uv.astype(np.float64) * [atlas.width, atlas.height])[faces]
-        made.append(
-            (
-                triangles,
-                np.full(len(triangles), side),
-                page_of[faces[:, 0]].astype(np.int64),
-                np.stack([np.full(len(triangles), i), chart_of[faces[:, 0]]], axis=1),
-                corners[:, ::-1] if side else corners,
+    with atlas_of(xatlas) as atlas:
+        for i, part in enumerate(parts):
+            if charts is None:
+                atlas.add_mesh(*_corners(scene, part, unit))
+            else:
+                atlas.add_uv_mesh(*charts[i][:2])
+        pack = xatlas.PackOptions()
+        pack.texels_per_unit, pack.padding = texels * unit, padding
+        pack.resolution = 0 if size is None else size
+        atlas.generate(pack_options=pack)
+        made: list[tuple[Any, ...]] = []
+        for i, (of_part, side, _) in enumerate(parts):
+            triangles = of_part if charts is None else of_part[charts[i][2]]
+            _, faces, uv = atlas[i]
+            page_of, chart_of = atlas.get_mesh_vertex_assignment(i)
+            faces = faces.reshape(-1, 3)
+            assert len(faces) == len(triangles), "xatlas keeps faces"
+            corners = (uv.astype(np.float64) * [atlas.width, atlas.height])[faces]
+            made.append(
+                (
+                    triangles,
+                    np.full(len(triangles), side),
+                    page_of[faces[:, 0]].astype(np.int64),
+                    np.stack([np.full(len(triangles), i), chart_of[faces[:, 0]]], axis=1),
+                    corners[:, ::-1] if side else corners,
+                )
             )
-        )
+        page_size, pages = (int(atlas.width), int(atlas.height)), int(atlas.atlas_count)
     columns = [np.concatenate(column) for column in zip(*made, strict=True)]
-    on_a_page = columns[2] < int(atlas.atlas_count)  # what xatlas takes for no area has another number
+    on_a_page = columns[2] < pages  # what xatlas takes for no area has another number
     triangle, side_of, page, chart, corners = (column[on_a_page] for column in columns)
     _, number = np.unique(chart, axis=0, return_inverse=True)
-    page_size = (int(atlas.width), int(atlas.height))
-    return Atlas(triangle, side_of, page, number.ravel(), corners, page_size, int(atlas.atlas_count), texels)
+    return Atlas(triangle, side_of, page, number.ravel(), corners, page_size, pages, texels)
 
 
 def _unit(scene: Scene, parts: list[Part]) -> float:

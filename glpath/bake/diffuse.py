@@ -39,8 +39,7 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
                     share *= texture_at(scene.textures[slot.texture], look.slot_uv(slot, triangle[own], b[own]))[
                         :, channel
                     ]
-            f0, f90 = material.dielectric
-            layer = float((f0 + (f90 - f0) / 21.0).max())
+            layer = float(material.dielectric_albedo.max())
             coat = material.clearcoat * (0.04 + 0.96 / 21.0)
             glass = (1 - metallic) * clear
             clear = clear + (1 - clear) * material.diffuse_transmission

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glpath.scene.directional_albedo import CELLS, cells, directional_albedo
+from glpath.scene.directional_albedo import CELLS, cells, directional_albedo, schlick_albedo
 from glpath.scene.geometry import Float64
 from glpath.scene.material import (
     CHARLIE_LAMBDA,
@@ -69,7 +69,7 @@ MATERIAL_VARIANTS = {
         "a rough material's diffuse base lets light through", lambda m: _rough(m) and m.diffuse_transmission > 0
     ),
     "HAS_MULTIPLE_SCATTERING": MaterialVariant(
-        "rough metal or rough glass keeps what it scatters more than once", lambda m: m.keeps_energy
+        "a material keeps what its microfacets scatter more than once", lambda m: m.keeps_energy
     ),
     "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
@@ -117,21 +117,22 @@ def _dielectric(m: Material) -> list[float]:
 
 
 def _bends(m: Material) -> bool:
-    return m.keeps_energy and m.transmission > 0 and not m.thin
+    return m.keeps_energy and m.transmission > 0 and not m.thin and not m.is_smooth
 
 
 def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:
     """Of each index of rough glass its first cells of `albedo_cells`, from outside and from inside."""
     indices = dict.fromkeys(m.ior for m in materials if _bends(m))
-    return [(ior, (2 * i + 1) * CELLS**2, (2 * i + 2) * CELLS**2) for i, ior in enumerate(indices)]
+    return [(ior, (2 * i + 2) * CELLS**2, (2 * i + 3) * CELLS**2) for i, ior in enumerate(indices)]
 
 
 def albedo_cells(materials: Sequence[Material]) -> Float64:
-    """(cells, 1, 4) float64: of white metal, then of each index of rough glass; none where none keeps energy."""
+    """(cells, 1, 4) float64: of white metal, of Schlick's weight, of each index of rough glass; or none."""
     if not any(m.keeps_energy for m in materials):
         return np.zeros((0, 1, 4))
-    etas = [0.0] + [eta for ior, *_ in _glass_cells(materials) for eta in (ior, 1.0 / ior)]
-    return np.concatenate([cells(directional_albedo(eta)) for eta in etas])[:, None, :]
+    etas = [eta for ior, *_ in _glass_cells(materials) for eta in (ior, 1.0 / ior)]
+    tables = [directional_albedo(0.0), schlick_albedo(), *map(directional_albedo, etas)]
+    return np.concatenate([cells(table) for table in tables])[:, None, :]
 
 
 def material_table(materials: Sequence[Material]) -> Float64:

@@ -30,7 +30,7 @@ from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
-from glpath.scene.directional_albedo import CELLS
+from glpath.scene.directional_albedo import CELLS, escapes
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
 #: The contents of an entry's texels, in order, by section.
@@ -131,6 +131,7 @@ def scene_glsl() -> str:
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += [f"const int ALBEDO_CELLS = {CELLS};", *sheen_glsl()]
+    lines += [f"const float ESCAPES[5] = float[5]({', '.join(f'{c:.6f}' for c in escapes())});"]
     lines += ["vec3 vertex_position(uint number) { return vertex_texel(int(number), VERTEX_POSITION).xyz; }"]
     lines += [
         "int shape_of(int primitive)",

@@ -1,13 +1,17 @@
-"""What rough metal and rough glass send back of light from everywhere when their microfacets scatter it once.
+"""What rough surfaces send back of light from everywhere when their microfacets scatter it once.
 
 The rest is light that meets another microfacet. Where it is kept (`Material.multiple_scattering`), the lobes are
-divided by this albedo of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. Of a
-colour, every further scattering takes its share: a lobe's factor is 1 + F0 (1 - E) / E.
+divided by this albedo E of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. Of a
+colour, every further scattering takes its share F: a lobe's factor is 1 + F x / (1 - F (1 - x)) (1 - E) / E, with x
+the share of the light that leaves after a further scattering (`escapes`). For a dielectric E is f0 (E - B) + f90 B,
+with B of Schlick's weight (`schlick_albedo`); its base has what that leaves.
 
-Cost:    0.1 s a table of an index, made once; read by one texel a vertex.
+Cost:    0.1 s a table of an index, made once; read by one texel a vertex, by two of a dielectric.
 Poor at: anisotropy, of which the table has the mean roughness; rough light at grazing incidence, as what is added
          has the lobe of what is there. It is not reciprocal.
-Source:  Turquin 2019, Practical multiple scattering compensation for microfacet models, 3.1 and 3.4.
+Source:  Turquin 2019, Practical multiple scattering compensation for microfacet models, 3.1 and 3.4, whose x is 1;
+         Kulla & Conty 2017, whose x is the mean of E. Light that walks from microfacet to microfacet [Heitz et
+         al. 2016] is between: tests/pictures/test_kept_energy.py has it.
 """
 
 from __future__ import annotations
@@ -35,7 +39,51 @@ def directional_albedo(eta: float) -> Float64:
     return np.stack([_scattered_once(cosine, float(max(r, 1e-3) ** 2), eta) for r in steps])
 
 
-def _scattered_once(cosine: Float64, alpha: float, eta: float) -> Float64:
+@lru_cache(maxsize=1)
+def schlick_albedo() -> Float64:
+    """(CELLS + 1, CELLS + 1) float64 in [0, 1]: the same of what reflects (1 - cosine to the microfacet)^5."""
+    steps = np.arange(CELLS + 1) / CELLS
+    cosine = np.maximum(steps**2, 1e-4)
+    return np.stack([_scattered_once(cosine, float(max(r, 1e-3) ** 2), 0.0, schlick=True) for r in steps])
+
+
+@lru_cache(maxsize=1)
+def escapes() -> Float64:
+    """(5,) float64, from the constant on: a polynomial of the roughness, the share of light that leaves rough metal
+    after a further scattering, about.
+
+    The mean of E over the cosine to the power 0.6, which is between the two sources' and nearest to the walk.
+    """
+    steps, mean = np.arange(CELLS + 1) / CELLS, _over_the_cosine(directional_albedo(0.0))
+    return np.polynomial.Polynomial.fit(steps, mean**0.6, 4, domain=[0, 1], window=[0, 1]).coef
+
+
+def hemispherical_albedo(f0: Float64, f90: float, roughness: float, kept: bool) -> Float64:
+    """(3,) float64: of light from everywhere, what microfacets reflect of it all around.
+
+    f0, f90 : what they reflect at normal (3,) and at grazing incidence
+    kept    : with what they scatter more than once
+    """
+    steps = np.arange(CELLS + 1) / CELLS
+    whole, grazing = (
+        float(np.interp(roughness, steps, _over_the_cosine(table)))
+        for table in (directional_albedo(0.0), schlick_albedo())
+    )
+    once = f0 * (whole - grazing) + f90 * grazing
+    if not kept:
+        return np.asarray(once)
+    F, left = f0 + (f90 - f0) / 21.0, float(np.polynomial.polynomial.polyval(min(roughness, 1.0), escapes()))
+    return np.asarray(once * (1.0 + (1.0 / whole - 1.0) * F * left / (1.0 - F * (1.0 - left))))
+
+
+def _over_the_cosine(table: Float64) -> Float64:
+    """(CELLS + 1,) float64: the mean over the directions of light, by the cosine, for each roughness."""
+    cosine = (np.arange(CELLS + 1) / CELLS) ** 2
+    sent = 2.0 * cosine * table
+    return np.asarray((0.5 * (sent[:, 1:] + sent[:, :-1]) * np.diff(cosine)).sum(axis=1))
+
+
+def _scattered_once(cosine: Float64, alpha: float, eta: float, schlick: bool = False) -> Float64:
     """(n,) of (n,), by the midpoint rule over the normals that are seen [Dupuy & Benyoub 2023]."""
     phi = np.pi * (np.arange(_AZIMUTHS)[:, None] + 0.5) / _AZIMUTHS
     # Denser towards the normals that lean most: they are few, and send light below the surface.
@@ -52,6 +100,8 @@ def _scattered_once(cosine: Float64, alpha: float, eta: float) -> Float64:
     mx, mz = mx / length, mz / length
     o = x * mx + z * mz  # cosine to the microfacet
     reflected = _seen(2.0 * o * mz - z, alpha)
+    if schlick:
+        reflected = reflected * np.clip(1.0 - o, 0.0, 1.0) ** 5
     if eta == 0:
         return np.asarray((weight * reflected).mean(axis=(1, 2)))
     sine2 = (1.0 - o * o) / (eta * eta)

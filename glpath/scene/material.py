@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
+from glpath.scene.directional_albedo import hemispherical_albedo
 from glpath.scene.geometry import Float64
 from glpath.scene.iridescence import film_reflects
 from glpath.scene.slab import hemispherical
@@ -154,8 +155,9 @@ class Material:
     iridescence      : in [0, 1], share of what metal and dielectric reflect that is under a thin film
     iridescence_ior  : the film's index, >= 1; iridescence_thickness nm, and iridescence_thickness_min where
                        its texture is 0 [KHR_materials_iridescence]
-    multiple_scattering : light that microfacets of metal and of glass scatter more than once is kept, about; False:
-                       it is lost, as in Mitsuba
+    multiple_scattering : light that microfacets scatter more than once is kept, about, and the base under a
+                       dielectric has all that it does not reflect; False: the first is lost, as in Mitsuba, and
+                       the base has what glTF's formula gives it, up to 3 % more or less
     unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
                        any emission does
     opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
@@ -253,9 +255,11 @@ class Material:
 
     @property
     def keeps_energy(self) -> bool:
-        """It has rough metal or rough glass, and keeps what their microfacets scatter more than once."""
-        rough = self.roughness is not None and not self.is_smooth
-        return rough and self.multiple_scattering and (self.metallic > 0 or self.transmission > 0)
+        """It keeps what its microfacets scatter more than once, or has a base under a dielectric."""
+        if self.roughness is None or not self.multiple_scattering:
+            return False
+        has_base = self.metallic < 1 and self.transmission < 1 and self.specular_weight > 0
+        return has_base or (not self.is_smooth and (self.metallic > 0 or self.transmission > 0))
 
     @property
     def is_thin_dielectric(self) -> bool:
@@ -295,8 +299,9 @@ class Material:
 
         clear : share of the base that is let through and not counted here
 
-        By Schlick's formula, whose mean over the cosine is 1/21 from normal to grazing incidence. For solvers
-        to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would never end.
+        For solvers to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would
+        never end. Of glass and under a thin film roughness does not count: the mean of Schlick's formula over the
+        cosine is 1/21 from normal to grazing incidence.
         """
         if not self.has_lobes:
             return base
@@ -308,9 +313,10 @@ class Material:
         layer, sheen, coat = self._layers()
         kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
         under = layer + (1.0 - layer.max()) * base * kept
-        metal = base + (1.0 - base) / 21.0
         if self.iridescence > 0:
-            metal = self._under_film(metal, base)
+            metal = self._under_film(base + (1.0 - base) / 21.0, base)
+        else:
+            metal = hemispherical_albedo(base, 1.0, self.roughness, self.multiple_scattering)
         covered = self.metallic * metal + (1.0 - self.metallic) * under
         if np.any(sheen > 0):
             covered = sheen + (1.0 - sheen.max()) * covered
@@ -329,13 +335,20 @@ class Material:
         through = self.diffuse_transmission * left * self.diffuse_transmission_colour
         return np.asarray(np.clip(through, 0.0, _MAX_REFLECTED - self.hemispherical_reflectance(base, clear)))
 
+    @property
+    def dielectric_albedo(self) -> Float64:
+        """(3,) float64: what its dielectric reflects of light from everywhere."""
+        assert self.roughness is not None
+        f0, f90 = self.dielectric
+        if self.iridescence > 0:
+            return self._under_film(f0 + (f90 - f0) / 21.0, f0)
+        if self.transmission > 0:
+            return np.asarray(f0 + (f90 - f0) / 21.0)
+        return hemispherical_albedo(f0, f90, self.roughness, self.multiple_scattering)
+
     def _layers(self) -> tuple[Float64, Float64, float]:
         """What the dielectric (3,), sheen (3,) and the clearcoat reflect of light from everywhere, each alone."""
-        f0, f90 = self.dielectric
-        layer = f0 + (f90 - f0) / 21.0
-        if self.iridescence > 0:
-            layer = self._under_film(layer, f0)
-        sheen = np.zeros(3)
+        layer, sheen = self.dielectric_albedo, np.zeros(3)
         if np.any(self.sheen > 0):
             cosine = (np.arange(32) + 0.5) / 32
             sheen = self.sheen * 2.0 * np.mean(cosine * np.minimum(sheen_albedo(cosine, self.sheen_alpha), 1.0))

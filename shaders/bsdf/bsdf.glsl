@@ -53,6 +53,7 @@ struct Bsdf
 #ifdef HAS_MULTIPLE_SCATTERING
     vec3 metal_gain;    // by which metal's lobe makes up for light that it would scatter more than once
     float glass_share;  // of what is layered
+    float base_share;   // of light, what a dielectric leaves for the base; below 0: by the half vector's angle
 #endif
 #ifdef HAS_DIFFUSE_TRANSMISSION
     vec3 diffuse_through;  // what Lambert's base sends to the other side
@@ -76,6 +77,7 @@ Bsdf lambertian(vec3 reflectance)
 #ifdef HAS_MULTIPLE_SCATTERING
     b.metal_gain = vec3(1.0);
     b.glass_share = 0.0;
+    b.base_share = -1.0;
 #endif
 #ifdef HAS_DIFFUSE_TRANSMISSION
     b.diffuse_through = vec3(0.0);
@@ -155,6 +157,9 @@ vec3 microfacet_reflects(Bsdf b, float cosine)
 // What is left for the base under a dielectric.
 float base_transmittance(Bsdf b, float cosine)
 {
+#ifdef HAS_MULTIPLE_SCATTERING
+    if (b.base_share >= 0.0) return b.base_share;
+#endif
     vec3 F = dielectric_reflects(b, cosine);
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
 }

@@ -1,7 +1,7 @@
 // surface.glsl: what is hit, and what it does with light: the only file that reads materials and textures.
 // Needs:  <SCENE>; where the scene has them:
 //         HAS_NORMALS             normals to shade with that are not the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
-//         HAS_MULTIPLE_SCATTERING rough metal and glass that keep their energy
+//         HAS_MULTIPLE_SCATTERING microfacets that keep their energy
 //         HAS_COAT_NORMALS        clearcoats with other normals than their base
 //         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
 //                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
@@ -484,10 +484,9 @@ Bsdf bsdf_at(Surface s, bool front)
 
 #ifdef HAS_MULTIPLE_SCATTERING
 // Of microfacets that reflect or let through all, what they do so once; first: cell of the table.
-float directional_albedo(int first, float cosine, vec2 alpha)
+float directional_albedo(int first, float cosine, float roughness)
 {
-    float roughness = sqrt(sqrt(0.5 * dot(alpha, alpha)));
-    vec2 at = vec2(sqrt(clamp(cosine, 0.0, 1.0)), min(roughness, 1.0)) * float(ALBEDO_CELLS);
+    vec2 at = vec2(sqrt(clamp(cosine, 0.0, 1.0)), roughness) * float(ALBEDO_CELLS);
     ivec2 cell = min(ivec2(at), ivec2(ALBEDO_CELLS - 1));
     vec4 corners = albedo_texel(first + cell.y * ALBEDO_CELLS + cell.x, ALBEDO_CORNERS);
     vec2 part = at - vec2(cell);
@@ -495,16 +494,42 @@ float directional_albedo(int first, float cosine, vec2 alpha)
     return mix(along.x, along.y, part.y);
 }
 
-// Turquin 2019, eq. 15 and 3.4: what is lost comes back in the lobe that lost it, of metal times its colour.
+// Over light that is reflected once, at a colour F0 at normal incidence and `grazing` at the other, what is reflected
+// more often: the rest of white light, of which each further scattering takes its share (glpath/scene/directional_albedo.py).
+vec3 further(vec3 F0, float grazing, float lost, float roughness)
+{
+    float left = ESCAPES[0] + roughness * (ESCAPES[1] + roughness * (ESCAPES[2] + roughness * (ESCAPES[3] + roughness * ESCAPES[4])));
+    vec3 F = F0 + (grazing - F0) * (1.0 / 21.0);  // Schlick's mean over the cosine
+    return lost * F * left / max(1.0 - F * (1.0 - left), 1e-6);
+}
+
+// Turquin 2019, eq. 15 and 3.4: what is lost comes back in the lobe that lost it. The base has what a dielectric leaves.
 void keep_energy(inout Bsdf b, int material, bool front, float cosine)
 {
     vec4 energy = material_texel(material, MATERIAL_ENERGY);
-    if (energy.x == 0.0 || max(b.alpha.x, b.alpha.y) < SMOOTH) return;
-    float once = directional_albedo(0, cosine, b.alpha), lost = 1.0 / once - 1.0;
-    b.metal_gain = 1.0 + b.metal * (lost / max(b.metallic, 1e-6));
+    if (energy.x == 0.0) return;
+    bool has_base = b.layered > 0.0 && b.grazing > 0.0 && b.glass_share <= 0.0;
+#ifdef HAS_IRIDESCENCE
+    has_base = has_base && b.film.x <= 0.0;
+#endif
+    if (max(b.alpha.x, b.alpha.y) < SMOOTH) {
+        vec3 F = dielectric_reflects(b, cosine);
+        if (has_base) b.base_share = 1.0 - max(F.r, max(F.g, F.b));
+        return;
+    }
+    float roughness = min(sqrt(sqrt(0.5 * dot(b.alpha, b.alpha))), 1.0);
+    float once = directional_albedo(0, cosine, roughness), lost = 1.0 / once - 1.0;
+    b.metal_gain = 1.0 + further(b.metal / max(b.metallic, 1e-6), 1.0, lost, roughness);
+    if (has_base) {
+        float grazing = directional_albedo(ALBEDO_CELLS * ALBEDO_CELLS, cosine, roughness);
+        vec3 F = b.dielectric * (once - grazing) + b.grazing * grazing;
+        float gain = 1.0 + mean(further(b.dielectric, b.grazing, lost, roughness));
+        b.layered *= gain;
+        b.base_share = max(1.0 - gain * max(F.r, max(F.g, F.b)), 0.0);
+    }
 #ifdef HAS_GLASS
     if (b.glass_share <= 0.0) return;
-    if (b.eta > 0.0) lost = 1.0 / directional_albedo(int(front ? energy.y : energy.z), cosine, b.alpha) - 1.0;
+    if (b.eta > 0.0) lost = 1.0 / directional_albedo(int(front ? energy.y : energy.z), cosine, roughness) - 1.0;
     b.layered *= 1.0 + b.glass_share * lost;
     b.transmission *= 1.0 + lost;
 #endif

@@ -166,8 +166,8 @@ class Principled(Surface, tag="principled", kw_only=True):
     multiple_scattering: Annotated[
         bool,
         Meta(
-            description="true: rough metal and glass keep the light that their microfacets scatter more than once. "
-            "false: it is lost, as in Mitsuba, and white ones are darker the rougher they are."
+            description="true: rough surfaces keep the light that their microfacets scatter more than once. "
+            "false: it is lost, as in Mitsuba, and white metal is darker the rougher it is."
         ),
     ] = True
     clearcoat: Annotated[_Share, Meta(description="Share that is under a clearcoat.")] = 0.0
