@@ -12,10 +12,8 @@ import pytest
 from glpath.bake import xatlas_workers
 from glpath.bake.xatlas_workers import atlas_of, until_asleep
 
-PLATE = (
-    np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32),
-    np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
-)
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
 TASKS = Path("/proc/self/task")
 linux = pytest.mark.skipif(not TASKS.exists(), reason="threads are seen on Linux")
 
@@ -29,9 +27,8 @@ def test_an_atlas_is_let_go_when_its_threads_sleep() -> None:
             atlas.add_mesh(CORNERS, FACES)
             atlas.generate()
             faces = atlas[0][1]
-        states = [
-            (path / "stat").read_text().rpartition(")")[2].split()[0] for path in set(TASKS.iterdir()) - before
-        ]
+        own = set(TASKS.iterdir()) - before
+        states = [(path / "stat").read_text().rpartition(")")[2].split()[0] for path in own]
         assert states
         assert set(states) == {"S"}
         assert faces.shape == (2, 3)
