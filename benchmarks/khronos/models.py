@@ -90,6 +90,8 @@ def mark_of(file: Path) -> Mark:
         limits.append(SPECULAR)
     known = _AS_PLAIN | {extension for extension, _ in _FEATURES.values()}
     others = sorted(name.removeprefix("KHR_materials_") for name in used - known)
+    if document.get("animations") and document.get("skins"):
+        others.append("posed by an animation")  # Blender poses it by its first frame, glpath by its nodes
     if others:
         return Mark((*features, *others), None)
     return Mark(tuple(features) or ("metal and rough",), max(limits, default=PLAIN))

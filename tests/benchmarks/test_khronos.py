@@ -64,6 +64,14 @@ def test_a_mark_is_that_of_the_materials(tmp_path: Path, material: dict[str, Any
     assert mark_of(tmp_path / "a.glb") == mark_of(tmp_path / "model.gltf")
 
 
+def test_what_an_animation_poses_has_no_mark(tmp_path: Path) -> None:
+    file = Gltf().one_triangle()
+    file.add("skins", joints=[0])
+    assert mark_of(file.write(tmp_path)).limit is not None
+    file.add("animations", channels=[], samplers=[])
+    assert mark_of(file.write(tmp_path)).limit is None
+
+
 def test_a_difference_is_the_mean_of_eight_bit_values() -> None:
     one = np.full((20, 10, 3), 100, np.uint8)
     other = one.copy()
