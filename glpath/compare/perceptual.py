@@ -37,7 +37,7 @@ _SPOT = 0.1
 
 # How far FLIP looks for the value of one pixel, degrees: three standard deviations of its widest filter, that of
 # the contrast sensitivity for blue and yellow (exp(-pi^2 r^2 / 0.04)).
-_REACH = 3 * math.sqrt(0.04 / (2 * math.pi**2))
+_RADIUS = 3 * math.sqrt(0.04 / (2 * math.pi**2))
 
 # Its colour of no difference, the first of matplotlib's magma.
 _EQUAL = (0.001462, 0.000466, 0.013866)
@@ -121,8 +121,8 @@ def _differing(a: NDArray[np.float32], b: NDArray[np.float32], ppd: float) -> tu
     differ = (a != b).any(axis=2)
     if not differ.any():
         return None
-    # A pixel has a difference within reach of pixels that differ, and sees as far again.
-    margin = 2 * (math.ceil(_REACH * ppd) + 1)
+    # A pixel has a difference within that radius of pixels that differ, and sees as far again.
+    margin = 2 * (math.ceil(_RADIUS * ppd) + 1)
     spans = (np.flatnonzero(differ.any(axis=1 - axis)) for axis in (0, 1))
     rows, columns = (slice(max(int(span[0]) - margin, 0), int(span[-1]) + 1 + margin) for span in spans)
     return rows, columns
