@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def emitted_radiance(scene: Scene, shapes: Iterable[Shape]) -> float:
-    """Mean radiance, W m^-2 sr^-1, that shapes of the scene would have on a box around it, with nothing before them.
+    """Mean radiance, W m^-2 sr^-1, that shapes of the scene would have on a box around it, unobstructed.
 
     Infinite where one that emits is not of triangles. Textures of emission count by the mean of the picture.
     """
