@@ -55,7 +55,8 @@ def escapes() -> Float64:
     The mean of E over the cosine to the power 0.6, which is between the two sources' and nearest to the walk.
     """
     steps, mean = np.arange(CELLS + 1) / CELLS, _over_the_cosine(directional_albedo(0.0))
-    return np.polynomial.Polynomial.fit(steps, mean**0.6, 4, domain=[0, 1], window=[0, 1]).coef
+    fitted = np.polynomial.Polynomial.fit(steps, mean**0.6, 4, domain=[0, 1], window=[0, 1])
+    return np.asarray(fitted.coef, np.float64)
 
 
 def hemispherical_albedo(f0: Float64, f90: float, roughness: float, kept: bool) -> Float64:
