@@ -30,7 +30,8 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
         shape = scene.shapes[number]
         material = averaged(scene.materials[shape.material], scene.textures)
         if material.roughness is not None:
-            metallic, clear = np.full(len(own), material.metallic), np.full(len(own), material.transmission)
+            metallic = np.full(len(own), scene.materials[shape.material].metallic)  # which has its texture here
+            clear = np.full(len(own), material.transmission)
             for share, slot, channel in (
                 (metallic, material.surface_texture, 2),
                 (clear, material.transmission_texture, 0),

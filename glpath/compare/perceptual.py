@@ -102,7 +102,7 @@ def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool)
     if not 0 < ppd < math.inf:
         raise UsageError(f"ppd: found {ppd}, expected pixels per degree above 0.")
     evaluate = _evaluator()
-    a, b = (np.ascontiguousarray(encode_srgb(side), np.float32) for side in matching_pair(image, reference))
+    a, b = (encode_srgb(side).astype(np.float32) for side in matching_pair(image, reference))
     found = np.zeros((*a.shape[:2], 3 if colours else 1), np.float32)
     if colours:
         found[:] = _EQUAL

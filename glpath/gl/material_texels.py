@@ -117,7 +117,7 @@ def _dielectric(m: Material) -> list[float]:
 
 
 def _bends(m: Material) -> bool:
-    return m.keeps_energy and m.transmission > 0 and not m.thin and not m.is_smooth
+    return m.keeps_energy and m.scatters_repeatedly and m.transmission > 0 and not m.thin
 
 
 def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:

@@ -109,8 +109,7 @@ def _lamps_light(scene: Scene) -> bool:
 
     A filament or a row of diodes does not; what is lit by nothing else would be a black picture.
     """
-    lamps = (shape for shape in scene.shapes if shape.primitive == "triangle" and not _glows(scene, shape))
-    return emitted_radiance(scene, lamps) > _LAMP
+    return emitted_radiance(scene, lambda s: s.primitive == "triangle" and not _glows(scene, s)) > _LAMP
 
 
 def _glows(scene: Scene, shape: Shape) -> bool:

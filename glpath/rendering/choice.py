@@ -99,7 +99,7 @@ def _stands_free(scene: Scene) -> bool:
         return False
     if isinstance(scene.sky, Environment) and scene.sky.assumed:
         return True  # a studio, which stands in for light where nothing sends much
-    if emitted_radiance(scene, scene.shapes) > FAINT * scene.sky.mean_integral / (4 * math.pi):
+    if emitted_radiance(scene) > FAINT * scene.sky.mean_integral / (4 * math.pi):
         return False
     lower, upper = scene.bounds
     return bool(np.any((scene.camera.position < lower) | (scene.camera.position > upper)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from glpath.film.image import luminance
@@ -12,18 +12,16 @@ if TYPE_CHECKING:
     from glpath.scene.model import Scene, Shape
 
 
-def emitted_radiance(scene: Scene, shapes: Iterable[Shape]) -> float:
-    """Mean radiance, W m^-2 sr^-1, that shapes of the scene would have on a box around it, unobstructed.
+def emitted_radiance(scene: Scene, counts: Callable[[Shape], bool] = lambda shape: True) -> float:
+    """Mean radiance, W m^-2 sr^-1, that the shapes that count would have on a box around the scene, unobstructed.
 
     Infinite where one that emits is not of triangles. Textures of emission count by the mean of the picture.
     """
-    wanted = {id(shape) for shape in shapes if shape.emits}
     lower, upper = scene.bounds
     x, y, z = upper - lower
-    around = 2 * float(x * y + y * z + z * x)
     power = 0.0  # over pi
     for number, shape in enumerate(scene.shapes):
-        if id(shape) not in wanted:
+        if not shape.emits or not counts(shape):
             continue
         if shape.primitive != "triangle":
             return math.inf
@@ -32,4 +30,4 @@ def emitted_radiance(scene: Scene, shapes: Iterable[Shape]) -> float:
             emission = emission * scene.textures[slot.texture].mean
         sides = 2 if shape.emission_two_sided else 1
         power += sides * float(luminance(emission)) * float(scene.areas[scene.shapes.ranges[number]].sum())
-    return power / around if power else 0.0
+    return power / (2 * float(x * y + y * z + z * x)) if power else 0.0

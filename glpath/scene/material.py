@@ -255,11 +255,17 @@ class Material:
 
     @property
     def keeps_energy(self) -> bool:
-        """It keeps what its microfacets scatter more than once, or has a base under a dielectric."""
+        """It keeps what its microfacets scatter more than once, or its base has what a dielectric leaves."""
         if self.roughness is None or not self.multiple_scattering:
             return False
         has_base = self.metallic < 1 and self.transmission < 1 and self.specular_weight > 0
-        return has_base or (not self.is_smooth and (self.metallic > 0 or self.transmission > 0))
+        return has_base or self.scatters_repeatedly
+
+    @property
+    def scatters_repeatedly(self) -> bool:
+        """It has rough metal or rough glass, whose microfacets scatter much of the light more than once."""
+        rough = self.roughness is not None and not self.is_smooth
+        return rough and (self.metallic > 0 or self.transmission > 0)
 
     @property
     def is_thin_dielectric(self) -> bool:
@@ -400,8 +406,15 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
     def colour(slot: TextureSlot | None) -> Float64:
         return np.ones(3) if slot is None else textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
 
+    roughness, metallic = material.roughness, material.metallic
+    # Glass is divided among its base and what it lets through by its own share of metal (`clear`).
+    if roughness is not None and material.transmission == 0:
+        roughness *= mean(material.surface_texture, 1)
+        metallic *= mean(material.surface_texture, 2)
     return replace(
         material,
+        roughness=roughness,
+        metallic=metallic,
         clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
         specular_weight=material.specular_weight * mean(material.specular_texture, 3),
         specular_colour=material.specular_colour * colour(material.specular_colour_texture),

@@ -513,8 +513,7 @@ void keep_energy(inout Bsdf b, int material, bool front, float cosine)
     has_base = has_base && b.film.x <= 0.0;
 #endif
     if (max(b.alpha.x, b.alpha.y) < SMOOTH) {
-        vec3 F = dielectric_reflects(b, cosine);
-        if (has_base) b.base_share = 1.0 - max(F.r, max(F.g, F.b));
+        if (has_base) b.base_share = base_transmittance(b, cosine);
         return;
     }
     float roughness = min(sqrt(sqrt(0.5 * dot(b.alpha, b.alpha))), 1.0);

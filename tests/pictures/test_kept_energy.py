@@ -12,7 +12,8 @@ import glpath
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene.directional_albedo import CELLS, directional_albedo
-from glpath.scene.model import Float64, Material
+from glpath.scene.material import averaged
+from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from tests.reference.microfacet_walk import metal_albedo
 from tests.support.uniform_sky import furnace, plane_under_the_sky
 
@@ -113,6 +114,18 @@ def test_solvers_have_the_mean_of_what_paths_see(material: Material, roughness: 
     np.testing.assert_allclose(
         material.hemispherical_reflectance(material.reflectance), 2 * np.mean(cosines * sent), atol=atol
     )
+
+
+def test_solvers_have_roughness_and_metal_of_a_texture_in_the_mean() -> None:
+    """The factors of most models are 1, and their textures say what they are."""
+    picture = Texture("data", np.full((2, 2, 3), [0.0, 0.25, 0.5]))
+    slot = TextureSlot(0)
+    textured = replace(METAL, reflectance=np.full(3, 0.5), roughness=1.0, surface_texture=slot)
+    plain = replace(textured, surface_texture=None, roughness=0.25, metallic=0.5)
+    expected = plain.hemispherical_reflectance(plain.reflectance)
+    found = averaged(textured, [picture]).hemispherical_reflectance(textured.reflectance)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert expected[0] > textured.hemispherical_reflectance(textured.reflectance)[0] + 0.15
 
 
 def test_brushed_metal_keeps_about_all() -> None:

@@ -102,10 +102,10 @@ def test_the_light_of_a_plate_on_the_box_around_it() -> None:
     crossing = {**FLOOR, "corners": [[-1, -1, -1], [1, -1, -1], [1, 1, 1], [-1, 1, 1]]}
     plate = {**LAMP, "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}
     seen = scene(crossing, {**plate, "emission": {"radiance": 3.0}})
-    assert emitted_radiance(seen, seen.shapes) == pytest.approx(3 / 24)
+    assert emitted_radiance(seen) == pytest.approx(3 / 24)
     both = scene(crossing, {**plate, "emission": {"radiance": 3.0, "two_sided": True}})
-    assert emitted_radiance(both, both.shapes) == pytest.approx(6 / 24)
-    assert emitted_radiance(seen, []) == 0
+    assert emitted_radiance(both) == pytest.approx(6 / 24)
+    assert emitted_radiance(seen, lambda shape: False) == 0
 
 
 def test_what_moves_while_the_shutter_is_open_is_path_traced() -> None:

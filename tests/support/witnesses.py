@@ -262,7 +262,6 @@ def textures() -> dict[str, Witness]:
                 roughness=bitmap(0.8 * data[..., 1:2]),
                 metallic=bitmap(0.9 * data[..., 2:3]),
             ),
-            gather=0.01,  # to its solution rough metal is diffuse
         ),
         "transmission": Witness(
             room(

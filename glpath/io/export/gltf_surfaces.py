@@ -8,7 +8,6 @@ Poor at:  textures of more than eight bits.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -87,7 +86,7 @@ class Surfaces:
         else:
             roughness, metallic = material.roughness, material.metallic
             self._layers(made.extensions, material)
-            if replace(material, multiple_scattering=True).keeps_energy and not material.multiple_scattering:
+            if material.scatters_repeatedly and not material.multiple_scattering:
                 self._note(material, "light that its microfacets scatter twice is lost here, not where it is read")
         made.pbr_metallic_roughness = gltf_json.PbrMetallicRoughness(
             base_color_factor=[*np.clip(base, 0.0, 1.0).tolist(), opacity],

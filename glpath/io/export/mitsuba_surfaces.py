@@ -130,7 +130,7 @@ class _Surface:
             self._note("the thin film over it is left out")
         if material.culled:
             self._note("its back blocks light in Mitsuba")
-        if material.keeps_energy:
+        if material.multiple_scattering and material.scatters_repeatedly:
             self._note("Mitsuba loses what its microfacets scatter more than once, which is kept here")
         if material.slots.keys() & _UNSAID:
             self._note("textures of its layers, anisotropy and dielectric are left out")
