@@ -30,6 +30,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "path tracing: milliseconds by stage, and Mitsuba 3 at equal error",
         ("--scene", "--resolution", "--seeds", "--reference"),
     ),
+    "path-sets": (
+        "a path set of each engine: milliseconds, and those of all threads",
+        ("--rounds", "--scale"),
+    ),
     "gather": (
         "light of all bounces from radiosity: time to an error, beside path tracing and Mitsuba 3",
         ("--scene", "--resolution", "--seeds", "--reference", "--scale"),
@@ -44,6 +48,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "materials": (
         "a room with textures, glass and metal: time to an error, beside Mitsuba 3 with its own materials",
+        ("--seeds", "--scale"),
+    ),
+    "luminaires": (
+        "an office under 200 luminaires with profiles: time to an error, beside Mitsuba 3",
         ("--seeds", "--scale"),
     ),
     "defaults": (
@@ -136,8 +144,8 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="path-buffer, gather, denoise, materials, standard-scenes: independent renders to take errors "
-            "over; 3.",
+            help="path-buffer, gather, denoise, materials, luminaires, standard-scenes: independent renders to "
+            "take errors over; 3.",
         ),
     ] = None,
     reference: Annotated[
@@ -153,16 +161,17 @@ def bench(
         int | None,
         typer.Option(
             metavar="N",
-            help="defaults, t-buffer, textures, shafts, viewfactors, daylight, jobs, image-tests, start-up, "
-            "footprint: turns of each program, of which the median counts; 7.",
+            help="path-sets, defaults, t-buffer, textures, shafts, viewfactors, daylight, jobs, image-tests, "
+            "start-up, footprint: turns of each program, of which the median counts; 7.",
         ),
     ] = None,
     scale: Annotated[
         float | None,
         typer.Option(
             metavar="S",
-            help="gather, materials, defaults, t-buffer, textures, shafts, viewfactors, measure, cie171, lightmap, "
-            "jobs, parallel-rays, daylight, height-field, streamed-field, standard-scenes: below 1, less work; 1.",
+            help="path-sets, gather, materials, luminaires, defaults, t-buffer, textures, shafts, viewfactors, "
+            "measure, cie171, lightmap, jobs, parallel-rays, daylight, height-field, streamed-field, "
+            "standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
@@ -250,6 +259,14 @@ def _measure(
         from benchmarks.benches.denoise import TARGET, bench_denoise
 
         return bench_denoise(seeds, reference, scene, progress, target=target or TARGET)
+    if name == "path-sets":
+        from benchmarks.benches.path_sets import bench_path_sets
+
+        return bench_path_sets(scale, rounds, progress)
+    if name == "luminaires":
+        from benchmarks.benches.luminaires import bench_luminaires
+
+        return bench_luminaires(seeds, scale, progress)
     if name == "materials":
         from benchmarks.benches.materials import bench_materials
 

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.benches.equal_error import TARGET
-from benchmarks.benches.materials import Program, bias_of
+from benchmarks.benches.own_noise import Program, bias_of
 from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.errors import GlpathError, SceneWarning

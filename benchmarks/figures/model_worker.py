@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.peers.blender import view_of
 from glpath.errors import GlpathError
 from glpath.io import load_scene
 from glpath.io.completed import aside
 from glpath.io.export import export
 from glpath.rendering import render
-from glpath.scene import Scene
-from glpath.scene.sky import Environment
 from glpath.system.machine import peak_resident_bytes
 
 
@@ -74,19 +73,6 @@ def _rendered(asked: dict[str, Any]) -> dict[str, Any]:
         "render_peak_mib": peak,
         **view_of(scene),
     }
-
-
-def view_of(scene: Scene) -> dict[str, Any]:
-    """What another program that reads the file itself has to be told: the camera, and the light from around."""
-    camera = scene.camera
-    right, up, forward = camera.frame()
-    world_from_camera = np.eye(4)
-    world_from_camera[:3] = np.stack([right, up, -forward, camera.position], axis=1)
-    low, high = scene.bounds
-    size = float(np.linalg.norm(high - low))
-    far = float(np.linalg.norm(camera.position - 0.5 * (low + high))) + size
-    sky = None if scene.sky is None or isinstance(scene.sky, Environment) else scene.sky.zenith.tolist()
-    return {"camera": world_from_camera.tolist(), "fov": camera.fov, "clip": [1e-4 * size, far], "sky": sky}
 
 
 def mitsubas(asked: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,6 @@ Poor at: what Blender's importer reads otherwise than glTF says, such as backs t
 
 from __future__ import annotations
 
-import json
 import resource
 import subprocess
 import sys
@@ -24,11 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.figures.model_worker import view_of
 from benchmarks.khronos.models import Mark, SampleModel, mark_of
 from benchmarks.peers import other_python
+from benchmarks.peers.blender import render_model, view_of
 from glpath.errors import GlpathError
-from glpath.film.image import read_exr_channels, read_image, tonemap, write_exr
+from glpath.film.image import read_exr_channels, tonemap, write_exr
 from glpath.io import load_scene
 from glpath.io.completed import aside
 from glpath.scene.model import Float64
@@ -131,26 +130,14 @@ def _by_cycles(file: Path, side: int, folder: Path, view: dict[str, Any], row: d
     sky = folder / "sky-cycles.exr"
     # The middle of a map is along +x in Blender, along +z of glTF's axes in glpath.
     write_exr(sky, np.roll(studio().image, studio().image.shape[1] // 4, axis=1))
-    asked = {"file": str(file.resolve()), "side": side, "spp": _CYCLES_SPP, "max_depth": 33, "denoise": True}
-    asked |= {"folder": str(folder), "environment": str(sky), **view, "sky": None}
-    worker = Path(__file__).parents[1] / "peers" / "blender_worker.py"
+    asked = {"side": side, "spp": _CYCLES_SPP, "max_depth": 33, "denoise": True}
     try:
-        done = subprocess.run(
-            [other_python.python(), str(worker)],
-            input=json.dumps(asked),
-            capture_output=True,
-            text=True,
-            timeout=_PATIENCE,
-        )
-    except subprocess.TimeoutExpired:
-        row["cycles"] = f"no picture in {_PATIENCE:g} s"
+        theirs = render_model(file, {**asked, "environment": str(sky), **view, "sky": None}, _PATIENCE)
+    except GlpathError as error:
+        row["cycles"] = str(error).splitlines()[0]
         return None
-    if done.returncode:
-        row["cycles"] = (done.stderr.strip().splitlines() or ["no word"])[-1]
-        return None
-    answer = json.loads(done.stdout.strip().splitlines()[-1])
-    row |= {"cycles": answer["version"], "cycles_seconds": answer["render_seconds"]}
-    return read_image(folder / "blender.exr")
+    row |= {"cycles": theirs.version, "cycles_seconds": theirs.render_seconds}
+    return theirs.image
 
 
 def _in_words(row: dict[str, Any]) -> str:

@@ -3,8 +3,17 @@
     python blender_worker.py < ASKED
 
 ASKED is JSON: {"file", "side", "spp", "max_depth", "folder", "camera", "fov", "clip", "sky"}, the last four as
-`model_worker` answers them; and, where they are wanted, "environment", a map that stands in for the sky, and
-"denoise". FOLDER/blender.exr is the picture; the last line of standard output says how it went.
+`model_worker` answers them; and, where they are wanted,
+
+    environment : a map that stands in for the sky
+    denoise     : whether Cycles' denoiser follows
+    height      : where it is not the side
+    threshold   : of adaptive sampling
+    time_limit  : in seconds
+    seed        : 0 otherwise
+    warm        : a picture of one sample goes before, so that the time is without the tree and the kernels
+
+FOLDER/blender.exr is the picture; the last line of standard output says how it went.
 Nothing of glpath is imported here: the file, its materials and its lights are as Blender reads them.
 """
 
@@ -33,6 +42,10 @@ def main() -> None:
     scene = bpy.context.scene
     _look(bpy, scene, asked)
     _settle(scene, asked)
+    if asked.get("warm", False):
+        scene.cycles.samples = 1
+        bpy.ops.render.render()
+        scene.cycles.samples = asked["spp"]
     loaded = time.perf_counter() - start
     start = time.perf_counter()
     bpy.ops.render.render(write_still=True)
@@ -105,7 +118,8 @@ def _settle(scene: Any, asked: dict[str, Any]) -> None:
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.use_compositing = render.use_sequencer = False
-    render.resolution_x = render.resolution_y = asked["side"]
+    render.resolution_x, render.resolution_y = asked["side"], asked.get("height", asked["side"])
+    render.use_persistent_data = asked.get("warm", False)
     render.resolution_percentage = 100
     render.filepath = str(Path(asked["folder"], "blender.exr"))
     render.image_settings.file_format = "OPEN_EXR"
@@ -114,7 +128,10 @@ def _settle(scene: Any, asked: dict[str, Any]) -> None:
     cycles.device = "CPU"
     cycles.samples = asked["spp"]
     cycles.pixel_filter_type = "BOX"
-    cycles.use_denoising, cycles.use_adaptive_sampling = asked.get("denoise", False), False
+    cycles.use_denoising, cycles.use_adaptive_sampling = asked.get("denoise", False), "threshold" in asked
+    cycles.adaptive_threshold = asked.get("threshold", 0.0)
+    cycles.time_limit = asked.get("time_limit", 0.0)
+    cycles.seed = asked.get("seed", 0)
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     bounces = asked["max_depth"] - 1
     for name in ("max", "diffuse", "glossy", "transmission", "volume"):

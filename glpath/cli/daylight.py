@@ -18,6 +18,7 @@ from glpath.cli.daylight_year import year_request, year_summary
 from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
+from glpath.cli.running import workers_of
 from glpath.cli.scene import HELP, Parameters, read_scene
 from glpath.cli.signals import exit_code, result_of
 from glpath.cli.values import check_choice, shard_of, vector
@@ -52,7 +53,11 @@ def register(app: typer.Typer) -> None:
         "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
         "again), 130 interrupted (continue with --resume)."
     )
-    texts = {"resume": "Keep what is done in FILE.part, and resume from it after an interruption: the same bits."}
+    texts = {
+        "resume": "Keep what is done in FILE.part, and resume from it after an interruption: the same bits.",
+        "cluster": "Share the sensors out to N processes here, or to the workers of a Dask scheduler; the same "
+        "bits (pip install 'glpath[cluster]').",
+    }
     app.command(epilog=epilog, **help)(with_options(daylight, OF_DAYLIGHT, texts=texts))
 
 
@@ -239,6 +244,8 @@ def daylight(
         "shard": shard_of(shard),
         "geometry_budget": geometry_budget,
     }
+    if shard is not None and run.cluster is not None:
+        raise UsageError("--cluster: makes shards itself; --shard is one of them alone.", "Give one of the two.")
     if shard is not None and year is not None:
         raise UsageError("--shard: a part of the sensors has no sDA.", "Merge the shards, then give --weather.")
 
@@ -307,13 +314,14 @@ def _computed(
     def compute() -> DaylightCoefficients:
         from glpath.daylight.compute import daylight_coefficients
 
-        with reporting(run.mode, sys.stderr, _event) as report:
+        with workers_of(run.cluster) as workers, reporting(run.mode, sys.stderr, _event) as report:
             return daylight_coefficients(
                 scene,
                 at.points,
                 at.normals,
                 **options,
                 resume=part,
+                cluster=workers,
                 on_progress=report,
                 backend=run.backend,
                 device=run.device,
@@ -359,9 +367,8 @@ def _event(progress: DaylightProgress) -> ProgressEvent:
     rays = progress.done * progress.sensors
     speed = f", {rays / progress.elapsed_s / 1e6:,.3g} million rays/s" if progress.elapsed_s > 0 and rays else ""
     of = f"{progress.done:,} of {progress.total:,}"
-    text = {"rays": f"{of} directions{speed}", "stream": f"{of} chunks of the stream"}.get(
-        progress.stage, progress.stage
-    )
+    texts = {"rays": f"{of} directions{speed}", "stream": f"{of} chunks of the stream", "shards": f"{of} shards"}
+    text = texts.get(progress.stage, progress.stage)
     return ProgressEvent(
         stage=progress.stage,
         elapsed_s=progress.elapsed_s,

@@ -246,7 +246,7 @@ _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))
 #: And of the matrix of daylight, which needs a device.
-OF_DAYLIGHT = ("backend", "device", "require_gpu", *OF_MATRICES)
+OF_DAYLIGHT = ("backend", "device", "require_gpu", "cluster", *OF_MATRICES)
 
 
 def declared(name: str) -> tuple[Any, Any]:

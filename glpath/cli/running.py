@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
+    from glpath.jobs.cluster import Cluster
     from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
-    from glpath.rendering.run_options import RunOptions, Workers
+    from glpath.rendering.run_options import RunOptions
     from glpath.scene import Scene
 
 log = logging.getLogger("glpath")
@@ -80,7 +81,7 @@ def denoisable(job: RenderJob) -> RenderJob:
 
 
 @contextmanager
-def workers_of(address: str | None) -> Iterator[Workers | None]:
+def workers_of(address: str | None) -> Iterator[Cluster | None]:
     """The cluster of --cluster; None: this process renders."""
     if address is None:
         yield None

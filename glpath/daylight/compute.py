@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -33,6 +34,9 @@ from glpath.rendering.options import check_word
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
 
+if TYPE_CHECKING:
+    from glpath.jobs.connection import Connection
+
 Float64 = NDArray[np.float64]
 Words = NDArray[np.uint32]
 Shares = NDArray[np.float16]
@@ -51,7 +55,7 @@ ELEMENT_GROUND = 512
 @dataclass(frozen=True)
 class DaylightProgress:
     """stage : what is done
-    done, total : directions, of all sensors together; of the stage "stream" its chunks
+    done, total : directions, of all sensors together; of the stage "stream" its chunks, of "shards" these
     sensors  : how many
     elapsed_s : since the call
     """
@@ -82,6 +86,7 @@ def daylight_coefficients(
     seed: int = 0,
     shard: tuple[int, int] | None = None,
     resume: str | Path | None = None,
+    cluster: Connection | None = None,
     on_progress: Callable[[DaylightProgress], None] | None = None,
     parameters: Mapping[str, object] | None = None,
     backend: str = "auto",
@@ -115,7 +120,9 @@ def daylight_coefficients(
     shard       : (k, n), the k-th of n shards from 1: a range of the sensors, which `merged` puts together with the
                   others (`glpath.daylight.merging`): the same bits as of all at once
     resume      : a file that keeps what is done, word by word, of a stream every half minute, and from which
-                  another call with the same sensors and directions resumes. It is removed in the end
+                  another call with the same sensors and directions resumes. It is removed in the end. With a
+                  cluster it is a folder of shards
+    cluster     : workers that share the sensors (`glpath.jobs.cluster.Cluster`): the same bits
     on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
 
@@ -168,9 +175,39 @@ def daylight_coefficients(
     shared = _Shared.of(patches, compass, samples, seed, sun)
     directions = shared.directions
     part, first_sensor = None, 0
-    if shard is not None:
+    if shard is not None or cluster is not None:
         settings = (max_depth, elements, gather_rays, seed) if reflects else ()
         work = _key(f"{loaded.digest(camera=False)} {settings}", positions, facing, directions, receiver)
+    if cluster is not None:
+        if shard is not None:
+            raise UsageError("cluster: makes shards itself; shard is one of them alone.", "Give one of the two.")
+        from glpath.daylight.cluster import computed_by
+
+        of_each = {
+            "subdivision": subdivision,
+            "samples": samples,
+            "latitude": latitude,
+            "suns": suns,
+            "receiver": receiver,
+            "max_depth": max_depth if reflects else 1,
+            "elements": elements,
+            "gather_rays": gather_rays,
+            "geometry_budget": geometry_budget,
+            "up": up,
+            "north": north,
+            "seed": seed,
+            "backend": backend,
+            "device": device,
+            "require_gpu": require_gpu,
+        }
+
+        def shards_done(done: int, count: int) -> None:
+            if on_progress is not None:
+                since = time.perf_counter() - started
+                on_progress(DaylightProgress("shards", done, count, len(positions), since))
+
+        return computed_by(cluster, loaded, positions, facing, of_each, work, resume, shards_done)
+    if shard is not None:
         first_sensor, end = shard_range(shard, len(positions))
         part = Shard(first_sensor, len(positions), work)
         positions, facing = positions[first_sensor:end], facing[first_sensor:end]

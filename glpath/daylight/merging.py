@@ -66,7 +66,7 @@ def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, lis
                 f"merge: sensors {end} to {begin - 1}, between those of {before} and of {after}, are missing.",
                 "Name the shard that has them.",
             )
-    return _together([found[path] for path in parts]), repeated
+    return together([found[path] for path in parts]), repeated
 
 
 def is_coefficients(path: Path) -> bool:
@@ -99,7 +99,8 @@ def _difference(one: DaylightCoefficients, other: DaylightCoefficients) -> str:
     return "; ".join(seen) or "of another scene, other sensors or settings"
 
 
-def _together(parts: list[DaylightCoefficients]) -> DaylightCoefficients:
+def together(parts: list[DaylightCoefficients]) -> DaylightCoefficients:
+    """Shards of one computation, in the order of their sensors and side by side, as one."""
     first = parts[0]
     assert first.shard is not None, "checked before"
     count = sum(map(len, parts))

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
-from glpath.jobs.worker import Shared, hold, let_go
+from glpath.jobs.worker import Sharable, hold, let_go
 from glpath.system.files import reason_of
 from glpath.system.machine import core_count
 
@@ -108,8 +108,8 @@ class Connection:
         except Exception as error:
             raise self._gone(str(error) or f"no answer in {_ANSWER_S:g} s") from error
 
-    def share(self, shared: Shared) -> None:
-        """Hand all that a render needs to each worker, and to each that comes later. Raises ContextError."""
+    def share(self, shared: Sharable) -> None:
+        """Hand what all of some work needs to each worker, and to each that comes later. Raises ContextError."""
         try:
             self.client.register_plugin(_sharing(_distributed(), shared), name=shared.token)
         except OSError as error:
@@ -121,12 +121,12 @@ class Connection:
             "Start it again; a render that keeps a checkpoint resumes from it.",
         )
 
-    def forget(self, shared: Shared) -> None:
-        """The render is over."""
+    def forget(self, shared: Sharable) -> None:
+        """The work is over."""
         self.client.unregister_worker_plugin(shared.token)
 
 
-def _sharing(distributed: Any, shared: Shared) -> Any:
+def _sharing(distributed: Any, shared: Sharable) -> Any:
     class Sharing(distributed.WorkerPlugin):  # type: ignore[misc]
         def setup(self, worker: object) -> None:
             hold(shared)

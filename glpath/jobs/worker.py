@@ -1,13 +1,17 @@
 """What runs in a worker process of a cluster: path sets of one render, by an engine that stays.
 
-A worker has one context, and one render at a time on it; threads of one worker take turns.
+A worker has one context, and one render at a time on it; threads of one worker take turns. Other work that shares
+something out frees that engine first (`held`).
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from glpath.errors import UsageError
 from glpath.film.film import Film
@@ -17,6 +21,13 @@ from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import Session
 from glpath.scene import Scene
 from glpath.system.versions import versions
+
+
+class Sharable(Protocol):
+    """What goes to a worker once, and what is computed there refers to. token : identifies it among others"""
+
+    @property
+    def token(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -47,8 +58,8 @@ class Part:
     seconds: float
 
 
-# Of this process: what renders need, by token; the engine of the one that it works for, and whose turn it is.
-_shared: dict[str, Shared] = {}
+# Of this process: what was shared, by token; the engine of the render that it works for, and whose turn it is.
+_shared: dict[str, Sharable] = {}
 _turn = threading.Lock()
 _session: tuple[str, Session] | None = None
 
@@ -58,17 +69,34 @@ def this_version() -> str:
     return versions("glpath").get("glpath", "")
 
 
-def hold(shared: Shared) -> None:
-    """Keep what the chunks of a render need, until `let_go`."""
+def hold(shared: Sharable) -> None:
+    """Keep what was shared, until `let_go`."""
     _shared[shared.token] = shared
 
 
 def let_go(token: str) -> None:
-    """A render is over."""
+    """It is over."""
     _shared.pop(token, None)
     with _turn:
         if _session is not None and _session[0] == token:
             forget()
+
+
+@contextmanager
+def held(token: str) -> Iterator[Sharable]:
+    """What was shared by that token, for work of another kind, with the device to itself."""
+    with _turn:
+        forget()
+        yield _shared[token]
+
+
+def check_version(version: str) -> None:
+    """Raise UsageError where who asks has another version of glpath than this worker."""
+    if version != this_version():
+        raise UsageError(
+            f"cluster: a worker has glpath {this_version()}, who asks has {version}.",
+            "Install one version everywhere.",
+        )
 
 
 def render_part(token: str, path_sets: tuple[int, int]) -> Part:
@@ -76,11 +104,8 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     worker with another version of glpath."""
     global _session
     shared = _shared[token]
-    if shared.version != this_version():
-        raise UsageError(
-            f"cluster: a worker has glpath {this_version()}, who asks has {shared.version}.",
-            "Install one version everywhere.",
-        )
+    assert isinstance(shared, Shared), "whose path sets are asked for"
+    check_version(shared.version)
     with _turn:
         if _session is None or _session[0] != shared.token:
             forget()

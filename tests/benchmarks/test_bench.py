@@ -64,10 +64,12 @@ def test_list_names_every_bench() -> None:
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(BENCHES)
     assert list(BENCHES) == [
         "path-buffer",
+        "path-sets",
         "gather",
         "denoise",
         "textures",
         "materials",
+        "luminaires",
         "defaults",
         "t-buffer",
         "shaft",
@@ -120,13 +122,13 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
     [
         (
             [],
-            "no name; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft, "
-            "shaft-options, viewfactors, measure, parallel-rays, daylight, cie171, height-field, streamed-field, "
-            "lightmap, jobs, standard-scenes, image-tests, start-up, footprint",
+            "no name; allowed are path-buffer, path-sets, gather, denoise, textures, materials, luminaires, "
+            "defaults, t-buffer, shaft, shaft-options, viewfactors, measure, parallel-rays, daylight, cie171, "
+            "height-field, streamed-field, lightmap, jobs, standard-scenes, image-tests, start-up, footprint",
         ),
         (
             ["z-buffer"],
-            "'z-buffer'; allowed are path-buffer, gather, denoise, textures, materials, defaults, t-buffer, shaft",
+            "'z-buffer'; allowed are path-buffer, path-sets, gather, denoise, textures, materials, luminaires",
         ),
         (["t-buffer", "--seeds", "2"], "--seeds does not apply to bench t-buffer; allowed are --rounds, --scale"),
         (["shaft", "--seeds", "2"], "--seeds does not apply to bench shaft; allowed are --rounds, --scale"),

@@ -26,6 +26,7 @@ from glpath.scene.model import (
     Camera,
     Environment,
     Light,
+    LightProfile,
     Material,
     Mesh,
     Scene,
@@ -371,7 +372,20 @@ def test_a_dielectric_that_reflects_like_a_metal_is_told_of(tmp_path: Path) -> N
 
 @pytest.mark.evidence
 @pytest.mark.parametrize(
-    "kind", ["point", "spot", "directional", "sky", "environment", "sun", "plain sky", "smooth", "textured"]
+    "kind",
+    [
+        "point",
+        "spot",
+        "luminaire",
+        "bulb",
+        "directional",
+        "sky",
+        "environment",
+        "sun",
+        "plain sky",
+        "smooth",
+        "textured",
+    ],
 )
 def test_lights_and_textures_are_mitsubas(kind: str, tmp_path: Path) -> None:
     """The mean of the picture within 1 %, and half of its squares of 8 x 8 pixels within 1 %."""
@@ -402,6 +416,13 @@ def test_lights_and_textures_are_mitsubas(kind: str, tmp_path: Path) -> None:
         cone = (25.0, 25.0)
         intensity = lamp.intensity / (20 if kind == "directional" else 1)
         light = replace(lamp, kind=kind, direction=aim, cone=cone, intensity=intensity)
+        scene = replace(scene, sky=None, lights=(light,))
+    elif kind in ("luminaire", "bulb"):
+        # One that lights a cone, and one that lights all around it; both without symmetry.
+        last = 60.0 if kind == "luminaire" else 180.0
+        candela = np.random.default_rng(0).uniform(0.5, 2.0, (8, 13))
+        lamp = replace(lamp, position=np.array([0.4, 3.0, 0.8]), intensity=np.array([4.0, 3.0, 2.0]))
+        light = replace(lamp, direction=np.array([0.0, -1.0, 0.0]), profile=LightProfile(candela, (0.0, last)))
         scene = replace(scene, sky=None, lights=(light,))
     elif kind == "sky":
         scene = replace(scene, sky=Sky(np.array([0.2, 0.5, 2.0]), np.array([1.0, 0.5, 0.1])))

@@ -15,6 +15,7 @@ from scipy.interpolate import RegularGridInterpolator
 import glpath
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError, SceneError, SceneWarning
+from glpath.io.export.mitsuba_luminaires import projectors
 from glpath.io.gltf import read_gltf
 from glpath.io.photometry import read_profile
 from glpath.lights.samples import incident
@@ -407,11 +408,26 @@ def test_a_profile_is_in_the_digest_of_its_scene(tmp_path: Path) -> None:
     assert one.digest() == same.digest() != other.digest()
 
 
-@pytest.mark.parametrize("suffix", [".xml", ".glb"])
-def test_an_export_says_that_it_leaves_the_profile_out(suffix: str, tmp_path: Path) -> None:
+def test_a_model_says_that_it_leaves_the_profile_out(tmp_path: Path) -> None:
     scene = glpath.load_scene(lamp_scene(ies(tmp_path / "a.ies", GAMMA, C, web(C, GAMMA))))
     with pytest.warns(SceneWarning, match="its profile is left out"):
-        glpath.export(scene, tmp_path / f"a{suffix}")
+        glpath.export(scene, tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize("last", [40, 90, 180])
+def test_projectors_for_mitsuba_send_what_the_profile_does(last: int) -> None:
+    """Its flux, over a plane one unit away: one image for a narrow lamp, a cube's five or six for others."""
+    gamma = np.linspace(0, last, 37)
+    profile = LightProfile(web(C[:-1], gamma), (0.0, float(last)))
+    axis, c0 = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    made = list(projectors("lamp", profile, axis, c0, np.array([1.0, 2.0, 0.5])))
+    assert len(made) == {40: 1, 90: 5, 180: 6}[last]
+    flux = np.zeros(3)
+    for each in made:
+        image = each["irradiance"]["image"].astype(float)
+        texel = (2 * np.tan(np.radians(each["fov"] / 2)) / len(image)) ** 2
+        flux += np.pi * texel * image.sum(axis=(0, 1))
+    np.testing.assert_allclose(flux, profile.flux * np.array([1.0, 2.0, 0.5]), rtol=5e-3)
 
 
 # Models: EXT_lights_ies.

@@ -23,6 +23,7 @@ Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -38,6 +39,7 @@ from glpath.io.export.geometry import (
     v_downwards,
     with_all_normals,
 )
+from glpath.io.export.mitsuba_luminaires import projectors
 from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
 from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
 from glpath.scene.model import Environment, Light, Scene, Sky
@@ -90,7 +92,8 @@ def described(
     shapes: Plugin = {}
     for shape in scene.shapes:
         shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * float(np.linalg.norm(high - low)))
-    emitters = {names.of(light.name): _emitter(light, 0.5 * (low + high), notes) for light in scene.lights}
+    middle = 0.5 * (low + high)
+    emitters = {names.of(light.name): each for light in scene.lights for each in _emitters(light, middle, notes)}
     if scene.sky is not None:
         emitters[names.of("sky")] = _sky(scene.sky)
         if isinstance(scene.sky, Environment) and scene.sky.sun is not None:
@@ -195,9 +198,10 @@ def _opacity_everywhere(scene: Scene, shape: Shape) -> float | None:
     return float(material.opacity >= material.cutoff) if material.alpha == "mask" else material.opacity
 
 
-def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
+def _emitters(light: Light, middle: Float64, notes: Notes) -> Iterator[Plugin]:
     if light.kind == "directional":
-        return {"type": "directional", "direction": light.direction.tolist(), "irradiance": rgb(light.intensity)}
+        yield {"type": "directional", "direction": light.direction.tolist(), "irradiance": rgb(light.intensity)}
+        return
     intensity = light.intensity
     if light.falloff == "none":
         distance = float(np.linalg.norm(light.position - middle))
@@ -208,10 +212,13 @@ def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
         )
         intensity = intensity * distance**2
     if light.profile is not None:
-        notes.add("its profile is left out: it sends its mean in all directions", "light", light.name)
-        intensity = intensity * (light.profile.flux / (4 * np.pi))
+        for made in projectors(light.name, light.profile, light.direction, light.c0, intensity):
+            x, y, z = made.pop("axes")
+            yield made | {"to_world": _frame(x, y, z, light.position)}
+        return
     if light.kind == "point":
-        return {"type": "point", "position": light.position.tolist(), "intensity": rgb(intensity)}
+        yield {"type": "point", "position": light.position.tolist(), "intensity": rgb(intensity)}
+        return
     full, end = light.cone
     if full < end:
         notes.add("between its two cones it fades with the angle, not smoothly", "light", light.name)
@@ -221,7 +228,7 @@ def _emitter(light: Light, middle: Float64, notes: Notes) -> Plugin:
     made = {"type": "spot", "intensity": rgb(intensity), "cutoff_angle": end, "beam_width": min(full, end * 0.9999)}
     axis = light.direction
     across = perpendicular(axis)
-    return made | {"to_world": _frame(across, np.cross(axis, across), axis, light.position)}
+    yield made | {"to_world": _frame(across, np.cross(axis, across), axis, light.position)}
 
 
 def _sun(sun: Sun, notes: Notes) -> Plugin:

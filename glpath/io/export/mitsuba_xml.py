@@ -27,7 +27,7 @@ _VERSION = "3.0.0"
 _TAGS = {
     "bsdf": "diffuse twosided conductor roughconductor principled dielectric roughdielectric thindielectric "
     "blendbsdf normalmap mask",
-    "emitter": "area point spot directional constant envmap",
+    "emitter": "area point spot projector directional constant envmap",
     "texture": "bitmap mesh_attribute",
     "shape": "ply shapegroup instance",
     "integrator": "path volpath",

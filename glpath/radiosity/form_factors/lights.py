@@ -19,13 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.lights.lighting import Lighting
-from glpath.lights.samples import incident
+from glpath.lights.mixed import MixedLights
+from glpath.lights.samples import Incident, incident
+from glpath.radiosity.form_factors.light_choice import MANY, Chosen, LightChoice
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
-from glpath.scene.model import Environment, Float64
+from glpath.scene.model import Environment, Float64, Light
 from glpath.system.kernels import kernel
 from glpath.system.machine import core_count
 
@@ -51,6 +53,7 @@ class DirectLight:
         self.scene = scene
         self.lighting = Lighting.of(scene)
         self._surfaces = _Surfaces.of(scene) if self else None
+        self._mixed = MixedLights.of(self.lighting.punctual)
 
     def __bool__(self) -> bool:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
@@ -116,12 +119,14 @@ class DirectLight:
         random: np.random.Generator,
         sky_rays: int = SKY_RAYS,
         guides: Float64 | None = None,
+        chosen: Chosen | None = None,
     ) -> Float64:
         """As `at`, by the calling thread alone, with so many rays to the sky: a square, few for many points.
 
         guides : (P, BINS) sums of the chances of rays from each point to a sky of few colours; by the cosine else
+        chosen : by which a few of many punctual lights are looked at, in the mean as if all were
         """
-        total = self._punctual(points, normals, triangle)
+        total = self._punctual(points, normals, triangle, chosen, random)
         sky = self.lighting.sky
         if isinstance(sky, Environment):
             wi = np.concatenate(
@@ -144,30 +149,76 @@ class DirectLight:
         return total
 
     def estimate_in_bins(
-        self, points: Float64, normals: Float64, triangle: Int64, random: np.random.Generator, sky_rays: int
+        self,
+        points: Float64,
+        normals: Float64,
+        triangle: Int64,
+        random: np.random.Generator,
+        sky_rays: int,
+        chosen: Chosen | None = None,
     ) -> tuple[Float64, Float64]:
         """`estimate` as the mean of the channels (P,), and what of it (P, BINS) came from each bin of the sky."""
         bins = np.zeros((len(points), BINS))
         sky = self.lighting.sky
         if sky is None or isinstance(sky, Environment):
-            return self.estimate(points, normals, triangle, random, sky_rays).mean(axis=1), bins
+            return self.estimate(points, normals, triangle, random, sky_rays, chosen=chosen).mean(axis=1), bins
         u = _stratified(len(points), random, sky_rays)
         seen = self._from_sky(points, triangle, _about(normals[:, None], u)).mean(axis=2)
         side = round(BINS**0.5)
         at = (u * side).astype(np.int64) @ [side, 1]
         np.add.at(bins, (np.arange(len(points))[:, None], at), np.pi / u.shape[1] * seen)
-        return self._punctual(points, normals, triangle).mean(axis=1) + bins.sum(axis=1), bins
+        return self._punctual(points, normals, triangle, chosen, random).mean(axis=1) + bins.sum(axis=1), bins
 
-    def _punctual(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+    def choice(self, points: Float64, normals: Float64, triangle: Int64, radius: Float64) -> LightChoice | None:
+        """By what punctual lights bring to points (P, 3), a row for each, and may bring within a radius (P,) of it;
+        None where there are few."""
+        lights = self.lighting.punctual
+        if len(lights) < MANY:
+            return None
+        parts = [slice(i, i + _TOGETHER) for i in range(0, len(points), _TOGETHER)]
+
+        def part(at: slice) -> Float64:
+            each = [self._of_light(light, points[at], normals[at], triangle[at]).mean(axis=1) for light in lights]
+            return np.stack(each, axis=1)
+
+        with ThreadPoolExecutor(core_count()) as pool:
+            brings = list(pool.map(part, parts))
+        may_bring = self._mixed.bounds(points, normals, radius)
+        return LightChoice.of(np.concatenate([*brings, np.zeros((0, len(lights)))]), may_bring)
+
+    def _punctual(
+        self,
+        points: Float64,
+        normals: Float64,
+        triangle: Int64,
+        chosen: Chosen | None,
+        random: np.random.Generator,
+    ) -> Float64:
         """(P, 3) irradiance by point, spot and directional lights."""
         total = np.zeros((len(points), 3))
-        for light in self.lighting.punctual:
-            there = incident(light, points)
-            cosine = np.einsum("pi,pi->p", normals, there.wi)
-            lit = np.flatnonzero((cosine > 0) & there.irradiance.any(axis=1))
-            free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
-            total[lit] += free * cosine[lit, None] * there.irradiance[lit]
-        return total
+        if chosen is None:
+            for light in self.lighting.punctual:
+                total += self._of_light(light, points, normals, triangle)
+            return total
+        drawn, counts = chosen.choice.draw(chosen.rows, random)
+        each = drawn.shape[1]
+        at = np.repeat(np.arange(len(points)), each)
+        there = self._mixed.incident(drawn.ravel(), points[at])
+        found = self._arriving(there, points[at], normals[at], triangle[at])
+        return np.asarray((counts[..., None] * found.reshape(-1, each, 3)).sum(axis=1))
+
+    def _of_light(self, light: Light, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+        """(P, 3) irradiance by one light."""
+        return self._arriving(incident(light, points), points, normals, triangle)
+
+    def _arriving(self, there: Incident, points: Float64, normals: Float64, triangle: Int64) -> Float64:
+        """(P, 3) irradiance by what is sent to each point."""
+        found = np.zeros((len(points), 3))
+        cosine = np.einsum("pi,pi->p", normals, there.wi)
+        lit = np.flatnonzero((cosine > 0) & there.irradiance.any(axis=1))
+        free = self._free(points[lit], triangle[lit], there.wi[lit, None], there.distance[lit])[:, 0]
+        found[lit] = free * cosine[lit, None] * there.irradiance[lit]
+        return found
 
     def _from_sky(self, points: Float64, triangle: Int64, wi: Float64) -> Float64:
         """(P, K, 3) radiance of the sky that arrives along directions wi (P, K, 3)."""

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.radiosity.form_factors.light_choice import Chosen, LightChoice
 from glpath.radiosity.form_factors.lights import BINS, DirectLight, directions_in_bins, drawn_bins, guides_of
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
 from glpath.radiosity.mesh.sides import Sides, open_points
@@ -53,6 +54,7 @@ class _Lit(NamedTuple):
     across   : (L,) the chance of that
     to_sky, to_camera : (L, BINS) guides to where the sky is seen, and to where a camera may see what leaves, of
                starts that a camera decides; else none
+    choice   : of punctual lights, where there are many, and the row of it (L,) for each side
     """
 
     corners: Float64
@@ -64,6 +66,8 @@ class _Lit(NamedTuple):
     across: Float64
     to_sky: Float64 | None
     to_camera: Float64 | None
+    choice: LightChoice | None
+    row: Int64
 
 
 @dataclass
@@ -152,12 +156,15 @@ class Shooting:
         power = ((reflectance + through) * lit).mean(axis=2) * areas
         total = float(power.sum())
         to_sky = to_camera = None
-        if total and self.for_camera:
+        by_camera = bool(total and self.for_camera)
+        if by_camera:
             elements = self._start_cells()
+        choice = self._choice(elements) if self._light else None
+        if by_camera:
             came = np.zeros((2, len(elements), BINS))
             visits = visits_from_camera(scene, self._rays, elements, self.seed, came)
             visits = self._spread_visits(elements, visits)
-            power, to_sky = self._contribution(elements, visits)
+            power, to_sky = self._contribution(elements, visits, choice)
             reflectance = scene.side_reflectance[:, elements.triangle]
             through = self._surfaces.transmittance[:, elements.triangle]
             to_camera = came
@@ -182,8 +189,21 @@ class Shooting:
             / np.maximum((reflectance[back, element] + through[back, element]).max(axis=1), np.finfo(float).tiny),
             to_sky=None if to_sky is None else guides_of(to_sky[back, element]),
             to_camera=None if to_camera is None else guides_of(to_camera[back, element]),
+            choice=choice,
+            row=back * len(elements) + element,
         )
         return starts, total
+
+    def _choice(self, cells: Elements) -> LightChoice | None:
+        """Of punctual lights, at the middles of all fronts, then of all backs."""
+        scene = self.mesh.scene
+        middles, normals = cells.points(scene, np.full((1, 3), 1 / 3))[:, 0], scene.normals[cells.triangle]
+        return self._light.choice(
+            np.concatenate([middles, middles]),
+            np.concatenate([normals, -normals]),
+            np.concatenate([cells.triangle, cells.triangle]),
+            np.tile(np.sqrt(scene.areas[cells.triangle]) / cells.n, 2),
+        )
 
     def _start_cells(self) -> Elements:
         """The cells of `start_cells`, and smaller ones where the camera looks, as elements are."""
@@ -201,7 +221,9 @@ class Shooting:
         of = np.stack([np.bincount(surface, side) for side in visits]) / np.bincount(surface, areas)
         return np.asarray((1.0 - _SPREAD) * visits + _SPREAD * of[:, surface] * areas)
 
-    def _contribution(self, cells: Elements, visits: Float64) -> tuple[Float64, Float64]:
+    def _contribution(
+        self, cells: Elements, visits: Float64, choice: LightChoice | None
+    ) -> tuple[Float64, Float64]:
         """(2, C): the light that sides of cells reflect, times how much of that a camera sees, about.
 
         And where in the sky it comes from: (2, C, BINS).
@@ -222,7 +244,8 @@ class Shooting:
             points = np.einsum("cek,ckd->ced", b, cells[cell].points(scene, np.eye(3))).reshape(-1, 3)
             normals = np.repeat(scene.normals[triangle] * (1 - 2 * back[:, None]), each, axis=0)
             of = np.repeat(triangle, each)
-            irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays)
+            chosen = None if choice is None else Chosen(choice, np.repeat(back * len(cells) + cell, each))
+            irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays, chosen)
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
         # A window, a lamp or a path to the camera may have been missed by all of a few rays: what seldom
@@ -242,7 +265,8 @@ class Shooting:
         triangle, back = lit.triangle[which], lit.back[which]
         normals = self._surfaces.normals[triangle] * (1 - 2 * back[:, None])
         guides = None if lit.to_sky is None else lit.to_sky[which]
-        irradiance = self._light.estimate(position, normals, triangle, random, _START_RAYS, guides)
+        chosen = None if lit.choice is None else Chosen(lit.choice, lit.row[which])
+        irradiance = self._light.estimate(position, normals, triangle, random, _START_RAYS, guides, chosen)
         energy = lit.scale[which] * irradiance
         direction = np.zeros((count, 3))
         if lit.to_camera is not None:

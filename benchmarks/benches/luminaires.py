@@ -1,0 +1,75 @@
+"""Time to an error under two hundred luminaires, beside Mitsuba 3.
+
+An office whose ten lamps are replaced by 200 points with a photometric profile, close below its ceiling. In Mitsuba
+each is a projector whose image is the profile. It chooses among all of them alike, as is its way; here a tree
+chooses. Each program's noise is taken beside its own mean (`own_noise`).
+
+measured: as of `materials`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.benches.equal_error import TARGET, scaled
+from benchmarks.benches.gather import DEPTH, solve
+from benchmarks.benches.own_noise import beside_mitsuba, rows_of, to_target
+from benchmarks.peers import mitsuba as mitsuba_peer
+from benchmarks.verdict import Condition, Report, faults, judge, machine
+from glpath.film.units import EFFICACY
+from glpath.gl.context import get_context
+from glpath.io import load_scene
+from glpath.scene.model import Light, LightProfile, Scene, Shapes
+from glpath.scene.triangulate import path_traceable
+from glpath.system.versions import versions
+
+_SETS, _SAMPLES = 64, 256
+AGREEMENT = (Condition("mitsuba_mean_off", "<=", 0.02),)
+RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 5.0))
+
+
+def lit_office(side: int = 128) -> Scene:
+    """The office, `side` pixels wide, under 20 x 10 luminaires: most light at 65 degrees, none from 70 on."""
+    gamma = np.linspace(0.0, 90.0, 19)
+    profile = LightProfile(np.where(gamma < 70, 100.0 + 4.0 * gamma, 0.0)[None], (0.0, 90.0))
+    down, intensity = np.array([0.0, -1.0, 0.0]), np.full(3, 1.0 / EFFICACY)
+    hung = [np.array([0.3 + 0.6 * i, 2.9, 0.4 + 0.8 * j]) for i in range(20) for j in range(10)]
+    lights = tuple(Light(f"lamp-{i}", "point", intensity, at, down, profile=profile) for i, at in enumerate(hung))
+    office = load_scene("office", {"resolution": side})
+    dark = Shapes(replace(shape, emission=np.zeros(3)) for shape in office.shapes)
+    return path_traceable(replace(office, name="luminaires", shapes=dark, lights=lights))
+
+
+def bench_luminaires(
+    seeds: int = 3, scale: float = 1.0, progress: Callable[[str], None] = lambda text: None
+) -> Report:
+    """Measure.
+
+    seeds : pictures of each program, two at least
+    scale : below 1, fewer samples of all
+    Raises GlpathError without Mitsuba.
+    """
+    context = get_context()
+    scene = lit_office()
+    peer = mitsuba_peer.to_mitsuba(scene, DEPTH)
+    progress("radiosity")
+    solve(scene)
+    solver_s, solution = solve(scene)
+    (sets,), (samples,) = scaled((_SETS,), scale), scaled((_SAMPLES,), scale)
+    programs = beside_mitsuba(context, scene, solution, peer, sets, samples)
+    measured = {"solver_s": solver_s} | to_target(programs, seeds, solver_s, progress)
+    claim, holds = judge(f"200 luminaires to relMSE {TARGET:g} with all bounces, beside Mitsuba", RULE, measured)
+    return Report(
+        name="luminaires",
+        claim=claim,
+        measured=measured,
+        holds=holds,
+        rows=rows_of(programs, measured),
+        machine=machine(context.info.renderer),
+        versions=versions("glpath", "moderngl", "numpy", "numba", "mitsuba") | {"driver": context.info.driver},
+        notes=[],
+        faults=faults(AGREEMENT, measured),
+    )

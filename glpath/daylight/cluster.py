@@ -1,0 +1,187 @@
+"""One computation of daylight coefficients by many processes and machines: its sensors in shards, on a cluster.
+
+The scene and all sensors go to each worker once. A shard whose worker is lost is computed by another one. What is
+put together has the bits of the computation by one process, where all devices are of one kind.
+
+Cost:     a start of Python and a context for each worker. Each shard makes the radiosity solution anew.
+Poor at:  few sensors; several workers on one machine without a graphics card, as one uses all cores already.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.daylight.kept_shards import KeptShards
+from glpath.daylight.merging import together
+from glpath.errors import ContextError, GlpathError
+from glpath.jobs.connection import Connection, quiet
+from glpath.jobs.worker import check_version, held, this_version
+from glpath.rendering.interrupts import interrupt_as_flag
+from glpath.scene import Scene
+from glpath.system.heartbeat import heartbeat
+
+Float64 = NDArray[np.float64]
+
+log = logging.getLogger("glpath")
+
+# For each worker: few, as each makes the solution anew, but more than one, as machines differ.
+_SHARDS_A_WORKER = 2
+# How often a shard is tried.
+_TRIES = 3
+# How often what happens is looked at; how long to wait for the first worker before a warning that there is none.
+_TICK_S, _SILENCE_S = 0.25, 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class DaylightWork:
+    """What all shards of a computation need; goes to a worker once.
+
+    token   : identifies it among others
+    points, normals : (N, 3), of all sensors
+    options : of `daylight_coefficients`
+    version : of glpath, which has to be the worker's
+    """
+
+    token: str
+    scene: Scene
+    points: Float64
+    normals: Float64
+    options: dict[str, Any]
+    version: str
+
+
+def computed_by(
+    cluster: Connection,
+    scene: Scene,
+    points: Float64,
+    normals: Float64,
+    options: dict[str, Any],
+    work: str,
+    resume: str | Path | None,
+    report: Callable[[int, int], None],
+) -> DaylightCoefficients:
+    """What `daylight_coefficients` finds, by the workers of a cluster.
+
+    work   : as of `Shard`
+    resume : a folder that keeps the shards that are done, and from which another call resumes
+    report : called with the shards that are done, and how many there are
+
+    Raises what `daylight_coefficients` raises, and ContextError where a shard fails on several workers, or the
+    scheduler is gone.
+    """
+    count = max(1, min(len(points), _SHARDS_A_WORKER * max(1, len(cluster.workers()))))
+    kept = None if resume is None else KeptShards(Path(resume), work, count)
+    found = {} if kept is None else kept.read()
+    count = count if kept is None else kept.count
+    shared = DaylightWork(uuid.uuid4().hex, scene, points, normals, options, this_version())
+    shards = _Shards(cluster, shared, count, [k for k in range(1, count + 1) if k not in found])
+    try:
+        cluster.share(shared)
+        report(len(found), count)
+        for number, part in shards.come():
+            found[number] = part
+            if kept is not None:
+                kept.keep(number, part)
+            report(len(found), count)
+    finally:
+        shards.cancel()
+    if kept is not None:
+        kept.remove()
+    return together([found[number] for number in sorted(found)])
+
+
+class _Shards:
+    """Shards at workers."""
+
+    def __init__(self, cluster: Connection, shared: DaylightWork, count: int, wanted: list[int]) -> None:
+        self._cluster, self._shared, self._count, self._wanted = cluster, shared, count, wanted
+        self._running: dict[Any, int] = {}
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._tries: Counter[int] = Counter()
+
+    def come(self) -> Any:
+        """The number and the coefficients of each shard that is wanted, as they come."""
+        for number in self._wanted:
+            self._submit(number)
+        alone_since: float | None = time.monotonic()
+        with interrupt_as_flag() as interrupted:
+            while self._running:
+                if interrupted:
+                    raise KeyboardInterrupt
+                self._cluster.check()
+                with contextlib.suppress(queue.Empty):
+                    future = self._done.get(timeout=_TICK_S)
+                    alone_since = None
+                    number = self._running.pop(future)
+                    part = self._result(future, number)
+                    if part is None:
+                        self._submit(number)
+                    else:
+                        yield number, part
+                heartbeat.beat()
+                if alone_since is not None and time.monotonic() - alone_since > _SILENCE_S:
+                    alone_since = None
+                    if not self._cluster.workers():
+                        log.warning("cluster %s: no worker is there; waiting for one", self._cluster.address)
+
+    def cancel(self) -> None:
+        """Nobody waits any longer."""
+        with quiet(), contextlib.suppress(Exception):
+            self._cluster.client.cancel(list(self._running), force=True)
+        with contextlib.suppress(Exception):
+            self._cluster.forget(self._shared)
+
+    def _submit(self, number: int) -> None:
+        future = self._cluster.client.submit(
+            compute_shard,
+            self._shared.token,
+            (number, self._count),
+            key=f"glpath-{self._shared.token[:8]}-{number}-{self._tries[number]}",
+            pure=False,
+        )
+        self._running[future] = number
+        future.add_done_callback(self._done.put)
+
+    def _result(self, future: Any, number: int) -> DaylightCoefficients | None:
+        """None where it is to be tried again. Raises what the worker raised."""
+        try:
+            found = future.result(timeout=_SILENCE_S * 6)
+            assert isinstance(found, DaylightCoefficients), "what compute_shard returns"
+            return found
+        except Exception as error:
+            if isinstance(error, GlpathError) and not isinstance(error, ContextError):
+                raise  # the same everywhere
+            self._tries[number] += 1
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            if type(error).__name__ == "KilledWorker":  # says much of Dask, and nothing more
+                reason = "its worker was lost"
+            log.warning("shard %d of %d: %s", number, self._count, reason)
+            if self._tries[number] >= _TRIES:
+                raise ContextError(
+                    f"cluster: shard {number} of {self._count} failed {_TRIES} times: {reason}",
+                    "The workers' own logs say more; --shard computes one alone.",
+                ) from error
+            return None
+
+
+def compute_shard(token: str, shard: tuple[int, int]) -> DaylightCoefficients:
+    """In a worker: the coefficients of shard (k, n) of the computation of a token."""
+    from glpath.daylight.compute import daylight_coefficients
+
+    with held(token) as shared:
+        assert isinstance(shared, DaylightWork), "what computed_by shares"
+        check_version(shared.version)
+        return daylight_coefficients(shared.scene, shared.points, shared.normals, **shared.options, shard=shard)

@@ -1,0 +1,60 @@
+"""Shards of a computation that are done, in a folder, from which another call resumes."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.errors import ImageError
+
+_NAME = re.compile(r"([0-9]+)-of-([0-9]+)\.npz")
+
+
+class KeptShards:
+    """The folder.
+
+    work  : as of `Shard`, which shards of another computation do not have
+    count : of shards; where some are kept, so many as these are of
+
+    Raises ImageError for a path that is no folder.
+    """
+
+    def __init__(self, folder: Path, work: str, count: int) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise ImageError(
+                f"{folder}: is a file, where a cluster keeps a folder of shards.",
+                "It may be of a computation by one process: resume that one, or remove the file.",
+            )
+        self._folder, self._work = folder, work
+        self._files: dict[int, Path] = {}
+        for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
+            match = _NAME.fullmatch(path.name)
+            if match is not None:
+                number, count = map(int, match.groups())
+                self._files[number] = path
+        #: Of shards.
+        self.count = count
+
+    def read(self) -> dict[int, DaylightCoefficients]:
+        """Those that are done, by their numbers. Raises ImageError for shards of another computation."""
+        found = {}
+        for number, path in self._files.items():
+            part = DaylightCoefficients.load(path)
+            if part.shard is None or part.shard.work != self._work:
+                raise ImageError(
+                    f"{path}: is of another scene, other sensors or settings.",
+                    f"Remove the folder {self._folder} to begin anew, or give what it was begun with.",
+                )
+            found[number] = part
+        return found
+
+    def keep(self, number: int, part: DaylightCoefficients) -> None:
+        """Write one. Raises ImageError."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        part.save(self._folder / f"{number}-of-{self.count}.npz")
+
+    def remove(self) -> None:
+        """All is done."""
+        shutil.rmtree(self._folder, ignore_errors=True)
