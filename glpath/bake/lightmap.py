@@ -59,6 +59,8 @@ _NEAR = 2.0
 _BYTES, _FILLED = 1400, 0.5
 #: Whether a wall is between points of a texel is asked so far above the surface, in the size of the texel.
 _ABOVE = 0.1
+#: Texels that are asked for together whether they are inside.
+_TOGETHER = 1 << 16
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -444,12 +446,12 @@ def _outside(scene: Scene, atlas: Atlas, texels: Texels, sides: Sides) -> tuple[
     def inside(sample: int, which: NDArray[np.int64]) -> Bools:
         face = texels.face[sample, which]
         points = texels.positions(scene, atlas, sample)[which]
-        return sides.inside(
-            atlas.triangle[face],
-            atlas.side[face],
-            points,
-            _NEAR * texels.sizes(scene, atlas, sample)[which],
-        )
+        near = _NEAR * texels.sizes(scene, atlas, sample)[which]
+        triangle, side = atlas.triangle[face], atlas.side[face]
+        # In parts, as each point has a dozen numbers beside it.
+        parts = (slice(first, first + _TOGETHER) for first in range(0, len(which), _TOGETHER))
+        found = [sides.inside(triangle[at], side[at], points[at], near[at], at.start) for at in parts]
+        return np.concatenate([*found, np.zeros(0, np.bool_)])
 
     found = inside(middle, np.arange(count))
     near = np.zeros((atlas.pages, atlas.size[1] + 2, atlas.size[0] + 2), np.bool_)

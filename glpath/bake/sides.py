@@ -113,10 +113,11 @@ class Sides:
         """(T, 2): texels along a side for one along a lit one; 0 of what is not shown."""
         return np.where(self.shown, np.where(self.lit, 1.0, _DARK), 0.0)
 
-    def inside(self, triangle: Int64, side: Int64, points: Float64, near: Float64) -> Bools:
+    def inside(self, triangle: Int64, side: Int64, points: Float64, near: Float64, first: int = 0) -> Bools:
         """(N,): whether points (N, 3) of sides of triangles are inside other geometry, or behind it.
 
-        near : (N,) scene units, as far as what is behind a thin wall counts as behind it
+        near  : (N,) scene units, as far as what is behind a thin wall counts as behind it
+        first : number of the first point, of more that are asked in parts: each looks in directions of its own
         """
         scene = self.scene
         normals = self.surfaces.normals[triangle] * (1 - 2 * side)[:, None]
@@ -126,7 +127,7 @@ class Sides:
         left = np.arange(count)
         bright = _shines_from_everywhere(scene)
         for look in range(_LOOKS):
-            directions = _hemisphere(normals[left], left, look)
+            directions = _hemisphere(normals[left], first + left, look)
             hit, back, distance = _hit(self.surfaces, self.rays, origins[left], directions, triangle[left])
             lit = np.where(hit >= 0, self.lit[hit, back], bright)
             dark[left] += (hit >= 0) & ~lit

@@ -25,6 +25,8 @@ Int64 = NDArray[np.int64]
 #: Samples of a texel by the number of texels, the fewest first.
 SAMPLES = ((1 << 18, 13), (1 << 20, 7), (1 << 62, 5))
 _GENERATORS = {13: 5, 7: 3, 5: 2}
+# Rows of a page that are looked at together, so that memory is that of texels which are there.
+_BAND = 64
 #: Samples keep so far from edges, texels, so that none is in the wall that stands there.
 _INSET = 0.04
 
@@ -89,18 +91,23 @@ def rasterised(atlas: Atlas) -> Texels:
     offsets = lattice(count)
     made = []
     for page in range(atlas.pages):
-        faces = np.flatnonzero((atlas.page == page) & (atlas.areas > 0))
-        best = np.full((height, width, count), np.inf, np.float32)
-        face = np.zeros((height, width, count), np.int32)
-        b = np.zeros((height, width, count, 2), np.float32)
-        _fill(np.ascontiguousarray(atlas.uv[faces]), offsets, best, face, b)
-        row, column = np.nonzero(np.isfinite(best[..., 0]))
-        made.append(
-            (np.full(len(row), page), row, column, faces[face[row, column].T], b[row, column].transpose(1, 0, 2))
-        )
+        faces = np.flatnonzero((atlas.page == page) & (atlas.areas > 0)).astype(np.int32)
+        uv = np.ascontiguousarray(atlas.uv[faces])
+        for first in range(0, height, _BAND):
+            rows = min(_BAND, height - first)
+            best = np.full((rows, width, count), np.inf, np.float32)
+            face = np.zeros((rows, width, count), np.int32)
+            b = np.zeros((rows, width, count, 2), np.float32)
+            _fill(uv, offsets, first, best, face, b)
+            row, column = np.nonzero(np.isfinite(best[..., 0]))
+            made.append((np.full(len(row), page), first + row, column, faces[face[row, column]], b[row, column]))
     page_of, row, column = (np.concatenate([part[i] for part in made]) for i in range(3))
-    face, b = (np.concatenate([part[i] for part in made], axis=1) for i in (3, 4))
-    face, b = np.ascontiguousarray(face, np.int32), np.ascontiguousarray(b)
+    face, b = np.empty((count, len(row)), np.int32), np.empty((count, len(row), 2), np.float32)
+    done = 0
+    for part in made:
+        some = slice(done, done + len(part[0]))
+        face[:, some], b[:, some] = part[3].T, part[4].transpose(1, 0, 2)
+        done = some.stop
     _inset(atlas.uv, face, b)
     return Texels(page_of, row, column, face, b)
 
@@ -143,10 +150,10 @@ def _inset(uv, face, b):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def]
+def _fill(uv, offsets, first_row, best, face, barycentrics):  # type: ignore[no-untyped-def]
     """For all samples of the texels that faces (F, 3, 2) touch: the nearest face and where in it.
 
-    best : (h, w, S) squared distance, texels; infinite before
+    best : (h, w, S) squared distance, texels, of rows from `first_row` on; infinite before
     """
     height, width, count = best.shape
     for f in range(len(uv)):
@@ -157,8 +164,8 @@ def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def
         sign = 1.0 if doubled > 0 else -1.0
         left = max(int(np.floor(min(x0, x1, x2))), 0)
         right = min(int(np.ceil(max(x0, x1, x2))), width)
-        top = max(int(np.floor(min(y0, y1, y2))), 0)
-        bottom = min(int(np.ceil(max(y0, y1, y2))), height)
+        top = max(int(np.floor(min(y0, y1, y2))), first_row)
+        bottom = min(int(np.ceil(max(y0, y1, y2))), first_row + height)
         # Edge i is opposite to corner i; positive inside.
         ax0, ay0 = sign * (y1 - y2), sign * (x2 - x1)
         ax1, ay1 = sign * (y2 - y0), sign * (x0 - x2)
@@ -168,9 +175,10 @@ def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def
             0.5 * (abs(ax1) + abs(ay1)),
             0.5 * (abs(ax2) + abs(ay2)),
         )
-        for row in range(top, bottom):
+        for y in range(top, bottom):
+            row = y - first_row
             for column in range(left, right):
-                cx, cy = column + 0.5, row + 0.5
+                cx, cy = column + 0.5, y + 0.5
                 if (
                     ax0 * (cx - x1) + ay0 * (cy - y1) + margin0 <= 0
                     or ax1 * (cx - x2) + ay1 * (cy - y2) + margin1 <= 0
@@ -178,7 +186,7 @@ def _fill(uv, offsets, best, face, barycentrics):  # type: ignore[no-untyped-def
                 ):
                     continue
                 for s in range(count):
-                    px, py = column + offsets[s, 0], row + offsets[s, 1]
+                    px, py = column + offsets[s, 0], y + offsets[s, 1]
                     e0 = (ax0 * (px - x1) + ay0 * (py - y1)) / (sign * doubled)
                     e1 = (ax1 * (px - x2) + ay1 * (py - y2)) / (sign * doubled)
                     e2 = (ax2 * (px - x0) + ay2 * (py - y0)) / (sign * doubled)

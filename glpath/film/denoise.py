@@ -26,6 +26,9 @@ Flags = dict[str, bool | str]
 # Pixels by which pictures are mirrored beyond their border, where the network would see black, and darken what is
 # near: with them the squared error at the border of `room` is half of that without.
 _BEYOND = 16
+# MiB of the network, above which it takes tiles: 1920 x 1080 pixels take 1.6 GiB at once, and as long in two. A
+# lightmap is denoised beside all else that a bake holds: 2048 x 2048 take half as long again, and a sixth.
+_PICTURE_MIB, _PAGE_MIB = 1024, 256
 # By how much a pixel of a guide differs at most from the mean of its neighbours where it is smooth, so little that
 # noise of this size is harmless, and the share of pixels that may differ more.
 _SMOOTH, _EDGES = 0.004, 0.1
@@ -76,7 +79,7 @@ class Guides:
         made = (
             np.asarray(values, np.float32)
             if is_free_of_noise(values)
-            else _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, {image: values}, "symmetric", _SOON)
+            else _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, {image: values}, "symmetric", _SOON, _PICTURE_MIB)
             for image, values in ((oidn.OIDN_IMAGE_ALBEDO, albedo), (oidn.OIDN_IMAGE_NORMAL, normal))
         )
         return cls(*made)
@@ -107,7 +110,7 @@ def soon_denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> 
         oidn.OIDN_IMAGE_ALBEDO: albedo,
         oidn.OIDN_IMAGE_NORMAL: normal,
     }
-    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", _SOONEST | {"hdr": True})
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", _SOONEST | {"hdr": True}, _PICTURE_MIB)
 
 
 def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
@@ -131,7 +134,8 @@ def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
         oidn.OIDN_IMAGE_NORMAL: guides.normal,
     }
     # Guides without noise have a larger network.
-    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", {"hdr": True, "cleanAux": True})
+    flags: Flags = {"hdr": True, "cleanAux": True}
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", flags, _PICTURE_MIB)
 
 
 def denoised_lightmap(irradiance: ArrayLike) -> Float32:
@@ -143,7 +147,7 @@ def denoised_lightmap(irradiance: ArrayLike) -> Float32:
     """
     oidn = require_denoiser()
     images = {oidn.OIDN_IMAGE_COLOR: irradiance}
-    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT_LIGHTMAP, images, "edge", {})
+    return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT_LIGHTMAP, images, "edge", {}, _PAGE_MIB)
 
 
 def _filtered(
@@ -152,7 +156,9 @@ def _filtered(
     images: dict[str, ArrayLike],
     mode: Literal["symmetric", "edge"],
     flags: Flags,
+    memory: int,
 ) -> Float32:
+    """memory : MiB that the network may take, about: a larger image is done in tiles, to the same bits."""
     beyond = (_BEYOND, _BEYOND), (_BEYOND, _BEYOND), (0, 0)
     arrays = {name: np.pad(np.asarray(image, np.float32), beyond, mode) for name, image in images.items()}
     shapes = {array.shape for array in arrays.values()}
@@ -164,6 +170,7 @@ def _filtered(
         with oidn.Filter(device, kind) as made:
             for name, array in arrays.items():
                 made.set_image(name, array, oidn.OIDN_FORMAT_FLOAT3)
+            made.set_int("maxMemoryMB", memory)
             for name, value in flags.items():
                 if isinstance(value, str):
                     made.set_int(name, int(getattr(oidn, value)))

@@ -218,10 +218,12 @@ class PointSensor:
         directions = [_directions("normals", normals, position, inside)]
         if shading_normals is not None:
             directions.append(_directions("shading_normals", shading_normals, position, inside))
-        if not np.isfinite(position[:, inside]).all():
+        # Table by table, as there may be many.
+        edges = np.array([(some.min(axis=0), some.max(axis=0)) for some in (table[inside] for table in position)])
+        if not np.isfinite(edges).all():
             raise UsageError("points: a position is not finite.")
+        low, high = edges[:, 0].min(axis=0).astype(np.float64), edges[:, 1].max(axis=0).astype(np.float64)
         position = np.where(inside[..., None], position, np.float32(0.0))
-        among = position[:, inside].reshape(-1, 3).astype(np.float64)
         x, y, z = map(float, origin)
         shading = directions[1] if len(directions) > 1 else None
         points = PointTables(position, directions[0], inside, shading, (x, y, z))
@@ -229,7 +231,7 @@ class PointSensor:
             resolution=(width, height),
             sha256=points.digest,
             count=int(inside.sum()),
-            middle=_plain(0.5 * (among.min(axis=0) + among.max(axis=0)) + points.origin),
+            middle=_plain(0.5 * (low + high) + points.origin),
             tables=count,
             smooth=shading_normals is not None,
             shutter=(float(shutter[0]), float(shutter[1])),
@@ -328,13 +330,15 @@ def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[
     array = _table(name, given)
     if array.shape[1:] != positions.shape[1:] or array.shape[0] not in (1, positions.shape[0]):
         raise UsageError(f"points: {name} of shape {array.shape} do not go with positions of {positions.shape}.")
-    length = np.linalg.norm(array.astype(np.float64), axis=-1)
-    # Not "any differs", which a NaN would pass.
-    if not (np.abs(length - 1.0) <= _UNIT)[:, valid].all():
-        raise UsageError(
-            f"points: {name} hold one that is not unit.", "Divide each by its length, which must not be zero."
-        )
-    unit = np.where(valid[..., None], array / np.where(length > 0, length, 1.0)[..., None], 0.0).astype(np.float32)
+    unit = np.empty(array.shape, np.float32)
+    for found, table in zip(unit, array, strict=True):  # one by one, as there may be many
+        length = np.linalg.norm(table.astype(np.float64), axis=-1)
+        # Not "any differs", which a NaN would pass.
+        if not (np.abs(length - 1.0) <= _UNIT)[valid].all():
+            raise UsageError(
+                f"points: {name} hold one that is not unit.", "Divide each by its length, which must not be zero."
+            )
+        found[:] = np.where(valid[..., None], table / np.where(length > 0, length, 1.0)[..., None], 0.0)
     return np.broadcast_to(unit, positions.shape)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -103,6 +104,31 @@ def test_more_path_sets_are_denoised_anew() -> None:
     film.add(8, 16, more.radiance_sums[1], more.aov_sums)
     assert not np.array_equal(film.denoised(), before)
     assert np.array_equal(film.denoised(), denoised(film.mean, Guides.of(film.aov("albedo"), film.aov("normal"))))
+
+
+@pytest.mark.evidence
+def test_tiles_change_no_bit_and_take_less_memory(tmp_path: Path) -> None:
+    """In processes of their own, whose peaks they are."""
+    program = """
+import subprocess
+import sys
+import numpy as np
+from glpath.film import denoise
+from glpath.system.machine import peak_resident_bytes
+page = np.random.default_rng(0).gamma(2.0, 0.5, (1024, 1024, 3)).astype(np.float32)
+denoise._PAGE_MIB = int(sys.argv[1])
+before = peak_resident_bytes()
+np.save(sys.argv[2], denoise.denoised_lightmap(page))
+print(peak_resident_bytes() - before)
+"""
+    peaks, pages = [], []
+    for memory in (4096, denoise._PAGE_MIB):
+        file = tmp_path / f"{memory}.npy"
+        command = [sys.executable, "-c", program, str(memory), str(file)]
+        peaks.append(int(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
+        pages.append(np.load(file))
+    assert np.array_equal(*pages)
+    assert peaks[1] < 0.7 * peaks[0]
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (33, 7), (64, 64)])
