@@ -152,12 +152,11 @@ def beside_radiance(scale: float, say: Say) -> tuple[list[Row], dict[str, float]
         if of_this > ratio:
             best, ratio = samples, of_this
     year = daylight_year(of_glpath(bare, best, suns=True)[1], weather, blinds=of_glpath(closed, best, suns=True)[1])
-    assert year.blinds is not None, "given"
     skies = patches_alone(weather, year.coefficients)[:, year.occupied]
     shut = year.closed[year.occupied]
     with_blinds = radiance.daylight_matrix(closed, at, up, 1, most // 4, BOUNCES)[1]
     pairs = {
-        "glpath": tuple(each.sky().astype(np.float64) for each in (year.coefficients, year.blinds)),
+        "glpath": tuple(each.sky().astype(np.float64) for each in (year.coefficients, *year.blinds)),
         "Radiance": (expected, with_blinds),
     }
     numbers, faults = {"samples": float(best), "radiance_ratio": ratio}, []

@@ -188,11 +188,11 @@ def daylight(
         ),
     ] = None,
     blinds: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             metavar="SCENE",
             help="The scene with blinds closed, or its .npz: they close in hours in which the sun is on more than "
-            "2 % of the sensors (LM-83).",
+            "2 % of the sensors (LM-83). Repeated: each with the blinds of one group of windows closed.",
             rich_help_panel=_YEAR,
         ),
     ] = None,
@@ -226,7 +226,7 @@ def daylight(
     from_file = scene.lower().endswith(".npz")
     check_shown(shown, texels is not None or from_file, show, weather is not None)
     others = [path for path in out if path not in shown]
-    year = year_request(weather, blinds, occupied, threshold, ground, hours, others, latitude)
+    year = year_request(weather, blinds or (), occupied, threshold, ground, hours, others, latitude)
     for path in out:
         check_writable(path)
     saved = next((path for path in out if path.suffix.lower() == ".npz"), out[0])
@@ -288,7 +288,8 @@ def daylight(
     lines = list(_summary(found))
     of_year = None
     if year is not None:
-        closed = None if blinds is None else coefficients_of(blinds, saved.with_suffix(".blinds.npz"))
+        names = [saved.with_suffix(f".blinds{number or ''}.npz") for number in range(len(blinds or ()))]
+        closed = [coefficients_of(group, name) for group, name in zip(blinds or (), names, strict=True)]
         of_year = year.of(found, closed)
         targets |= {path: year.save_as(of_year) for path in others if path not in targets}
         lines += year_summary(of_year)

@@ -31,7 +31,7 @@ class YearRequest:
     ground: float
     hours: bool
 
-    def of(self, coefficients: DaylightCoefficients, blinds: DaylightCoefficients | None) -> DaylightYear:
+    def of(self, coefficients: DaylightCoefficients, blinds: Sequence[DaylightCoefficients]) -> DaylightYear:
         """Raises UsageError, as `daylight_year` says."""
         from glpath.daylight.year import daylight_year
 
@@ -51,7 +51,7 @@ class YearRequest:
 
 def year_request(
     weather: Path | None,
-    blinds: str | None,
+    blinds: Sequence[str],
     occupied: str,
     threshold: float,
     ground: float,
@@ -73,7 +73,7 @@ def year_request(
 
         check_suffix(path)
     if weather is None:
-        if blinds is not None:
+        if blinds:
             raise UsageError("--blinds: are of a year.", "Give --weather.")
         return None
     if latitude is not None:
@@ -97,8 +97,8 @@ def year_summary(year: DaylightYear) -> Iterator[str]:
         f"{high:.1f} % above"
     )
     if year.sda is not None:
-        closed = int((year.closed & year.occupied).sum())
-        yield f"  sDA{year.threshold:g}/50%: {100 * year.sda:.1f} % (blinds closed in {closed:,} occupied hours)"
+        closed = " and ".join(f"{hours:,}" for hours in (year.closed & year.occupied).sum(axis=1))
+        yield f"  sDA{year.threshold:g}/50%: {100 * year.sda:.1f} % (blinds closed in {closed} occupied hours)"
     else:
         yield (
             f"  {100 * year.autonomous_share:.1f} % of the sensors have {year.threshold:g} lx in half of the time; "

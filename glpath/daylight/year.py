@@ -7,7 +7,7 @@ The rows of sensors are multiplied block by block, so that memory does not grow 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,11 +48,11 @@ class DaylightYear:
 
     coefficients : of the sensors
     weather      : of the site
-    blinds       : coefficients of the same sensors with blinds closed; None where there are none
+    blinds       : of each group of blinds, coefficients of the same sensors with that group closed; () without
     skies        : of the hours that are lit
     occupied     : (H,) bool, hours that autonomy and the like count
     threshold    : lx of daylight autonomy
-    closed       : (H,) bool, blinds are closed, as more than 2 % of the sensors are in sunlight; all False without
+    closed       : (G, H) bool, a group is closed, as more than 2 % of the sensors are in sunlight through it
     autonomy     : (N,) float64, share of the occupied hours with `threshold` lx or more
     useful       : (N, 4) float64, shares of the occupied hours below 100 lx, to 300, to 3000, and above
     mean         : (N,) float64, lx, of the occupied hours
@@ -63,7 +63,7 @@ class DaylightYear:
 
     coefficients: DaylightCoefficients
     weather: Weather
-    blinds: DaylightCoefficients | None
+    blinds: tuple[DaylightCoefficients, ...]
     skies: HourlySkies
     occupied: NDArray[np.bool_]
     threshold: float
@@ -82,7 +82,7 @@ class DaylightYear:
     def sda(self) -> float | None:
         """sDA of LM-83, 300 lx and half of the time by default: the share of the sensors whose daylight autonomy is
         half or more. None without blinds, as LM-83 has it with blinds that are operated."""
-        return None if self.blinds is None else metrics.spatial_autonomy(self.autonomy)
+        return metrics.spatial_autonomy(self.autonomy) if self.blinds else None
 
     @property
     def autonomous_share(self) -> float:
@@ -115,7 +115,12 @@ class DaylightYear:
             name: (dims, values, {"units": unit, "long_name": what})
             for name, (dims, values, unit, what) in self._summaries().items()
         }
-        variables["blinds_closed"] = (("time",), self.closed, {"long_name": "blinds are closed"})
+        grouped = len(self.blinds) > 1
+        variables["blinds_closed"] = (
+            ("group", "time") if grouped else ("time",),
+            self.closed if grouped else self.closed.any(axis=0),
+            {"long_name": "blinds are closed"},
+        )
         variables["occupied"] = (("time",), self.occupied, {"long_name": "hours that count"})
         if hours:
             what = {"units": "lx", "long_name": "illuminance, mean of the hour"}
@@ -146,7 +151,8 @@ class DaylightYear:
             "autonomous_share": self.autonomous_share,
         }
         if self.sda is not None:
-            found |= {"sDA": self.sda, "blinds_closed_hours": int((self.closed & self.occupied).sum())}
+            hours = (self.closed & self.occupied).sum(axis=1).tolist()
+            found |= {"sDA": self.sda, "blinds_closed_hours": hours[0] if len(hours) == 1 else hours}
         return found
 
     def of_sensors(self) -> Iterator[tuple[str, Float64, str]]:
@@ -216,7 +222,7 @@ def daylight_year(
     coefficients: DaylightCoefficients,
     weather: Weather | str | Path,
     *,
-    blinds: DaylightCoefficients | None = None,
+    blinds: DaylightCoefficients | Sequence[DaylightCoefficients] | None = None,
     occupied: tuple[float, float] = OCCUPIED,
     threshold: float = metrics.AUTONOMY,
     ground: float = GROUND,
@@ -228,7 +234,8 @@ def daylight_year(
     coefficients : with positions of the sun of the weather's latitude
     weather      : an EPW or TMY3 file, or what `glpath.io.weather.read_weather` has read
     blinds       : coefficients of the same sensors with blinds closed, which are in hours in which more than 2 % of
-                   the sensors have 1000 lx or more straight from the sun, as LM-83 has it
+                   the sensors have 1000 lx or more straight from the sun, as LM-83 has it. Of several groups of
+                   windows those with each group's blinds closed alone: a group goes by the sun that it keeps away
     occupied     : hours of the day that count, from and to, local standard time
     threshold    : lx of daylight autonomy
     ground       : albedo of the ground around the scene, whose light comes from below the horizon
@@ -236,7 +243,8 @@ def daylight_year(
     Raises UsageError for coefficients without suns, of another latitude, or of other sensors with blinds;
     SceneError for weather that is none; GlpathError where pvlib is missing.
 
-    Cost:     some seconds for a thousand sensors: a product of sensors, patches and lit hours.
+    Cost:     some seconds for a thousand sensors: a product of sensors, patches and lit hours, and of each group.
+    Poor at:  light that comes in by one group's windows and out by another's: what groups take away adds up.
     Source:   McNeil & Lee 2013; IES LM-83-12.
     """
     first, last = occupied
@@ -247,23 +255,27 @@ def daylight_year(
     if not 0 <= ground <= 1:
         raise UsageError(f"ground: an albedo of {ground:g} where 0 to 1 is needed.")
     of = weather if isinstance(weather, Weather) else read_weather(weather)
-    _check_alike(coefficients, of, blinds)
+    groups = () if blinds is None else (blinds,) if isinstance(blinds, DaylightCoefficients) else tuple(blinds)
+    _check_alike(coefficients, of, groups)
     skies = HourlySkies.of(of, coefficients, ground)
     begin = (of.times - of.times.astype("datetime64[D]")).astype("timedelta64[s]").astype(np.float64) / 3600
     counted = (begin >= first) & (begin + 1 <= last)
     if not counted.any():
         raise UsageError(f"occupied: no hour of {of.source} lies from {first:g} to {last:g}.")
-    closed = np.zeros(len(of.times), np.bool_)
+    closed = np.zeros((len(groups), len(of.times)), np.bool_)
     count = len(coefficients)
-    if blinds is not None:
+    for is_closed, group in zip(closed, groups, strict=True):
         sunlit = np.zeros(len(skies))
         for part in _parts(count, len(skies)):
-            sunlit += (part.stop - part.start) * metrics.sunlit_share(_sunlight(coefficients, skies, part))
-        closed[skies.hours] = metrics.blinds_closed(sunlit / count)
+            sunlight = _sunlight(coefficients, skies, part)
+            if len(groups) > 1:  # what comes through these windows
+                sunlight -= _sunlight(group, skies, part)
+            sunlit += (part.stop - part.start) * metrics.sunlit_share(sunlight)
+        is_closed[skies.hours] = metrics.blinds_closed(sunlit / count)
     year = DaylightYear(
         coefficients,
         of,
-        blinds,
+        groups,
         skies,
         counted,
         float(threshold),
@@ -313,7 +325,9 @@ def _parts(count: int, width: int) -> Iterator[slice]:
     return (slice(first, last) for first, last in blocks(count, width))
 
 
-def _check_alike(coefficients: DaylightCoefficients, weather: Weather, blinds: DaylightCoefficients | None) -> None:
+def _check_alike(
+    coefficients: DaylightCoefficients, weather: Weather, groups: tuple[DaylightCoefficients, ...]
+) -> None:
     """Raises UsageError."""
     if not len(coefficients.suns):
         raise UsageError(
@@ -326,33 +340,42 @@ def _check_alike(coefficients: DaylightCoefficients, weather: Weather, blinds: D
             f"site {weather.site} is at {weather.latitude:g}.",
             f"Compute them with latitude={weather.latitude:g}.",
         )
-    if blinds is None:
-        return
-    for name in ("points", "normals", "directions", "column"):
-        if not np.array_equal(getattr(coefficients, name), getattr(blinds, name)):
+    for number, blinds in enumerate(groups, 1):
+        which = "blinds" if len(groups) == 1 else f"group {number} of the blinds"
+        for name in ("points", "normals", "directions", "column"):
+            if not np.array_equal(getattr(coefficients, name), getattr(blinds, name)):
+                raise UsageError(
+                    f"daylight_year: the coefficients with {which} have other {name}.",
+                    "Compute all with the same sensors and options; only the scene differs.",
+                )
+        if blinds.receiver != coefficients.receiver:
             raise UsageError(
-                f"daylight_year: the coefficients with blinds have other {name}.",
-                "Compute both with the same sensors and options; only the scene differs.",
+                f"daylight_year: the coefficients with {which} are of a {blinds.receiver}, those without of a "
+                f"{coefficients.receiver}."
             )
-    if blinds.receiver != coefficients.receiver:
-        raise UsageError(
-            f"daylight_year: the coefficients with blinds are of a {blinds.receiver}, those without of a "
-            f"{coefficients.receiver}."
-        )
 
 
 def _light(year: DaylightYear, part: slice, quantity: Quantity) -> Float32:
     """(n, L): of the lit hours, with blinds as they are."""
-    skies, closed = year.skies, year.closed[year.skies.hours]
+    skies, closed = year.skies, year.closed[:, year.skies.hours]
     sky, sun = skies.sky(quantity), skies.sun(quantity).astype(np.float32)
-    if year.blinds is None or not closed.any():
-        return _product(year.coefficients, part, sky, skies.position, skies.to_sun, sun)
-    found = np.empty((len(range(len(year))[part]), len(skies)), np.float32)
-    for which, coefficients in ((~closed, year.coefficients), (closed, year.blinds)):
-        found[:, which] = _product(
-            coefficients, part, sky[:, which], skies.position[which], skies.to_sun[which], sun[which]
-        )
-    return found
+
+    def product(of: DaylightCoefficients, which: NDArray[np.bool_]) -> Float32:
+        return _product(of, part, sky[:, which], skies.position[which], skies.to_sun[which], sun[which])
+
+    every = np.ones(len(skies), np.bool_)
+    if not closed.any():
+        return product(year.coefficients, every)
+    if len(closed) == 1:
+        found = np.empty((len(range(len(year))[part]), len(skies)), np.float32)
+        for which, coefficients in ((~closed[0], year.coefficients), (closed[0], year.blinds[0])):
+            found[:, which] = product(coefficients, which)
+        return found
+    found = product(year.coefficients, every)
+    bare = found.copy()
+    for which, group in zip(closed, year.blinds, strict=True):
+        found[:, which] += product(group, which) - bare[:, which]
+    return np.maximum(found, 0.0)
 
 
 def _product(

@@ -108,10 +108,10 @@ def test_an_hour_has_what_the_renderer_finds_in_its_sky(
     assert found == pytest.approx(measured, rel=0.05)
 
 
-def box(window: bool) -> list[Any]:
-    """A room of 6 x 6 x 3 around the origin, whose south is open where it has a window."""
+def box(window: bool, *, west: bool = False) -> list[Any]:
+    """A room of 6 x 6 x 3 around the origin, whose south is open where it has a window, and its west likewise."""
     floor, ceiling = ([[-3, -3, z], [3, -3, z], [3, 3, z], [-3, 3, z]] for z in (0, 3))
-    sides = [[[x, -3, 0], [x, 3, 0], [x, 3, 3], [x, -3, 3]] for x in (-3, 3)]
+    sides = [[[x, -3, 0], [x, 3, 0], [x, 3, top], [x, -3, top]] for x, top in ((-3, 1 if west else 3), (3, 3))]
     north = [[-3, 3, 0], [3, 3, 0], [3, 3, 3], [-3, 3, 3]]
     south = [[-3, -3, 0], [3, -3, 0], [3, -3, 3 if not window else 1], [-3, -3, 3 if not window else 1]]
     return [floor, ceiling, *sides, north, south]
@@ -129,8 +129,8 @@ def test_blinds_close_in_hours_of_sunlight_and_only_then(weather: Weather) -> No
     # One of nine sensors is more than two percent.
     expected = (sunlight >= 1000).any(axis=0)
     assert 100 < expected.sum() < len(skies)
-    assert np.array_equal(shaded.closed, expected)
-    assert not without.closed.any()
+    assert np.array_equal(shaded.closed, expected[None])
+    assert without.closed.shape == (0, len(expected))
     light, before = shaded.light(), without.light()
     assert not light[:, expected].any()
     # A product of some of the hours: on some processors its last bits are others than in one of all.
@@ -146,6 +146,40 @@ def test_blinds_close_in_hours_of_sunlight_and_only_then(weather: Weather) -> No
     assert shaded.sda == np.mean(shaded.autonomy >= 0.5)
     assert shaded.ase == without.ase == np.mean(without.sunlight_hours > 250)
     assert 0 < shaded.ase < 1
+
+
+def test_each_group_of_blinds_keeps_the_sun_of_its_own_windows_away(weather: Weather, tmp_path: Path) -> None:
+    at = [[x, y, 0.8] for x in (-2.5, 0.0, 2.5) for y in (-2.5, 0.0, 2.5)]
+
+    def room(south: bool, west: bool) -> DaylightCoefficients:
+        return coefficients(*box(south, west=west), at=at, samples=2)
+
+    bare, no_south, no_west, none = room(True, True), room(False, True), room(True, False), room(False, False)
+    found = daylight_year(bare, weather, blinds=[no_south, no_west])
+    # The group is what a room with that window alone would close.
+    for closed, alone in zip(found.closed, (no_west, no_south), strict=True):
+        assert np.array_equal(closed, daylight_year(alone, weather, blinds=none).closed[0])
+    south, west = found.closed
+    assert (south & ~west).sum() > 50
+    assert (west & ~south).sum() > 50
+    assert (south & west).sum() > 50
+    light = found.light()
+    for hours, room_then in (
+        (~south & ~west, bare),
+        (south & ~west, no_south),
+        (~south & west, no_west),
+        (south & west, none),
+    ):
+        expected = daylight_year(room_then, weather).light()[:, hours]
+        np.testing.assert_allclose(light[:, hours], expected, rtol=1e-4, atol=1e-2 + 1e-5 * light.max())
+    assert found.attributes()["blinds_closed_hours"] == (found.closed & found.occupied).sum(axis=1).tolist()
+    xarray = pytest.importorskip("xarray")
+    found.save(tmp_path / "year.nc", hours=False)
+    with xarray.open_dataset(tmp_path / "year.nc") as read:
+        assert read.blinds_closed.dims == ("group", "time")
+        assert read.blinds_closed.values.astype(bool).tolist() == found.closed.tolist()
+    with pytest.raises(UsageError, match="group 2 of the blinds have other points"):
+        daylight_year(bare, weather, blinds=[no_south, coefficients(GROUND)])
 
 
 def test_blocks_of_sensors_change_nothing(
