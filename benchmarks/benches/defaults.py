@@ -62,7 +62,7 @@ MODELS = {"parlour": "parlour.glb"}
 #: Path sets of the unbiased picture.
 SETS = 512
 # Samples of each of the two pictures that the error of Cycles in a model is taken beside.
-_OWN_SAMPLES = 768
+_OWN_SAMPLES = 256
 #: Of Cycles; the first is Blender's default.
 THRESHOLDS = (0.01, 0.03, 0.1)
 _CYCLES_SAMPLES = 4096

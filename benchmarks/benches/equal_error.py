@@ -172,7 +172,7 @@ class Ground:
         if truth is None:
             notes.append("without a reference: no errors. Give one (--reference), or install the reference extra.")
         else:
-            notes.append(f"reference: {truth.source}")
+            notes.append(f"reference: {_without_machine(truth.source)}")
         return cls(scene, peer, truth, notes)
 
 
@@ -198,6 +198,12 @@ def warm_up(tracer: Engine) -> None:
     """Compile what is left to compile."""
     tracer.trace_path_set(0)
     tracer.take()
+
+
+def _without_machine(source: str) -> str:
+    """The file of a reference, by what is the same on every machine."""
+    path, ours = Path(source), Path(__file__).parents[2]
+    return str(path.relative_to(ours)) if path.is_relative_to(ours) else path.name
 
 
 def stage_times(tracer: PathSetEngine, sets: int = 24) -> dict[str, float]:
