@@ -142,7 +142,11 @@ def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> In
     Triangles of one surface whose numbers would differ get powers of two, so that their vertices meet: one that
     lies between two of the neighbour's is in the middle of them, or halfway to the middle, and so on.
     """
-    longest = _longest(scene)
+    return _divisions(_longest(scene), surface, size)
+
+
+def _divisions(longest: Float64, surface: Int64, size: float | Float64) -> Int64:
+    """(T,), of the longest edge of each triangle."""
     parts = np.maximum(np.ceil(longest / size - 1e-9), 1)
     min_parts = np.full(surface.max(initial=-1) + 1, np.inf)
     max_parts = np.zeros_like(min_parts)
@@ -167,7 +171,7 @@ def size_for_count(scene: Scene, surface: Int64, count: int, *, by_size: bool = 
         return largest
     for _ in range(40):
         middle = np.sqrt(fine * coarse)
-        patches = divisions_of_size(scene, surface, middle).astype(float) ** 2
+        patches = _divisions(longest, surface, middle).astype(float) ** 2
         if by_size:
             patches *= np.minimum(longest / middle, 1.0) ** 2
         if float(patches.sum()) > count:
