@@ -172,7 +172,7 @@ class _Shards:
             if self._tries[number] >= _TRIES:
                 raise ContextError(
                     f"cluster: shard {number} of {self._count} failed {_TRIES} times: {reason}",
-                    "The workers' own logs say more; --shard computes one alone.",
+                    "The workers' own logs say more; `shard` computes one alone.",
                 ) from error
             return None
 
