@@ -83,7 +83,7 @@ def bench_defaults(rounds: int = 3, scale: float = 1.0, progress: Say = lambda t
     Raises GlpathError where a render fails; Cycles is left out where it is not installed.
     """
     measured: dict[str, float] = {}
-    rows: list[dict[str, float | str]] = []
+    rows: list[dict[str, float | str | None]] = []
     notes: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         picture, film = str(Path(folder, "a.png")), Path(folder, "a.npz")
@@ -95,7 +95,7 @@ def bench_defaults(rounds: int = 3, scale: float = 1.0, progress: Say = lambda t
             render()
         seconds = in_turns({name: partial(seconds_of, render) for name, render in renders.items()}, max(rounds, 1))
         measured["helmet_s"] = seconds["helmet"]
-        rows.append({"scene": "helmet", "program": "glpath", "seconds": seconds["helmet"]})
+        rows.append({"scene": "helmet", "program": "glpath", "seconds": seconds["helmet"], "relmse": None})
         for name in AIMS:
             scene = load_scene(name)
             if name in SIZES:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
+import tests.support.preloaded  # noqa: F401
 from glpath.film.image import read_image
 from tests.support.code_blocks import LAMP, PAGES
 from tests.support.command_line import run

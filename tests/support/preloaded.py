@@ -1,0 +1,31 @@
+"""Compiled packages that runs of pytester use, loaded before them.
+
+pytester unloads what a run of its own has loaded. A compiled package is then loaded a second time: matplotlib does
+not know the objects of the first, and a process with OpenEXR or FLIP may crash much later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import warnings
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # the oldest matplotlib beside the newest pyparsing
+    for name in (
+        "OpenEXR",
+        "PIL.Image",
+        "PIL.JpegImagePlugin",
+        "PIL.PngImagePlugin",
+        "flip_evaluator",
+        "glcontext",
+        "imageio.v3",
+        "matplotlib.pyplot",
+        "moderngl",
+        "numba",
+        "pyoidn",
+        "scipy.ndimage",
+        "scipy.stats",
+    ):
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
