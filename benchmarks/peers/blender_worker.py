@@ -5,13 +5,13 @@
 ASKED is JSON: {"file", "side", "spp", "max_depth", "folder", "camera", "fov", "clip", "sky"}, the last four as
 `model_worker` answers them; and, where they are wanted,
 
+    exposure    : by which the light is multiplied, also where sampling asks for its noise
     environment : a map that stands in for the sky
     denoise     : whether Cycles' denoiser follows
     height      : where it is not the side
     threshold   : of adaptive sampling
     time_limit  : in seconds
     seed        : 0 otherwise
-    warm        : a picture of one sample goes before, so that the time is without the tree and the kernels
 
 FOLDER/blender.exr is the picture; the last line of standard output says how it went.
 Nothing of glpath is imported here: the file, its materials and its lights are as Blender reads them.
@@ -42,10 +42,6 @@ def main() -> None:
     scene = bpy.context.scene
     _look(bpy, scene, asked)
     _settle(scene, asked)
-    if asked.get("warm", False):
-        scene.cycles.samples = 1
-        bpy.ops.render.render()
-        scene.cycles.samples = asked["spp"]
     loaded = time.perf_counter() - start
     start = time.perf_counter()
     bpy.ops.render.render(write_still=True)
@@ -119,7 +115,6 @@ def _settle(scene: Any, asked: dict[str, Any]) -> None:
     render.engine = "CYCLES"
     render.use_compositing = render.use_sequencer = False
     render.resolution_x, render.resolution_y = asked["side"], asked.get("height", asked["side"])
-    render.use_persistent_data = asked.get("warm", False)
     render.resolution_percentage = 100
     render.filepath = str(Path(asked["folder"], "blender.exr"))
     render.image_settings.file_format = "OPEN_EXR"
@@ -130,6 +125,7 @@ def _settle(scene: Any, asked: dict[str, Any]) -> None:
     cycles.pixel_filter_type = "BOX"
     cycles.use_denoising, cycles.use_adaptive_sampling = asked.get("denoise", False), "threshold" in asked
     cycles.adaptive_threshold = asked.get("threshold", 0.0)
+    cycles.film_exposure = asked.get("exposure", 1.0)
     cycles.time_limit = asked.get("time_limit", 0.0)
     cycles.seed = asked.get("seed", 0)
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
