@@ -14,19 +14,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.benches.equal_error import TARGET, scaled
-from benchmarks.benches.gather import DEPTH, solve
-from benchmarks.benches.own_noise import beside_mitsuba, rows_of, to_target
+from benchmarks.benches.gather import DEPTH
+from benchmarks.benches.own_noise import compare
 from benchmarks.peers import mitsuba as mitsuba_peer
-from benchmarks.verdict import Condition, Report, faults, judge, machine
+from benchmarks.verdict import Condition, Report
 from glpath.film.units import EFFICACY
-from glpath.gl.context import get_context
 from glpath.io import load_scene
 from glpath.scene.model import Light, LightProfile, Scene, Shapes
 from glpath.scene.triangulate import path_traceable
-from glpath.system.versions import versions
 
-_SETS, _SAMPLES = 64, 256
 AGREEMENT = (Condition("mitsuba_mean_off", "<=", 0.02),)
 RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 5.0))
 
@@ -52,24 +48,6 @@ def bench_luminaires(
     scale : below 1, fewer samples of all
     Raises GlpathError without Mitsuba.
     """
-    context = get_context()
     scene = lit_office()
     peer = mitsuba_peer.to_mitsuba(scene, DEPTH)
-    progress("radiosity")
-    solve(scene)
-    solver_s, solution = solve(scene)
-    (sets,), (samples,) = scaled((_SETS,), scale), scaled((_SAMPLES,), scale)
-    programs = beside_mitsuba(context, scene, solution, peer, sets, samples)
-    measured = {"solver_s": solver_s} | to_target(programs, seeds, solver_s, progress)
-    claim, holds = judge(f"200 luminaires to relMSE {TARGET:g} with all bounces, beside Mitsuba", RULE, measured)
-    return Report(
-        name="luminaires",
-        claim=claim,
-        measured=measured,
-        holds=holds,
-        rows=rows_of(programs, measured),
-        machine=machine(context.info.renderer),
-        versions=versions("glpath", "moderngl", "numpy", "numba", "mitsuba") | {"driver": context.info.driver},
-        notes=[],
-        faults=faults(AGREEMENT, measured),
-    )
+    return compare("luminaires", scene, peer, (RULE, AGREEMENT), seeds, scale, progress)

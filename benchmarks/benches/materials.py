@@ -17,20 +17,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks.benches.equal_error import TARGET, mitsuba_scenes, scaled
-from benchmarks.benches.gather import DEPTH, solve
-from benchmarks.benches.own_noise import beside_mitsuba, rows_of, to_target
+from benchmarks.benches.equal_error import mitsuba_scenes
+from benchmarks.benches.gather import DEPTH
+from benchmarks.benches.own_noise import compare
 from benchmarks.peers import mitsuba as mitsuba_peer
-from benchmarks.verdict import Condition, Report, faults, judge, machine
+from benchmarks.verdict import Condition, Report
 from glpath.errors import GlpathError
-from glpath.gl.context import get_context
 from glpath.io import load_scene
 from glpath.io.export.mitsuba import MitsubaScene, described
 from glpath.scene.triangulate import path_traceable
-from glpath.system.versions import versions
 
 SCENE, RESOLUTION = "parlour", (128, 96)
-_SETS, _SAMPLES = 64, 256
 AGREEMENT = (Condition("mitsuba_mean_off", "<=", 0.05),)
 RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 5.0), Condition("path_vs_mitsuba", ">=", 2.0))
 
@@ -44,7 +41,6 @@ def bench_materials(
     scale : below 1, fewer samples of all
     Raises GlpathError without Mitsuba.
     """
-    context = get_context()
     notes: list[str] = []
     scene = path_traceable(load_scene(SCENE).with_camera(resolution=RESOLUTION))
     translated = described(scene, DEPTH, instances=False)
@@ -52,22 +48,4 @@ def bench_materials(
         raise GlpathError(f"bench materials: {notes[-1]}", "Install the extra reference.")
     notes += [f"Mitsuba's own: {difference}" for difference in translated.differences]
     peer = mitsuba_peer.in_memory(MitsubaScene(translated.plugins, ()))
-    progress("radiosity")
-    solve(scene)
-    solver_s, solution = solve(scene)
-
-    (sets,), (samples,) = scaled((_SETS,), scale), scaled((_SAMPLES,), scale)
-    programs = beside_mitsuba(context, scene, solution, peer, sets, samples)
-    measured = {"solver_s": solver_s} | to_target(programs, seeds, solver_s, progress)
-    claim, holds = judge(f"{SCENE} to relMSE {TARGET:g} with all bounces, beside Mitsuba", RULE, measured)
-    return Report(
-        name="materials",
-        claim=claim,
-        measured=measured,
-        holds=holds,
-        rows=rows_of(programs, measured),
-        machine=machine(context.info.renderer),
-        versions=versions("glpath", "moderngl", "numpy", "numba", "mitsuba") | {"driver": context.info.driver},
-        notes=notes,
-        faults=faults(AGREEMENT, measured),
-    )
+    return compare("materials", scene, peer, (RULE, AGREEMENT), seeds, scale, progress, notes)

@@ -6,19 +6,23 @@ well, its distance from the unbiased paths, which counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from benchmarks.benches.equal_error import TARGET, render_peer_in_steps, trace_in_steps
-from benchmarks.benches.gather import DEPTH, gather_engine, path_engine_of
-from glpath.gl.context import Context
+from benchmarks.benches.equal_error import TARGET, render_peer_in_steps, scaled, trace_in_steps
+from benchmarks.benches.gather import DEPTH, gather_engine, path_engine_of, solve
+from benchmarks.verdict import Condition, Report, faults, judge, machine
+from glpath.gl.context import Context, get_context
 from glpath.radiosity.solution import RadiositySolution
 from glpath.scene.model import Float64, Scene
+from glpath.system.versions import versions
 
 _LEAST = 1e-2
+# Path sets of a picture, and samples of Mitsuba's.
+_SETS, _SAMPLES = 64, 256
 
 
 @dataclass
@@ -100,12 +104,46 @@ def to_target(
     return measured
 
 
-def rows_of(programs: dict[str, Program], measured: dict[str, float]) -> list[dict[str, float | str]]:
-    """A row of the report for each program."""
-    return [
-        {"program": name, "samples": program.samples, "relmse": program.relmse, "s": measured[f"{name}_s"]}
-        for name, program in programs.items()
+def compare(
+    name: str,
+    scene: Scene,
+    peer: Any,
+    rules: tuple[tuple[Condition, ...], tuple[Condition, ...]],
+    seeds: int,
+    scale: float,
+    progress: Callable[[str], None],
+    notes: Sequence[str] = (),
+) -> Report:
+    """The report of a bench: the gather, the paths and Mitsuba's scene `peer`, in turns, to the target.
+
+    name  : of the bench
+    rules : conditions that the claim holds, and such without which the programs did not do the same work
+    seeds : pictures of each program, two at least
+    scale : below 1, fewer samples of all
+    """
+    context = get_context()
+    progress("radiosity")
+    solve(scene)
+    solver_s, solution = solve(scene)
+    (sets,), (samples,) = scaled((_SETS,), scale), scaled((_SAMPLES,), scale)
+    programs = beside_mitsuba(context, scene, solution, peer, sets, samples)
+    measured = {"solver_s": solver_s} | to_target(programs, seeds, solver_s, progress)
+    claim, holds = judge(f"{scene.name} to relMSE {TARGET:g} with all bounces, beside Mitsuba", rules[0], measured)
+    rows: list[dict[str, float | str]] = [
+        {"program": program, "samples": of.samples, "relmse": of.relmse, "s": measured[f"{program}_s"]}
+        for program, of in programs.items()
     ]
+    return Report(
+        name=name,
+        claim=claim,
+        measured=measured,
+        holds=holds,
+        rows=rows,
+        machine=machine(context.info.renderer),
+        versions=versions("glpath", "moderngl", "numpy", "numba", "mitsuba") | {"driver": context.info.driver},
+        notes=list(notes),
+        faults=faults(rules[1], measured),
+    )
 
 
 def bias_of(biased: Program, unbiased: Program) -> float:

@@ -15,7 +15,7 @@ import queue
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -112,7 +112,7 @@ class _Shards:
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._tries: Counter[int] = Counter()
 
-    def come(self) -> Any:
+    def come(self) -> Iterator[tuple[int, DaylightCoefficients]]:
         """The number and the coefficients of each shard that is wanted, as they come."""
         for number in self._wanted:
             self._submit(number)
