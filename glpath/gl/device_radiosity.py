@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
+from glpath.gl.device_irradiance_volume import DeviceIrradianceVolume, Volume
 from glpath.gl.texel_store import FLOATS, WIDTH, make_store, store_glsl
 from glpath.scene.model import Float64
 
@@ -74,6 +75,7 @@ class DeviceRadiosity:
     reflectance  : (2, T, 3) of the triangles' fronts and backs
     interpolated : are its values those of the vertices?
     all_light    : the values with all light as well, for programs with ALL_LIGHT
+    volume       : what is looked up on streamed triangles, of a scene that has such
 
     Attributes
     ----------
@@ -95,6 +97,7 @@ class DeviceRadiosity:
         *,
         interpolated: bool,
         all_light: bool = False,
+        volume: Volume | None = None,
     ) -> None:
         values, direct_share, starts = table.values, table.direct_share, table.starts
         count, given = len(corners), values.shape[1]
@@ -127,6 +130,11 @@ class DeviceRadiosity:
         self.textures = {"radiosity": texture}
         self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}
         self.generated = {"RADIOSITY": radiosity_glsl()}
+        if volume is not None:
+            of_streams = DeviceIrradianceVolume(gl, volume)
+            self.textures |= of_streams.textures
+            self.uniforms |= of_streams.uniforms
+            self.generated |= of_streams.generated
 
 
 def _sides_in_turns(values: Float64, direct_share: Float64) -> Float64:

@@ -12,9 +12,11 @@ from msgspec import Meta
 from glpath.errors import UsageError
 from glpath.integrators.settings import (
     DEEPEST,
+    GEOMETRY_BUDGET,
     GUIDES,
     ROULETTE_OF_MIRRORED,
     DirectLight,
+    GeometryBudget,
     Guide,
     Lookup,
     PathSetSettings,
@@ -30,7 +32,16 @@ Cast = Literal["bvh", "path-buffer"]
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
 # Options by how rays are cast.
 _OF_BVH = ("guide", "branches")
-_OF_PATH_BUFFER = ("directions", "light_resolution", "interleave", "cell_share", "cosine_roulette")
+_OF_PATH_BUFFER = (
+    "directions",
+    "light_resolution",
+    "interleave",
+    "cell_share",
+    "cosine_roulette",
+    "geometry_budget",
+)
+# Of these the film has the digest of the solution, or they decide nothing.
+_NOT_RECORDED = ("radiosity", "radiosity_lookup", "geometry_budget")
 
 
 class Solution(Protocol):
@@ -117,6 +128,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
         ),
     ] = 2
 
+    geometry_budget: GeometryBudget = GEOMETRY_BUDGET
+
     @property
     def path_length(self) -> int:
         return self.lookup_depth
@@ -146,7 +159,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
         if not self.interleaved:
             unused = (*unused, "interleave")
-        return {k: v for k, v in super().recorded().items() if k not in ("radiosity", "radiosity_lookup", *unused)}
+        return {k: v for k, v in super().recorded().items() if k not in (*_NOT_RECORDED, *unused)}
 
     def check_together(self, given: Mapping[str, Any]) -> None:
         cast = given.get("cast", self.cast)

@@ -10,12 +10,14 @@ from msgspec import Meta
 
 from glpath.integrators.settings import (
     DEEPEST,
+    GEOMETRY_BUDGET,
     GUIDES,
     NO_LOOKUP,
     ROULETTE_OF_MIRRORED,
     Ambient,
     Directions,
     DirectLight,
+    GeometryBudget,
     Guide,
     Lookup,
     MaxDepth,
@@ -134,16 +136,7 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
     ] = "pair"
     ambient: Ambient = None
     roulette: Roulette = None
-    geometry_budget: Annotated[
-        int,
-        Meta(
-            ge=1,
-            le=1 << 20,
-            description="MiB of memory, the device's and the machine's together, for the triangles of shapes of "
-            'type "stream"; more is quicker, as chunks then stay on the device',
-            extra={"metavar": "MIB"},
-        ),
-    ] = 1024
+    geometry_budget: GeometryBudget = GEOMETRY_BUDGET
     bounce_lod: Annotated[
         float | None,
         Meta(
@@ -186,5 +179,4 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
 class PathBufferKeywords(TypedDict, total=False):
     """The options of "path-buffer" alone; see `SharedKeywords`."""
 
-    geometry_budget: int | None
     bounce_lod: float | None

@@ -121,6 +121,18 @@ Ambient = Annotated[
         "scene's ambient light",
     ),
 ]
+#: MiB; see `GeometryBudget`.
+GEOMETRY_BUDGET = 1024
+GeometryBudget = Annotated[
+    int,
+    Meta(
+        ge=1,
+        le=1 << 20,
+        description="MiB of memory, the device's and the machine's together, for the triangles of shapes of "
+        'type "stream"; more is quicker, as chunks then stay on the device',
+        extra={"metavar": "MIB"},
+    ),
+]
 Roulette = Annotated[
     int | None,
     Meta(
@@ -249,3 +261,4 @@ class SharedKeywords(TypedDict, total=False):
     directions: Directions | None
     light_resolution: int | None
     interleave: Interleave | None
+    geometry_budget: int | None

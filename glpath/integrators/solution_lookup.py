@@ -13,18 +13,31 @@ from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_settings import PathSettings
 from glpath.integrators.settings import Lookup
 from glpath.scene.model import Scene
+from glpath.scene.proxy import Proxies
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
 
 
 def device_radiosity(
-    gl: moderngl.Context, scene: Scene, solution: RadiositySolution, settings: GatherSettings | PathSettings
+    gl: moderngl.Context,
+    scene: Scene,
+    solution: RadiositySolution,
+    settings: GatherSettings | PathSettings,
+    proxies: Proxies | None = None,
 ) -> DeviceRadiosity:
-    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it."""
+    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it.
+
+    proxies : of a scene with streams, what the solution is of
+    """
+    from glpath.radiosity.irradiance_volume import IrradianceVolume
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
 
-    table = lookup_table(scene, solution, settings.radiosity_lookup, traced=settings.direct_light == "traced")
+    traced, volume = settings.direct_light == "traced", None
+    if proxies is not None:
+        scene = proxies.scene
+        volume = IrradianceVolume.of(scene, solution, proxies.first, traced=traced)
+    table = lookup_table(scene, solution, settings.radiosity_lookup, traced=traced)
     return DeviceRadiosity(
         gl,
         scene.triangles,
@@ -33,6 +46,7 @@ def device_radiosity(
         scene.side_reflectance,
         interpolated=settings.radiosity_lookup == "interpolated",
         all_light=settings.guided,
+        volume=volume,
     )
 
 

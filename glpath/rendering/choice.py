@@ -1,8 +1,10 @@
 """What "auto" is: the integrator that shows a scene clean soonest, and its options that were left open.
 
 The gather, where the scene can have a radiosity solution in time that is worth it, nothing is asked for that a
-gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take
-the path-buffer, and planes without end the T-buffer, as no other knows them; so does an option that no other has.
+gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take the
+path-buffer, which has all their light without bias, and planes without end the T-buffer, as no other knows them; so
+does an option that no other has.
+
 The scene and the options decide alone, so that a job is the same on every machine: never how fast that is, or what
 is installed on it.
 """
@@ -56,6 +58,8 @@ def chosen(
     kind = INTEGRATORS.get(name) if isinstance(name, str) else None
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):
         given = {**given, "max_depth": _DEPTH_WITH_AMBIENT}
+    if kind is GatherSettings and scene.shapes.streams and "cast" not in given:
+        given = {**given, "cast": "path-buffer"}  # no BVH has streamed triangles
     return settings_of(name, given).completed(solvable)
 
 

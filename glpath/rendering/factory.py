@@ -28,6 +28,7 @@ from glpath.integrators.solution_lookup import device_radiosity, solution_digest
 from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.scene.instances import instanced
+from glpath.scene.proxy import Proxies, with_proxies
 from glpath.scene.triangulate import check_resident, check_simplifiable
 from glpath.sensors.sensor import CameraSensor, Sensor
 
@@ -46,6 +47,9 @@ _Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
 
 # Of a picture that is made as four, which does work per triangle four times.
 _PIXELS_PER_TRIANGLE = 16
+
+# Of the area of streamed triangles: with less in their proxies, a solution is of another scene.
+_LOST = 0.5
 
 # From this share of lost rays on, the image is noisier than its path sets let expect.
 _CROWDED = 0.25
@@ -236,12 +240,13 @@ def _engine_with_solution(
     parted = instanced(scene) if solution is None and isinstance(sensor, CameraSensor) else None
     if parted is None:
         _check_expandable(scene)
-    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings)
+    proxies = plan.proxies if isinstance(plan, _Gathering) else None
+    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings, proxies)
     each = partial(path_engine, radiosity=radiosity)
     make = partial(Interleaved, make=each) if settings.interleaved else each
-    return make(
-        context.gl, DeviceScene(context.gl, parted or scene), settings, window, sensor=sensor, timings=timings
-    )
+    budget = settings.geometry_budget if isinstance(settings, GatherSettings) else None
+    device = DeviceScene(context.gl, parted or scene, geometry_budget=budget)
+    return make(context.gl, device, settings, window, sensor=sensor, timings=timings)
 
 
 def _check_expandable(scene: Scene) -> None:
@@ -263,6 +268,19 @@ def _check_expandable(scene: Scene) -> None:
 def _posed(scene: Scene) -> Scene:
     """The scene as it stands while the shutter is open: what moves only at other times is where it is then."""
     return scene if scene.moving_shapes else scene.still()
+
+
+def _proxies(scene: Scene, say: Say) -> Proxies:
+    """The scene with meshes for its streams. Raises SceneError where little of them would be left."""
+    say("simplifying streamed triangles")
+    proxies = with_proxies(scene)
+    if proxies.area < _LOST:
+        raise SceneError(
+            f"{scene.source or scene.name}: the gather solves a simpler mesh instead of streamed triangles, but "
+            f"that has {proxies.area:.0%} of their area: they are too small and scattered.",
+            'Render it with integrator="path-buffer".',
+        )
+    return proxies
 
 
 def _solved(scene: Scene, say: Say) -> RadiositySolution:
@@ -322,10 +340,12 @@ class _Gathering(Plan):
     """What is particular to the gather from a radiosity solution.
 
     solution : of the prepared plan: the one that is given, its file's, or the scene's, which is solved then
+    proxies  : of the prepared plan of a scene with streams: what is solved
     """
 
     settings: GatherSettings
     solution: RadiositySolution | None = None
+    proxies: Proxies | None = None
 
     def recorded(self) -> dict[str, Any]:
         lookup = self.settings.radiosity_lookup
@@ -353,23 +373,24 @@ class _Gathering(Plan):
                 "camera may move.)",
             )
         _check_expandable(scene)
-        return path_traceable(_posed(scene))
+        return path_traceable(_posed(scene), streams=self.settings.by_path_buffer)
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         from glpath.radiosity.solution import RadiositySolution  # slow to import
 
         if self.solution is not None:
             return self
-        given = self.settings.radiosity
+        given, proxies = self.settings.radiosity, _proxies(scene, say) if scene.shapes.streams else None
+        solved = scene if proxies is None else proxies.scene
         if given is None:
-            solution = _solved(scene, say)
+            solution = _solved(solved, say)
         elif isinstance(given, Path):
             solution = RadiositySolution.load(given)
         else:
             assert isinstance(given, RadiositySolution), f"an option that was not checked: {given!r}"
             solution = given
-        solution.check_scene(scene)
-        return _Gathering(_interleaved(self.settings, scene), solution)
+        solution.check_scene(solved)
+        return _Gathering(_interleaved(self.settings, scene), solution, proxies)
 
     def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
         assert self.solution is not None, "the plan is not prepared"

@@ -93,7 +93,7 @@ def check_resident(scene: Scene) -> None:
     _check_resident(
         scene,
         "only scans of the path-buffer can render: rays, a BVH and radiosity need them all in memory",
-        'Render it with integrator="path-buffer".',
+        'Render it with integrator="path-buffer", or with "gather" and cast="path-buffer".',
     )
 
 

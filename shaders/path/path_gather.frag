@@ -14,6 +14,9 @@
 #include "path/ray_record.glsl"
 #include "path/path_arrival.glsl"
 #include "radiosity/radiosity.glsl"
+#ifdef STREAMED
+#include "radiosity/irradiance_volume.glsl"
+#endif
 #include "path/path_state.glsl"
 
 uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path continues
@@ -26,12 +29,26 @@ void main()
     if (a.triangle >= 0) {
         PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
         uint path = path_in_image(pixel);
-        LatticePosition in_lattice = lattice_position(a.triangle, a.position);
-        bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * in_lattice.width;
+#ifdef STREAMED
+        // The solution is of a proxy, whose elements a streamed triangle does not have.
+        bool streamed = a.triangle >= resident_triangles;
+#else
+        const bool streamed = false;
+#endif
+        LatticePosition in_lattice = lattice_position(streamed ? 0 : a.triangle, a.position);
+        float width = in_lattice.width;
+#ifdef STREAMED
+        if (streamed) width = volume_cell;
+#endif
+        bool near = a.t < lookup_distance * random_number(path, USE_LOOKUP) * width;
 #ifdef LAST_VERTEX
         near = false;
 #endif
-        vec4 found = near ? vec4(0.0) : irradiance_at(in_lattice, a.front);
+        vec4 found = vec4(0.0);
+        if (!near && !streamed) found = irradiance_at(in_lattice, a.front);
+#ifdef STREAMED
+        if (!near && streamed) found = volume_irradiance(a.position, a.front ? a.plane.xyz : -a.plane.xyz, a.front);
+#endif
         vec3 looked_up = a.throughput * (diffuse_reflectance(v.bsdf, dot(v.n, v.wo)) * found.rgb / PI);
         next.radiance += looked_up + lit(v, path, a.throughput * (1.0 - found.a), near ? next_views : 0);
 #ifndef LAST_VERTEX

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import glpath
 from glpath.buffers import path_buffer
@@ -20,49 +19,11 @@ from glpath.gl.geometry_stream import before_planes
 from glpath.io.export import export
 from tests.support.engines import engine_options
 from tests.support.repository import ROOT
+from tests.support.streams import GRASS, LAMPS, SKY, Given, in_memory, scene_of
+from tests.support.streams import streamed_corners as corners
 from tests.support.terrain import Hills
 
-GRASS = {"grass": {"reflectance": [0.3, 0.6, 0.3]}, "clay": {"reflectance": [0.7, 0.2, 0.2]}}
 SCANS = {"integrator": "path-buffer", "spp": 3, "max_depth": 3, "light_resolution": 64}
-
-
-def corners(hills: Hills) -> NDArray[np.float64]:
-    found = (hills.chunk(i) for i in range(len(hills)))
-    return np.concatenate([vertices[faces] for vertices, faces in found]).astype(np.float64)
-
-
-def scene_of(terrain: dict[str, Any], **more: Any) -> glpath.Scene:
-    return glpath.load_scene(
-        {
-            "camera": {"position": [0, 3, 6], "target": [0, 0, 0], "fov": 45},
-            "film": {"resolution": [40, 30]},
-            "materials": GRASS,
-            "shapes": [
-                {"type": "box", "min": [-0.4, 0.5, -0.3], "max": [0.3, 1.2, 0.3], "material": "clay"},
-                {
-                    "type": "quad",
-                    "corners": [[-1, 3, -1], [1, 3, -1], [1, 3, 1], [-1, 3, 1]],
-                    "emission": {"radiance": 9},
-                },
-                {"material": "grass", **terrain},
-            ],
-            **more,
-        }
-    )
-
-
-def in_memory(triangles: NDArray[Any], **more: Any) -> dict[str, Any]:
-    vertices = np.asarray(triangles, np.float64).reshape(-1, 3)
-    return {"vertices": vertices, "faces": np.arange(len(vertices)).reshape(-1, 3), **more}
-
-
-SKY = {"sky": {"zenith": [0.2, 0.3, 0.6], "horizon": 0.5}}
-LAMPS = {
-    "lights": [
-        {"type": "point", "position": [1, 2, 1], "intensity": 5},
-        {"type": "directional", "direction": [1, -1, -0.5], "irradiance": 1},
-    ]
-}
 
 
 # Few triangles are drawn, of many a compute shader takes the small ones.
@@ -182,11 +143,10 @@ def test_no_box_that_reaches_into_what_is_seen_is_left_out(projection):
     "options",
     [
         {"integrator": "path"},
-        {"integrator": "gather"},
-        {"integrator": "gather", "cast": "path-buffer"},
+        {"integrator": "gather", "cast": "bvh"},
         {"integrator": "t-buffer"},
     ],
-    ids=["path", "gather", "gather by scans", "t-buffer"],
+    ids=["path", "gather by rays", "t-buffer"],
 )
 def test_engines_that_want_all_triangles_in_memory_say_so(options: Any):
     scene = scene_of({"type": "stream", "stream": Hills(1, 2), "name": "hills"})
@@ -215,19 +175,6 @@ def test_a_scene_tells_of_its_streams():
     lower, upper = scene.bounds
     assert lower[0] == -3
     assert upper[2] == 3
-
-
-class Given:
-    """Chunks that are what a test says."""
-
-    def __init__(self, *chunks: Any) -> None:
-        self.chunks = chunks
-
-    def __len__(self) -> int:
-        return len(self.chunks)
-
-    def chunk(self, index: int) -> Any:
-        return self.chunks[index]
 
 
 TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 0, -1]]], float)
