@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Unpack, cast, get_args
 
@@ -21,11 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed, require_xatlas
+from glpath.bake.outside import outside
 from glpath.bake.pages import pages_of
 from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
+from glpath.bake.streamed import GEOMETRY_BUDGET, Covered, StreamedRays, budget_for, in_memory
 from glpath.bake.texels import Texels, rasterised
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, UsageError, warn
 from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
@@ -33,6 +36,7 @@ from glpath.integrators.by_name import AUTO, IntegratorKeywords
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
+from glpath.io.export.geometry import listed
 from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import run_job
 from glpath.rendering.job import RenderJob, check_sensor, describe
@@ -52,15 +56,9 @@ DEFAULT_SIZE = 512
 DENOISED_SPP = 128
 #: Texels of the longer side of a page that a notebook shows.
 _PREVIEW = 1024
-#: Points behind a wall count as inside up to so many texels from it.
-_NEAR = 2.0
 #: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
 #: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
 _BYTES, _FILLED = 1400, 0.5
-#: Whether a wall is between points of a texel is asked so far above the surface, in the size of the texel.
-_ABOVE = 0.1
-#: Texels that are asked for together whether they are inside.
-_TOGETHER = 1 << 16
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -68,11 +66,12 @@ _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 class Surfaces:
     """The texels of a scene, before there is light on them.
 
-    scene  : in triangles, as it stands when the shutter opens
+    scene  : in triangles, as it stands when the shutter opens, without its streams, which have no texels
     atlas  : where its surfaces are on the pages
     texels : N of them, of which those that are inside other geometry are not rendered
     inside : (N,) bool
     hidden : how many sides of triangles are the inside of closed solids, and have no texels; all else has some
+    streamed : rays against the scene's streams; None without
     """
 
     scene: Scene
@@ -80,6 +79,7 @@ class Surfaces:
     texels: Texels
     inside: Bools
     hidden: int
+    streamed: StreamedRays | None = None
 
     @classmethod
     def of(
@@ -89,14 +89,24 @@ class Surfaces:
         size: int | None = None,
         uv: Uv = "make",
         say: Callable[[str], None] | None = None,
+        geometry_budget: int = GEOMETRY_BUDGET,
     ) -> Surfaces:
-        """See `lightmap` for the parameters, and `packed` for `say`. Raises UsageError and SceneError."""
+        """See `lightmap` for the parameters, and `packed` for `say`. Raises UsageError and SceneError.
+
+        geometry_budget : MiB for triangles of the scene's streams, while it is found which texels they cover
+
+        Warns SceneWarning of streams, which are not baked.
+        """
         check_density(texels, size, uv)
-        still = path_traceable(scene.at())
+        whole = path_traceable(scene.at(), streams=True)
+        still = in_memory(whole)
         if not len(still.triangles):
-            raise SceneError(f"{scene.source or scene.name}: has no surface to bake.")
+            raise _without_surfaces(whole)
         _check_shines(still)
-        sides = Sides.of(still)
+        streamed = StreamedRays(whole, geometry_budget) if whole.shapes.streams else None
+        if streamed is not None:
+            _warn_of_streams(whole)
+        sides = Sides.of(still, streamed=streamed is not None)
         area = float((still.areas[:, None] * sides.density**2).sum())
         require_memory(
             _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
@@ -108,15 +118,24 @@ class Surfaces:
         else:
             page = DEFAULT_SIZE if size is None and texels is None else size
             atlas = packed(still, sides.density, texels, None if page is None else int(page), say)
-        return cls.on(still, atlas, sides)
+        return cls.on(still, atlas, sides, streamed)
 
     @classmethod
-    def on(cls, scene: Scene, atlas: Atlas, sides: Sides) -> Surfaces:
-        """From an existing atlas, of a scene in triangles. Raises SceneError."""
+    def on(cls, scene: Scene, atlas: Atlas, sides: Sides, streamed: StreamedRays | None = None) -> Surfaces:
+        """From an existing atlas, of a scene in triangles that are in memory. Raises SceneError."""
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
-        return cls(scene, atlas, *_outside(scene, atlas, found, sides), int(sides.hidden.sum()))
+        covered = None if streamed is None else Covered(streamed, sides)
+        texels, inside = outside(scene, atlas, found, sides, covered)
+        if streamed is not None:
+            streamed.forget()  # before the render, which has the budget then
+        return cls(scene, atlas, texels, inside, int(sides.hidden.sum()), streamed)
+
+    @property
+    def rendered(self) -> Scene:
+        """The scene that lights the texels: with its streams, in the coordinates of `scene`."""
+        return self.scene if self.streamed is None else self.streamed.scene
 
     def sensor(self) -> PointSensor:
         """The texels that are rendered, in rows of a square; the rest of its last row is not valid."""
@@ -222,16 +241,24 @@ class Lightmap:
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
         """The stops that an exposure means: those of a picture from the scene's camera, as `glpath.render` has it.
 
-        exposure : stops; "auto": middle grey, of what the camera sees of the light; None: as the scene says, or
-                   "auto"
+        exposure : stops; "auto": middle grey, of what the camera sees of the light, streamed triangles left out;
+                   None: as the scene says, or "auto"
 
         Raises UsageError for another one.
         """
-        from glpath.bake.view import seen_by_camera
-
         check_exposure(exposure)
         asked = self.scene.exposure if exposure is None else exposure
-        return auto_exposure(seen_by_camera(self)) if asked is None or asked == "auto" else float(asked)
+        return self._auto_stops if asked is None or asked == "auto" else float(asked)
+
+    @cached_property
+    def _auto_stops(self) -> float:
+        """Of what the camera sees, streamed triangles left out; of all texels where it sees those alone."""
+        from glpath.bake.files import radiance_of
+        from glpath.bake.view import seen_by_camera
+
+        seen = seen_by_camera(self).reshape(-1, 3)
+        known = seen[np.isfinite(seen).all(axis=1)]
+        return auto_exposure((known if len(known) else radiance_of(self)[0][self.baked])[None])
 
     def __repr__(self) -> str:
         atlas, film = self.atlas, self.film
@@ -298,7 +325,8 @@ def lightmap(
     """Bake the light on all surfaces of a scene.
 
     Every triangle of the scene is in the bake. Of a material with two sides both have texels, but for the inside of
-    closed solids; sides that no light is found to get to have fewer.
+    closed solids; sides that no light is found to get to have fewer. Streamed triangles alone have none, and are
+    not in the file: they light and shade the others, and integrator is "path-buffer" then.
 
     Parameters
     ----------
@@ -326,7 +354,7 @@ def lightmap(
     >>> baked.save("baked.glb")
     [PosixPath('baked.glb')]
     """
-    run_options, chosen = RunOptions.taken_from(options)
+    run_options, given = RunOptions.taken_from(options)
     with aside("camera", "picture"):
         loaded = load_scene(scene, parameters)
     bake = Bake.of(
@@ -338,7 +366,7 @@ def lightmap(
         integrator=integrator,
         spp=run_options.spp(spp),
         first_path_set=first_path_set,
-        **chosen,
+        **given,
     )
     return bake.lightmap(bake.film(run_options))
 
@@ -381,9 +409,10 @@ class Bake:
         # Before the work: any point will do.
         if integrator != AUTO:
             check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
-        surfaces = Surfaces.of(scene, texels, size, uv, say)
+        budget = budget_for(scene, integrator, options)
+        surfaces = Surfaces.of(scene, texels, size, uv, say, budget)
         job, seen = describe(
-            surfaces.scene,
+            surfaces.rendered,
             integrator=integrator,
             spp=DENOISED_SPP if spp is None and denoise else spp,
             first_path_set=first_path_set,
@@ -425,60 +454,28 @@ def _check_shines(scene: Scene) -> None:
         )
 
 
+def _without_surfaces(scene: Scene) -> SceneError:
+    name, count = scene.source or scene.name, scene.shapes.total("stream")
+    if not count:
+        return SceneError(f"{name}: has no surface to bake.")
+    return SceneError(
+        f"{name}: has no surface in memory to bake: its {count:,} triangles are streamed, and have no texels.",
+        'Hold what is to be baked in memory, as a mesh, not in a shape of the type "stream".',
+    )
+
+
+def _warn_of_streams(scene: Scene) -> None:
+    names = listed([scene.shapes[index].name for index, _ in scene.shapes.streams])
+    warn(
+        f"{scene.source or scene.name}: {scene.shapes.total('stream'):,} streamed triangles ({names}) are not "
+        "baked, and not in the file: they light and shade the other surfaces. To bake them, hold them in memory, "
+        "as a mesh."
+    )
+
+
 def check_glb(path: str | Path) -> Path:
     """`path`, if a baked scene can be written to a file of that name; else UsageError."""
     path = Path(path)
     if path.suffix.lower() != ".glb":
         raise UsageError(f"{path}: a scene with its lightmap is written as .glb.", "For example -o baked.glb.")
     return path
-
-
-def _outside(scene: Scene, atlas: Atlas, texels: Texels, sides: Sides) -> tuple[Texels, Bools]:
-    """Texels whose samples are all outside of other geometry, and (N,) those of which none is.
-
-    The middle of each texel is asked; where one is inside, or a neighbour is, all its samples are. What is behind a
-    wall without thickness from there is no sample, either.
-    """
-    samples, count = texels.face.shape
-    middle = samples // 2
-    size = texels.sizes(scene, atlas, middle)
-
-    def inside(sample: int, which: NDArray[np.int64]) -> Bools:
-        face = texels.face[sample, which]
-        points = texels.positions(scene, atlas, sample)[which]
-        near = _NEAR * texels.sizes(scene, atlas, sample)[which]
-        triangle, side = atlas.triangle[face], atlas.side[face]
-        # In parts, as each point has a dozen numbers beside it.
-        parts = (slice(first, first + _TOGETHER) for first in range(0, len(which), _TOGETHER))
-        found = [sides.inside(triangle[at], side[at], points[at], near[at], at.start) for at in parts]
-        return np.concatenate([*found, np.zeros(0, np.bool_)])
-
-    found = inside(middle, np.arange(count))
-    near = np.zeros((atlas.pages, atlas.size[1] + 2, atlas.size[0] + 2), np.bool_)
-    page, row, column = texels.index
-    hit = page[found], row[found] + 1, column[found] + 1
-    for down in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            near[hit[0], hit[1] + down, hit[2] + right] = True
-    asked = np.flatnonzero(near[page, row + 1, column + 1])
-    wrong = np.zeros((samples, count), np.bool_)
-    for sample in range(samples) if len(asked) else ():
-        wrong[sample, asked] = inside(sample, asked)
-    buried = np.asarray(wrong.all(axis=0))
-    if sides.lit.all(axis=1).any():
-        above = [
-            texels.positions(scene, atlas, s)
-            + _ABOVE * size[:, None] * texels.normals(scene, atlas, s, smooth=False)
-            for s in range(samples)
-        ]
-        own = atlas.triangle[texels.face[middle]]
-        for sample in range(samples):
-            wrong[sample] |= ~wrong[middle] & sides.apart(own, above[middle], above[sample])
-    if not wrong.any():
-        return texels, buried
-    # A sample that is inside, or behind a wall, is replaced by the next one that is not.
-    source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
-    for step in range(1, samples):
-        still = np.take_along_axis(wrong, source, axis=0)
-        source = np.where(still, (np.arange(samples)[:, None] + step) % samples, source)
-    return texels.with_samples_of(source), buried

@@ -30,7 +30,8 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.bake.sides import Sides, cast
+from glpath.bake.sides import Sides
+from glpath.bake.streamed import GEOMETRY_BUDGET, Covered, StreamedRays, budget_for, in_memory
 from glpath.errors import SceneError, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
@@ -42,6 +43,7 @@ from glpath.io.completed import aside
 from glpath.rendering.options import RenderKeywords, whole_numbers, with_options
 from glpath.rendering.options import numbers as read_numbers
 from glpath.rendering.points import irradiance, lit
+from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.system.files import write_bytes
@@ -105,22 +107,30 @@ class ProbeGrid:
     valid: Bools
 
     @classmethod
-    def of(cls, scene: Scene, counts: Any = DEFAULT_GRID, bounds: ArrayLike | None = None) -> ProbeGrid:
+    def of(
+        cls,
+        scene: Scene,
+        counts: Any = DEFAULT_GRID,
+        bounds: ArrayLike | None = None,
+        geometry_budget: int = GEOMETRY_BUDGET,
+    ) -> ProbeGrid:
         """The grid in a lit scene.
 
         counts : along x, y and z
         bounds : (2, 3) lower and upper corner; the scene's
+        geometry_budget : MiB for triangles of the scene's streams, while it is found which probes are inside
 
         Inside is a probe most of whose rays meet a back face, or the inside of a closed solid, to which no light
-        was found to get. Raises UsageError, and SceneError where all are inside.
+        was found to get; or one below streamed triangles, most of whose rays meet such backs (see
+        `glpath.bake.streamed`). Raises UsageError, and SceneError where all are inside.
         """
         nx, ny, nz = whole_numbers("grid", counts, 3)
         if min(nx, ny, nz) < 1 or nx * ny * nz > MAX_PROBES:
             raise UsageError(
                 f"grid: {nx} x {ny} x {nz} where 1 or more each, and {MAX_PROBES} together at most, are needed"
             )
-        still = path_traceable(scene.at())
-        has_surfaces = len(still.triangles) > 0
+        still = path_traceable(scene.at(), streams=True)
+        has_surfaces = still.shapes.total("triangle") + still.shapes.total("stream") > 0
         offset = still.origin - scene.origin
         if bounds is None:
             if not has_surfaces:
@@ -135,7 +145,7 @@ class ProbeGrid:
         grid = cls(lower, upper, (nx, ny, nz), np.ones(nx * ny * nz, np.bool_))
         if not has_surfaces:
             return grid
-        valid = ~_inside(still, grid.positions - offset)
+        valid = ~_inside(still, grid.positions - offset, geometry_budget)
         if not valid.any():
             raise SceneError(
                 f"{scene.source or scene.name}: all {len(valid)} probes see mostly the backs of surfaces.",
@@ -260,22 +270,39 @@ def probes(
     with aside("camera", "light", "picture"):
         loaded = load_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
-    where = ProbeGrid.of(loaded, grid, bounds)
+    where = ProbeGrid.of(loaded, grid, bounds, budget_for(loaded, integrator, _of_integrators(options)))
     measured = irradiance(loaded, *where.receivers(), integrator=integrator, spp=spp, **options)
     return Probes(where, measured.film)
 
 
-def _inside(scene: Scene, positions: Float64) -> Bools:
+def _of_integrators(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the options of a call that are an integrator's."""
+    return RunOptions.taken_from(dict(given))[1]
+
+
+def _inside(scene: Scene, positions: Float64, geometry_budget: int) -> Bools:
     """(N,): whether most rays from positions (N, 3) of a scene in triangles meet dark backs or insides."""
-    sides = Sides.of(scene)
+    streamed = StreamedRays(scene, geometry_budget) if scene.shapes.streams else None
+    scene = in_memory(scene)
+    if not len(scene.triangles):
+        assert streamed is not None, "a scene without surfaces is not asked"
+        return Covered(streamed, None).below(positions)
+    sides = Sides.of(scene, streamed=streamed is not None)
     turn = np.pi * (3 - math.sqrt(5)) * np.arange(_LOOKS)  # a spherical Fibonacci lattice
     z = 1 - (2 * np.arange(_LOOKS) + 1) / _LOOKS
     r = np.sqrt(1 - z * z)
     around = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
     origins = np.repeat(positions, _LOOKS, axis=0)
     directions = np.tile(around, (len(positions), 1))
-    hit, side, _ = cast(scene, sides.rays, origins, directions, np.full(len(origins), -1))
+    hit, side, distance = sides.cast(origins, directions, np.full(len(origins), -1))
     dark = (hit >= 0) & ~sides.lit[hit, side] & ((side == 1) | sides.hidden[hit, side])
+    if streamed is not None:
+        covered = Covered(streamed, sides)
+        below = covered.below(positions)
+        some = np.repeat(below, _LOOKS)
+        hits = streamed.cast(origins[some], directions[some])
+        ground, _ = covered.ground(hits, directions[some], distance[some])
+        dark[some] = (dark[some] & (distance[some] < hits.distance)) | ground
     return np.asarray(dark.reshape(-1, _LOOKS).mean(axis=1) > _MOSTLY)
 
 

@@ -49,7 +49,7 @@ _TOGETHER = 1 << 14
 _BOUNCES = 8
 
 
-class _Backs(NamedTuple):
+class Backs(NamedTuple):
     """(T, 3) normals, and (T,) whether the back is not there."""
 
     normals: Float64
@@ -87,6 +87,7 @@ class Sides:
     shown   : (T, 2) bool, it gets texels; of each triangle at least one side
     hidden  : (T, 2) bool, it would be shown, were it not the inside of a closed solid
     lit     : (T, 2) bool, light was found to get there, and is sent on or shown
+    beyond  : whether what leaves the scene counts as coming to light
     """
 
     scene: Scene
@@ -95,10 +96,16 @@ class Sides:
     lit: Bools
     rays: Rays
     surfaces: _Surfaces
+    beyond: bool
 
     @classmethod
-    def of(cls, scene: Scene, seed: int = 0) -> Sides:
-        """The sides of a scene in triangles. seed : of the rays that find light; `shown` does not use it."""
+    def of(cls, scene: Scene, seed: int = 0, streamed: bool = False) -> Sides:
+        """The sides of a scene in triangles.
+
+        seed     : of the rays that find light; `shown` does not use it
+        streamed : streamed triangles are around it, which send light on: what leaves the scene comes to some
+        """
+        beyond = _shines_from_everywhere(scene) or streamed
         rays = rays_of(scene)
         surfaces = _Surfaces.of(scene)
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
@@ -106,7 +113,8 @@ class Sides:
             hidden = surfaces.sends & inside_solids(scene, rays, ~surfaces.passes, surfaces.shines)
             hidden[~np.asarray(surfaces.sends.all(axis=1))] = False  # where the other side is not there
         shown = surfaces.sends & ~hidden
-        return cls(scene, shown, hidden, _lit(scene, rays, surfaces, shown, seed), rays, surfaces)
+        lit = _lit(scene, rays, surfaces, shown, seed, beyond)
+        return cls(scene, shown, hidden, lit, rays, surfaces, beyond)
 
     @property
     def density(self) -> Float64:
@@ -119,17 +127,14 @@ class Sides:
         near  : (N,) scene units, as far as what is behind a thin wall counts as behind it
         first : number of the first point, of more that are asked in parts: each looks in directions of its own
         """
-        scene = self.scene
-        normals = self.surfaces.normals[triangle] * (1 - 2 * side)[:, None]
-        origins = points + _BEFORE * _size(scene) * normals
+        normals, origins = points_before(self, triangle, side, points)
         count = len(points)
         dark, close = np.zeros(count), np.zeros(count)
         left = np.arange(count)
-        bright = _shines_from_everywhere(scene)
         for look in range(_LOOKS):
-            directions = _hemisphere(normals[left], first + left, look)
+            directions = hemisphere(normals[left], first + left, look, _LOOKS)
             hit, back, distance = _hit(self.surfaces, self.rays, origins[left], directions, triangle[left])
-            lit = np.where(hit >= 0, self.lit[hit, back], bright)
+            lit = np.where(hit >= 0, self.lit[hit, back], self.beyond)
             dark[left] += (hit >= 0) & ~lit
             close[left] += (hit >= 0) & ~lit & (distance < near[left])
             left = left[~lit]
@@ -140,6 +145,10 @@ class Sides:
         found = np.zeros(count, np.bool_)
         found[left] = True
         return found
+
+    def cast(self, origins: Float64, directions: Float64, own: Int64) -> tuple[Int64, Int64, Float64]:
+        """As `cast`, of the same scene."""
+        return _hit(self.surfaces, self.rays, origins, directions, own)
 
     def apart(self, triangle: Int64, points: Float64, others: Float64) -> Bools:
         """(N,): whether a wall without thickness, lit on both sides, is between points (N, 3) and others.
@@ -167,7 +176,13 @@ class Sides:
         return found
 
 
-def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int) -> Bools:
+def points_before(sides: Sides, triangle: Int64, side: Int64, points: Float64) -> tuple[Float64, Float64]:
+    """(N, 3) normals of sides of triangles, and (N, 3) where rays from points (N, 3) on them start."""
+    normals = sides.surfaces.normals[triangle] * (1 - 2 * side)[:, None]
+    return normals, points + _BEFORE * _size(sides.scene) * normals
+
+
+def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int, beyond: bool) -> Bools:
     """(T, 2): by random walks from all over each connected piece of a mesh, both of whose sides are alike all over.
 
     A walk ends where something that shines is hit, or seen from there. Pieces of which few walks do are asked again
@@ -193,7 +208,7 @@ def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int)
         start, size = first[some // 2], np.diff(first)[some // 2]
         triangle = order[start + (random.random(len(some)) * size).astype(np.int64)]
         points = _on(scene.triangles[triangle], random.random((len(some), 2)))
-        bright = _walk(scene, rays, surfaces, triangle, some % 2, points, random)
+        bright = _walk(scene, rays, surfaces, triangle, some % 2, points, random, beyond)
         walks += np.bincount(some, minlength=2 * count)
         ended += np.bincount(some, bright, 2 * count)
         lit = (ended > 1) & (ended >= _SURELY * walks)
@@ -246,10 +261,10 @@ def _walk(
     side: Int64,
     points: Float64,
     random: np.random.Generator,
+    beyond: bool,
 ) -> Bools:
     """(N,): whether a random walk from points of sides of triangles comes to light."""
     found = surfaces.shines[triangle, side].copy()
-    everywhere = _shines_from_everywhere(scene)
     left = np.flatnonzero(~found)
     triangle, side, points = triangle[left], side[left], points[left]
     for _ in range(_BOUNCES):
@@ -262,9 +277,9 @@ def _walk(
             facing = np.einsum("ij,ij->i", towards, normals) > 0
             hit, _, distance = _hit(surfaces, rays, origins, towards, triangle)
             seen |= facing & _reaches(hit, distance, length, target)
-        directions = _cosine(normals, random.random((len(left), 2)))
+        directions = around(normals, random.random((len(left), 2)))
         hit, back, distance = _hit(surfaces, rays, origins, directions, triangle)
-        seen |= np.where(hit < 0, everywhere, surfaces.shines[hit, back])
+        seen |= np.where(hit < 0, beyond, surfaces.shines[hit, back])
         found[left[seen]] = True
         on = ~seen & (hit >= 0) & surfaces.sends[hit, back]
         points = origins[on] + distance[on, None] * directions[on]
@@ -314,6 +329,13 @@ def _hit(
     surfaces: _Surfaces, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
     """(N,) triangle (-1: none), the side that is hit, and the distance."""
+    return first_hits(rays, Backs(surfaces.normals, surfaces.culled), origins, directions, own)
+
+
+def first_hits(
+    rays: Rays, backs: Backs, origins: Float64, directions: Float64, own: Int64
+) -> tuple[Int64, Int64, Float64]:
+    """(N,) triangle (-1: none) that rays (N, 3) hit, but for `own`, the side that is hit, and the distance."""
     hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
     arrays = (
         np.ascontiguousarray(origins),
@@ -323,15 +345,13 @@ def _hit(
         distances,
     )
 
-    backs = _Backs(surfaces.normals, surfaces.culled)
-
     def part(first: int) -> None:
         some = (array[first : first + _TOGETHER] for array in arrays)
         _cast(rays, backs, *some, np.empty((2, 3)))
 
     with ThreadPoolExecutor(core_count()) as pool:
         list(pool.map(part, range(0, len(origins), _TOGETHER)))
-    back = np.einsum("ij,ij->i", surfaces.normals[hits], directions) > 0
+    back = np.einsum("ij,ij->i", backs.normals[hits], directions) > 0
     return hits, back.astype(np.int64), distances
 
 
@@ -356,13 +376,13 @@ def _on(triangles: Float64, uv: Float64) -> Float64:
     return np.asarray(triangles[:, 0] * (1 - b1 - b2) + triangles[:, 1] * b1 + triangles[:, 2] * b2)
 
 
-def _hemisphere(normals: Float64, number: Int64, look: int) -> Float64:
+def hemisphere(normals: Float64, number: Int64, look: int, looks: int) -> Float64:
     """(N, 3): the direction of a look by the cosine about the normals, the first along them; turned by number."""
     phi = (0.6180339887498949 * look + 0.7548776662466927 * number) % 1.0
-    return _cosine(normals, np.stack([np.full(len(number), look / _LOOKS), phi], axis=1))
+    return around(normals, np.stack([np.full(len(number), look / looks), phi], axis=1))
 
 
-def _cosine(normals: Float64, uv: Float64) -> Float64:
+def around(normals: Float64, uv: Float64) -> Float64:
     """(N, 3) unit directions about unit normals, by the cosine, of points (N, 2) of the unit square."""
     r, phi = np.sqrt(uv[:, :1]), 2 * np.pi * uv[:, 1:]
     x, y, z = normals.T

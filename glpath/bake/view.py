@@ -1,6 +1,6 @@
 """A baked scene from its own camera, by looking texels up: as much of a picture as its exposure needs.
 
-Cost:     a ray through a BVH for each of some ten thousand pixels; no path.
+Cost:     a ray through a BVH for each of some ten thousand pixels; no path. Streamed triangles are read once.
 Poor at:  mirrors and highlights, which are as bright as what is diffuse and as light would be.
 """
 
@@ -28,7 +28,7 @@ _LONGEST, _PANES = 128, 4
 
 
 def seen_by_camera(baked: Lightmap) -> Float64:
-    """(h, w, 3) radiance, W sr^-1 m^-2, linear Rec. 709."""
+    """(h, w, 3) radiance, W sr^-1 m^-2, linear Rec. 709; NaN where it sees streamed triangles, which have none."""
     scene = baked.scene
     camera = scene.camera.at()
     width, height = camera.resolution
@@ -41,14 +41,23 @@ def seen_by_camera(baked: Lightmap) -> Float64:
     transmittance = look.side_transmittance()
     clear = np.array([scene.materials[shape.material].clear for shape in scene.shapes]) > 0.5
     left, own = np.arange(len(directions)), np.full(len(directions), -1)
+    streamed = baked.surfaces.streamed
+    remaining = np.full(len(directions), np.inf)  # distance to streamed triangles
+    if streamed is not None:
+        remaining = streamed.cast(origins, directions).distance
+        streamed.forget()
     for _ in range(_PANES + 1):
         hit, back, distance = cast(scene, rays, origins[left], directions[left], own[left])
+        behind = distance > remaining[left]
+        found[left[behind]] = np.nan
+        left, hit, back, distance = left[~behind], hit[~behind], back[~behind], distance[~behind]
         away = left[hit < 0]
         if scene.sky is not None:
             found[away] = scene.sky.radiance(directions[away])
         any_hit = hit >= 0
         left, hit, back, distance = left[any_hit], hit[any_hit], back[any_hit], distance[any_hit]
         origins[left] += distance[:, None] * directions[left]
+        remaining[left] -= distance
         own[left] = hit
         through = clear[scene.triangle_shape[hit]]
         some = ~through

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 _ATLAS, _OUTPUT = "Atlas", "Output"
 #: Of the integrators' options, those that mean something on surfaces.
 _OPTIONS = (
-    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution", "bounce_lod",
-    "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light", "lookup_distance", "branches",
+    "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution",
+    "geometry_budget", "bounce_lod", "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light",
+    "lookup_distance", "branches",
 )  # fmt: skip
 _INTEGRATORS = (AUTO, *POINT_INTEGRATORS)
 _MATERIALS = ("unlit", "keep")
@@ -133,7 +134,8 @@ def lightmap(
         str,
         typer.Option(
             metavar="|".join(_INTEGRATORS),
-            help="auto: gather where the scene allows that, else path. path: paths, their rays cast by a BVH. "
+            help="auto: gather where the scene allows that, path-buffer for streamed triangles, else path. path: "
+            "paths, their rays cast by a BVH. "
             "path-buffer: paths that share directions, cast by scans. gather: from a radiosity solution.",
             rich_help_panel=FOR_ALL,
             autocompletion=words(_INTEGRATORS),
@@ -223,7 +225,8 @@ def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[s
     yield f"  {texels:,} texels, {inside:,} of them inside other geometry"
     hidden = baked.surfaces.hidden
     left_out = f", but for {hidden:,} sides that are inside closed solids" if hidden else ""
-    yield f"  all {len(baked.scene.triangles):,} triangles are in it{left_out}"
+    resident = "" if baked.surfaces.streamed is None else " in memory"
+    yield f"  all {len(baked.scene.triangles):,} triangles{resident} are in it{left_out}"
     error = film.relative_error()
     noise = "" if error is None else f", error about {percent(error)}"
     yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{noise}"

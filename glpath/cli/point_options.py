@@ -15,7 +15,7 @@ POINT_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubcla
 #: Of the integrators' options, those that mean something at points.
 POINT_OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
-    "radiosity",
+    "radiosity", "geometry_budget",
 )  # fmt: skip
 #: The panel of help that these stand in.
 LIGHT_PANEL = "Light"

@@ -84,6 +84,7 @@ def probes(
     or --white-sky.
     """
     from glpath.bake.probes import ProbeGrid, Probes
+    from glpath.bake.streamed import budget_for
     from glpath.rendering.points import lit
 
     if out.suffix.lower() != ".json":
@@ -97,7 +98,7 @@ def probes(
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_writable(out)
-    where = ProbeGrid.of(loaded, counts, corners)
+    where = ProbeGrid.of(loaded, counts, corners, budget_for(loaded, integrator, options))
     points, normals = where.receivers()
 
     def start(run: RunOptions) -> Film:

@@ -34,10 +34,14 @@ class Rays(NamedTuple):
 
 def rays_of(scene: Scene) -> Rays:
     """Of a scene in triangles."""
-    triangles = scene.triangles
-    tree = build_bvh(triangles.min(axis=1), triangles.max(axis=1))
     low, high = scene.bounds
-    start = _START * float(np.max(high - low))
+    return rays_through(scene.triangles, float(np.max(high - low)))
+
+
+def rays_through(triangles: Float64, extent: float) -> Rays:
+    """Of triangles (T, 3, 3), one at least, in a scene whose box has a longest side of `extent`."""
+    tree = build_bvh(triangles.min(axis=1), triangles.max(axis=1))
+    start = _START * extent
     # Wider than a crossing is rounded by.
     boxes = np.concatenate([tree.lower - start, tree.upper + start], axis=1)
     corners = np.concatenate(

@@ -1,0 +1,108 @@
+"""Which texels are inside of other geometry, or below it, and samples instead of those that are.
+
+Cost:     a ray or two for each texel, some dozen for those beside what is inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.bake.atlas import Atlas
+from glpath.bake.sides import Sides
+from glpath.bake.streamed import Covered
+from glpath.bake.texels import Texels
+from glpath.scene import Scene
+from glpath.scene.model import Float64
+
+Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+#: Points behind a wall count as inside up to so many texels from it.
+_NEAR = 2.0
+#: Whether a wall is between points of a texel is asked so far above the surface, in the size of the texel.
+_ABOVE = 0.1
+#: Texels that are asked for together whether they are inside.
+_TOGETHER = 1 << 16
+
+
+def outside(
+    scene: Scene, atlas: Atlas, texels: Texels, sides: Sides, covered: Covered | None
+) -> tuple[Texels, Bools]:
+    """Texels whose samples are all outside of other geometry, and (N,) those of which none is.
+
+    The middle of each texel is asked; where one is inside, or a neighbour is, all its samples are. What is behind a
+    wall without thickness from there is no sample, either.
+
+    covered : by streamed triangles, which count as other geometry
+    """
+    samples, count = texels.face.shape
+    middle = samples // 2
+    of = _Samples(scene, atlas, texels, sides, covered)
+    found = of.inside([middle], np.arange(count))[0]
+    near = np.zeros((atlas.pages, atlas.size[1] + 2, atlas.size[0] + 2), np.bool_)
+    page, row, column = texels.index
+    hit = page[found], row[found] + 1, column[found] + 1
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            near[hit[0], hit[1] + down, hit[2] + right] = True
+    asked = np.flatnonzero(near[page, row + 1, column + 1])
+    wrong = np.zeros((samples, count), np.bool_)
+    if len(asked):
+        wrong[:, asked] = of.inside(list(range(samples)), asked)
+    buried = np.asarray(wrong.all(axis=0))
+    if sides.lit.all(axis=1).any():
+        wrong |= ~wrong[middle] & of.apart(middle)
+    if not wrong.any():
+        return texels, buried
+    # A sample that is inside, or behind a wall, is replaced by the next one that is not.
+    source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
+    for step in range(1, samples):
+        still = np.take_along_axis(wrong, source, axis=0)
+        source = np.where(still, (np.arange(samples)[:, None] + step) % samples, source)
+    return texels.with_samples_of(source), buried
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """What is asked of samples; see `outside` for the fields."""
+
+    scene: Scene
+    atlas: Atlas
+    texels: Texels
+    sides: Sides
+    covered: Covered | None
+
+    def inside(self, samples: list[int], which: Int64) -> Bools:
+        """(S, N): whether samples of texels (N,) are inside of other geometry, or covered by streamed triangles."""
+        found = np.zeros((len(samples), len(which)), np.bool_)
+        for row, sample in zip(found, samples, strict=True):
+            near = _NEAR * self.texels.sizes(self.scene, self.atlas, sample)[which]
+            triangle, side, points = self._at(sample, which)
+            # In parts, as each point has a dozen numbers beside it.
+            for at in (slice(first, first + _TOGETHER) for first in range(0, len(which), _TOGETHER)):
+                row[at] = self.sides.inside(triangle[at], side[at], points[at], near[at], at.start)
+        if self.covered is not None:
+            # All samples at once: it reads the streams anew each time.
+            columns = zip(*(self._at(sample, which) for sample in samples), strict=True)
+            found |= self.covered(*(np.concatenate(column) for column in columns)).reshape(found.shape)
+        return found
+
+    def apart(self, middle: int) -> Bools:
+        """(S, N): whether a wall without thickness is between samples and the middle one."""
+        scene, atlas, texels = self.scene, self.atlas, self.texels
+        size = texels.sizes(scene, atlas, middle)[:, None]
+        above = [
+            texels.positions(scene, atlas, s) + _ABOVE * size * texels.normals(scene, atlas, s, smooth=False)
+            for s in range(len(texels.face))
+        ]
+        own = atlas.triangle[texels.face[middle]]
+        return np.stack([self.sides.apart(own, above[middle], each) for each in above])
+
+    def _at(self, sample: int, which: Int64) -> tuple[Int64, Int64, Float64]:
+        """Triangle, side and position of a sample of texels (N,)."""
+        face = self.texels.face[sample, which]
+        points = self.texels.positions(self.scene, self.atlas, sample)[which]
+        return self.atlas.triangle[face], self.atlas.side[face], points
