@@ -12,7 +12,8 @@ fewer get into the open or to streamed fronts. The first keeps what stands free,
 Up is where the fronts of a sheet face: the sum of its area vectors, which is zero for a closed surface.
 
 Cost:     the chunks are read four times or five, and a BVH is made of them each time, in parts as large as the
-          budget allows: about a second for a million triangles. Only chunks over the points, where none is below.
+          budget allows: about three seconds for a million triangles. Where no point is below, only the chunks above
+          them are read for this.
 Poor at:  sheets whose fronts face the ground: nothing is below those. Backs that some light was found to get to,
           as those of a roof over open ground, cover nothing.
 """
@@ -43,9 +44,9 @@ Bools = NDArray[np.bool_]
 
 #: MiB for streamed triangles, as of the path-buffer.
 GEOMETRY_BUDGET = PathBufferSettings().geometry_budget
-#: Bytes a triangle of a part: corners, BVH, and what making it takes for a while (measured: 640). And of a chunk
+#: Bytes a triangle of a part: corners, BVH, and what making it takes for a while (measured: 340). And of a chunk
 #: as it is read, in 64 bits, before and after it is placed and checked.
-_BYTES_A_TRIANGLE, _BYTES_IN_THE_READING = 700, 400
+_BYTES_A_TRIANGLE, _BYTES_IN_THE_READING = 400, 400
 #: Of the area of all triangles, how long the sum of their area vectors is for them to be a sheet.
 _SHEET = 0.05
 #: Rays upwards from a sheet lean by so many degrees.
