@@ -5,7 +5,7 @@ dark, or have the sky below an open sheet of terrain. As those inside of other g
 them, so that no fringe shows where a wall enters the ground.
 
 A point is covered where two things hold. It is below: most of a few rays, upwards from a sheet, or all around where
-the stream is closed, first meet backs of streamed triangles, whatever is in memory on their way. And what its
+the stream is closed, first meet backs of streamed triangles; what is in memory stops none of them. And what its
 surface faces is the ground: of sixteen rays a quarter meet such backs, or leave the scene below the sheet, and
 fewer get into the open or to streamed fronts. The first keeps what stands free, the second the rooms of a cellar.
 

@@ -68,7 +68,9 @@ def block(low: list[float], high: list[float]) -> Triangles:
     return glpath.load_scene({"camera": CAMERA, "shapes": [shape], **SKY}).triangles
 
 
-GROUNDS = {"sheet": sheet(), "slab": block([-40, -3, -40], [40, 0, 40])}
+#: Not level with the middle of a row of texels, where rounding says what is below.
+LEVEL = 0.013
+GROUNDS = {"sheet": sheet(LEVEL), "slab": block([-40, -3, -40], [40, LEVEL, 40])}
 
 
 def scene_of(*shapes: dict[str, Any], **more: Any) -> glpath.Scene:
@@ -137,7 +139,7 @@ def test_a_wall_has_no_fringe_where_it_enters_the_ground(ground: str) -> None:
     light = baked.irradiance[baked.surfaces.texels.index][of_walls(baked.surfaces)]
     assert len(light) > 500
     np.testing.assert_allclose(light, np.pi / 2, rtol=0.2)  # of the noisiest texel of 700
-    assert light.mean() == pytest.approx(np.pi / 2, rel=0.01)
+    assert light.mean() == pytest.approx(np.pi / 2, rel=0.03)  # beyond the ground's edge are 1.6 %
 
 
 # What is covered
@@ -148,11 +150,9 @@ def test_a_wall_has_no_fringe_where_it_enters_the_ground(ground: str) -> None:
 def test_texels_below_the_ground_are_inside(ground: str, budget: int) -> None:
     scene = scene_of(BLACK_BOX, streamed(GROUNDS[ground]), **SKY)
     surfaces = Surfaces.of(scene, size=48, geometry_budget=budget)
-    height = middles(surfaces)[:, 1]
-    off = np.abs(height) > 1e-6  # the middle of a row is level with the ground
-    np.testing.assert_array_equal(surfaces.inside[off], height[off] < 0)
+    np.testing.assert_array_equal(surfaces.inside, middles(surfaces)[:, 1] < LEVEL)
     samples = [surfaces.texels.positions(surfaces.scene, surfaces.atlas, s) for s in range(13)]
-    assert min(each[~surfaces.inside, 1].min() for each in samples) > -1e-6  # of a texel that is partly below, too
+    assert min(each[~surfaces.inside, 1].min() for each in samples) > LEVEL  # of a texel that is partly below, too
 
 
 def test_a_scene_in_parts_covers_what_it_covers_as_a_whole() -> None:
@@ -229,7 +229,7 @@ def test_it_is_said_what_is_not_baked_and_the_file_has_the_rest(tmp_path: Path) 
         assert {shape.name for shape in read.shapes} == {"house"}
         lower, upper = read.bounds
         np.testing.assert_allclose([lower, upper], [[-1] * 3, [1] * 3], atol=1e-6)
-    assert len(ReadGlb(tmp_path / "unlit.glb").json.meshes) == 1
+    assert len(ReadGlb.of(tmp_path / "unlit.glb").json["meshes"]) == 1
 
 
 def test_streams_alone_have_nothing_to_bake() -> None:
@@ -336,7 +336,7 @@ def test_the_command_bakes_beside_a_stream_and_resumes(tmp_path: Path) -> None:
 def test_probes_below_the_ground_are_inside(ground: str, shapes: list[dict[str, Any]]) -> None:
     scene = scene_of(*shapes, streamed(GROUNDS[ground]), **SKY)
     grid = ProbeGrid.of(scene, (3, 4, 3), [[-3, -2, -3], [3, 2, 3]])
-    np.testing.assert_array_equal(grid.valid, grid.positions[:, 1] > 0)
+    np.testing.assert_array_equal(grid.valid, grid.positions[:, 1] > LEVEL)
 
 
 def test_probes_over_black_ground_see_half_a_uniform_sky() -> None:
