@@ -121,7 +121,7 @@ def test_every_triangle_is_shown_whatever_the_seed(name: str) -> None:
         assert not (sides.shown & sides.hidden).any()
     # The witness: rays by chance, that know of no solids, never find light on a side that was proved to be hidden.
     first = found[0]
-    by_chance = _lit(scene, first.rays, first.surfaces, first.surfaces.sends, 9)
+    by_chance = _lit(scene, first.rays, first.surfaces, first.surfaces.sends, 9, first.beyond)
     assert not (by_chance & first.hidden).any()
     if name == "parlour":
         assert all((sides.lit[:, 0] | sides.lit[:, 1]).all() for sides in found)

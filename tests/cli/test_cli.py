@@ -213,7 +213,7 @@ def test_help_names_the_exit_codes_and_every_command() -> None:
 
 @pytest.mark.parametrize("command", ["measure", "lightmap"])
 def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) -> None:
-    """Not those of a picture: there is no eye and no stream, and no ray tracer whose depth has another default."""
+    """Not those of a picture: there is no eye, and no ray tracer whose depth has another default."""
 
     def helped(command: str) -> str:
         said = CliRunner().invoke(app, [command, "--help-all"], env={"COLUMNS": "200"}).output
@@ -221,7 +221,8 @@ def test_help_of_what_measures_has_its_own_options_and_defaults(command: str) ->
 
     said = helped(command)
     assert f"default {PathSettings.max_depth}. " in said
-    for other in ("--shadows", "--aov", "--geometry-budget", "--count-tests", "t-buffer", "--clean"):
+    assert "--geometry-budget" in said
+    for other in ("--shadows", "--aov", "--count-tests", "t-buffer", "--clean"):
         assert other not in said, other
     rendered = helped("render")
     assert (
