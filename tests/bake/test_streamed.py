@@ -117,6 +117,15 @@ def test_texels_over_a_stream_have_the_bits_of_those_over_a_mesh(light: dict[str
     assert (film.mean > 0).any()
 
 
+def test_shards_of_a_bake_merge_to_the_bits_of_the_whole() -> None:
+    scene = scene_of(BLACK_BOX, streamed(sheet()), **SKY)
+    films = [
+        glpath.lightmap(scene, size=32, spp=spp, first_path_set=first, denoise=False, **SCANS).film
+        for first, spp in ((0, 4), (0, 3), (3, 1))
+    ]
+    np.testing.assert_array_equal(films[1].merge(films[2]).radiance_sums, films[0].radiance_sums)
+
+
 def test_a_streamed_wall_takes_the_sun_from_the_side_that_faces_it() -> None:
     wall = np.array([[[3, -9, 9], [3, -9, -9], [3, 9, -9]], [[3, -9, 9], [3, 9, -9], [3, 9, 9]]], float)
     for stands, on_the_side in ((9.0, 2 * math.sqrt(0.5)), (0.0, 0.0)):
@@ -183,6 +192,28 @@ def test_a_room_in_the_ground_is_not_covered() -> None:
         }
     )
     assert not Surfaces.of(scene, size=64).inside.any()
+
+
+def test_a_room_with_a_hole_in_its_wall_is_not_covered() -> None:
+    """A few rays from its other walls come to the ground."""
+    room = block([-1, -3, -1], [1, -1, 1])[:, ::-1]
+    walls = room[~(room[..., 0] > 0.9).all(axis=1)]
+    with_a_hole = [
+        {"type": "quad", "corners": [[1, y, 1], [1, top, 1], [1, top, -1], [1, y, -1]], "material": "room"}
+        for y, top in ((-3, -2.5), (-1.5, -1))
+    ]
+    scene = glpath.load_scene(
+        {
+            "camera": CAMERA,
+            "materials": {"room": {"reflectance": 0.5, "two_sided": False}, "black": {"reflectance": 0}},
+            "shapes": [in_memory(walls, material="room"), *with_a_hole, cellar()[1], streamed(sheet())],
+            **SKY,
+        }
+    )
+    surfaces = Surfaces.of(scene, size=64)
+    opposite = middles(surfaces)[:, 0] < 0
+    assert opposite.sum() > 500
+    assert not surfaces.inside[opposite].any()
 
 
 def test_a_streamed_roof_covers_nothing_that_light_gets_to() -> None:
