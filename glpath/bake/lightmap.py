@@ -26,14 +26,14 @@ from glpath.bake.outside import outside
 from glpath.bake.pages import pages_of
 from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
-from glpath.bake.streamed import GEOMETRY_BUDGET, Covered, StreamedRays, budget_for, in_memory
+from glpath.bake.streamed import Covered, StreamedRays, budget_for, in_memory
 from glpath.bake.texels import Texels, rasterised
 from glpath.errors import SceneError, UsageError, warn
 from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
 from glpath.integrators.by_name import AUTO, IntegratorKeywords
-from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.io.export.geometry import listed
@@ -326,7 +326,7 @@ def lightmap(
 
     Every triangle of the scene is in the bake. Of a material with two sides both have texels, but for the inside of
     closed solids; sides that no light is found to get to have fewer. Streamed triangles alone have none, and are
-    not in the file: they light and shade the others, and integrator is "path-buffer" then.
+    not in the file: they light and shade the others, and "auto" is "path-buffer" then.
 
     Parameters
     ----------

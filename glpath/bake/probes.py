@@ -31,13 +31,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.bake.sides import Sides
-from glpath.bake.streamed import GEOMETRY_BUDGET, Covered, StreamedRays, budget_for, in_memory
+from glpath.bake.streamed import Covered, StreamedRays, budget_for, in_memory
 from glpath.errors import SceneError, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
 from glpath.film.units import Unit, symbol
 from glpath.integrators.by_name import Integrator
-from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.rendering.options import RenderKeywords, whole_numbers, with_options

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 
 from glpath.bake.sides import Backs, Sides, around, first_hits, hemisphere, points_before
 from glpath.errors import UsageError
+from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_settings import PathBufferSettings
-from glpath.integrators.settings import IntegratorSettings
+from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
 from glpath.radiosity.shafts.rays import Rays, rays_through
 from glpath.rendering.choice import chosen
 from glpath.scene import Scene
@@ -42,9 +43,7 @@ from glpath.scene.triangulate import check_resident
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: MiB for streamed triangles, as of the path-buffer.
-GEOMETRY_BUDGET = PathBufferSettings().geometry_budget
-#: Bytes a triangle of a part: corners, BVH, and what making it takes for a while (measured: 340). And of a chunk
+#: Bytes a triangle of a part: corners, BVH, and what making it takes for a while (240 of a part, 340 while it is made). And of a chunk
 #: as it is read, in 64 bits, before and after it is placed and checked.
 _BYTES_A_TRIANGLE, _BYTES_IN_THE_READING = 400, 400
 #: Of the area of all triangles, how long the sum of their area vectors is for them to be a sheet.
@@ -263,7 +262,7 @@ def budget_for(scene: Scene, integrator: str | IntegratorSettings, options: Mapp
     if scene.shapes.streams:
         given = {name: value for name, value in options.items() if value is not None}
         settings = chosen(integrator, given, scene)
-        if isinstance(settings, PathBufferSettings):
+        if isinstance(settings, PathBufferSettings | GatherSettings) and settings.by_path_buffer:
             return settings.geometry_budget
         check_resident(scene)
     return GEOMETRY_BUDGET

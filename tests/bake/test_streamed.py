@@ -269,12 +269,26 @@ def test_streams_alone_have_nothing_to_bake() -> None:
     assert "as a mesh" in error.value.remedy
 
 
-@pytest.mark.parametrize("integrator", ["path", "gather"])
-def test_other_engines_are_refused_before_the_atlas(integrator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gather_bakes_beside_a_stream() -> None:
+    """Half of the box's light comes from the ground."""
+    grey = {**BLACK_BOX, "min": [-1, 0.5, -1], "max": [1, 2.5, 1], "material": "grey"}
+    scene = scene_of(grey, {**streamed(sheet()), "material": "grey"}, **SKY)
+    found, right = (
+        glpath.lightmap(scene, size=32, spp=64, denoise=False, light_resolution=64, **chosen)
+        for chosen in ({"integrator": "gather", "cast": "path-buffer"}, {"integrator": "path-buffer"})
+    )
+    assert found.film.metadata.integrator == "gather"
+    assert found.film.mean.mean() == pytest.approx(right.film.mean.mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("chosen", [{"integrator": "path"}, {"integrator": "gather", "cast": "bvh"}], ids=str)
+def test_engines_by_a_bvh_are_refused_before_the_atlas(
+    chosen: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delattr("glpath.bake.lightmap.packed")
     scene = scene_of(BLACK_BOX, streamed(sheet()), **SKY)
     with pytest.raises(SceneError, match="streams triangles") as error:
-        glpath.lightmap(scene, size=32, spp=1, integrator=integrator)
+        glpath.lightmap(scene, size=32, spp=1, **chosen)
     assert 'integrator="path-buffer"' in error.value.remedy
 
 
