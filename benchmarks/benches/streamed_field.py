@@ -29,9 +29,9 @@ import numpy as np
 from benchmarks.benches.height_field import OFFSET, hills, points_on
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.daylight.compute import DaylightProgress, daylight_coefficients
-from glpath.daylight.stream_parts import StreamParts
 from glpath.daylight.visibility import PointVisibility
 from glpath.gl.context import get_context
+from glpath.gl.stream_parts import StreamParts
 from glpath.io import scene_from_dict
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64

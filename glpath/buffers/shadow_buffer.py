@@ -16,6 +16,7 @@ Poor at:  shadows finer than a cell; more than some ten thousand objects that mo
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import moderngl
@@ -38,6 +39,7 @@ from glpath.errors import UsageError
 from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.geometry_stream import of_chunks
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
@@ -48,6 +50,8 @@ KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 _RECTANGLES_WIDTH = 4096
 #: Rectangles up to so many cells wide and high are drawn as points, where the device has such.
 _POINT = 8
+#: Of a chunk of streamed triangles so many are bounded at once, as each takes some kilobytes then.
+_TRIANGLES = 4096
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
@@ -127,32 +131,40 @@ class PointShadowBuffer(Owner, ABC):
         self._passes: list[Pass] = []  # of each kind: rectangles, and points
         self._defines: dict[str, object] = {"SHADOW_CUBE": 1} if self.shape == "cube" else {}
         for kind in KINDS:
-            program = load_program(
-                gl,
-                vertex="shadow/point_shadow_fill.vert",
-                fragment="shadow/point_shadow_fill.frag",
-                generated=objects.generated,
-                defines={
-                    **objects.defines,
-                    **self._defines,
-                    f"KIND_{kind.upper()}": 1,
-                    "RECTANGLES_WIDTH": _RECTANGLES_WIDTH,
-                    "DEPTH_SCALE": DISTANCE_TO_DEPTH,
-                },
+            self._passes += self._pair(kind, target, objects.defines)
+        self._passes[0].clear = (0.0, 0.0, 0.0, 0.0)
+        self._of_chunks: list[Pass] = []  # of streamed triangles
+        if objects.stream is not None:
+            self._of_chunks = self._pair("triangle", target, of_chunks(objects.defines))
+
+    def _pair(self, kind: str, target: moderngl.Framebuffer, defines: Mapping[str, object]) -> list[Pass]:
+        """The passes of a kind: of rectangles, and of points. defines: of the scene."""
+        program = load_program(
+            self.gl,
+            vertex="shadow/point_shadow_fill.vert",
+            fragment="shadow/point_shadow_fill.frag",
+            generated=self.objects.generated,
+            defines={
+                **defines,
+                **self._defines,
+                f"KIND_{kind.upper()}": 1,
+                "RECTANGLES_WIDTH": _RECTANGLES_WIDTH,
+                "DEPTH_SCALE": DISTANCE_TO_DEPTH,
+            },
+        )
+        empty = self._table(np.zeros((0, 4), np.uint32))
+        return [
+            Pass(
+                f"shadow-buffer: {kind}s",
+                self.gl,
+                program,
+                target,
+                depth=True,
+                textures={**self.objects.textures, "rectangles": empty},
+                points=points,
             )
-            for points in (False, True):
-                self._passes.append(
-                    Pass(
-                        f"shadow-buffer: {kind}s",
-                        gl,
-                        program,
-                        target,
-                        depth=True,
-                        clear=None if self._passes else (0.0, 0.0, 0.0, 0.0),
-                        textures={**objects.textures, "rectangles": self._table(np.zeros((0, 4), np.uint32))},
-                        points=points,
-                    )
-                )
+            for points in (False, True)
+        ]
 
     @abstractmethod
     def _of_caps(self, caps: Caps) -> CellRectangles: ...
@@ -215,24 +227,50 @@ class PointShadowBuffer(Owner, ABC):
             "tile_size": self.tile,
         }
         numbers = self.objects.numbering.kinds
+        for stage in self._passes + self._of_chunks:
+            stage.area = (*corner, *self.tile)
         pairs = zip(self._passes[::2], self._passes[1::2], strict=True)
         for kind, pair, found in zip(KINDS, pairs, self._rectangles(at), strict=True):
-            self.intersection_tests += found.cells
-            rows = np.empty((len(found.primitive), 4), np.uint32)
-            rows[:, 0] = found.first[:, 0] | found.first[:, 1] << 16
-            rows[:, 1] = found.last[:, 0] | found.last[:, 1] << 16
-            rows[:, 2] = found.primitive + numbers[kind].start
-            rows[:, 3] = found.face
-            width, height = (found.last - found.first).T
-            small = np.maximum(width, height) < min(_POINT, largest_point(self.gl), *self.cells)
-            for stage, table in zip(pair, (rows[~small], rows[small]), strict=True):
-                stage.area = (*corner, *self.tile)
-                stage.vertices = len(table) if stage.points else 6 * len(table)
-                if stage.vertices or stage.clear is not None:
-                    stage.textures = {**self.objects.textures, "rectangles": self._table(table)}
-                    stage.run(uniforms | {"as_points": stage.points})
+            self._shoot(pair, found, numbers[kind].start, self.objects.textures, uniforms)
+        self._shoot_at_chunks(at, uniforms)
         self._keys[light] = key
         return True
+
+    def _shoot(
+        self,
+        pair: Sequence[Pass],
+        found: CellRectangles,
+        first: int,
+        textures: Mapping[str, moderngl.Texture],
+        uniforms: Mapping[str, object],
+    ) -> None:
+        """Shoot at primitives in the cells in which they can be seen; first: number of the first of them."""
+        self.intersection_tests += found.cells
+        rows = np.empty((len(found.primitive), 4), np.uint32)
+        rows[:, 0] = found.first[:, 0] | found.first[:, 1] << 16
+        rows[:, 1] = found.last[:, 0] | found.last[:, 1] << 16
+        rows[:, 2] = found.primitive + first
+        rows[:, 3] = found.face
+        width, height = (found.last - found.first).T
+        small = np.maximum(width, height) < min(_POINT, largest_point(self.gl), *self.cells)
+        for stage, table in zip(pair, (rows[~small], rows[small]), strict=True):
+            stage.vertices = len(table) if stage.points else 6 * len(table)
+            if stage.vertices or stage.clear is not None:
+                stage.textures = {**textures, "rectangles": self._table(table)}
+                stage.run({**uniforms, "as_points": stage.points})
+
+    def _shoot_at_chunks(self, light: Float64, uniforms: Mapping[str, object]) -> None:
+        """Shoot at the streamed triangles, chunk after chunk [TB VI]. All of them: a light sees to all sides."""
+        stream = self.objects.stream
+        if stream is None:
+            return
+        for index, texture, own in stream.on_device(np.ones(len(stream.chunks), np.bool_)):
+            first, textures = stream.chunks[index].first, {**self.objects.textures, "scene_floats": texture}
+            triangles = stream.triangles(index)
+            for start in range(0, len(triangles), _TRIANGLES):
+                found = self._of_triangles(triangles[start : start + _TRIANGLES], light)
+                self._shoot(self._of_chunks, found, first + start, textures, {**uniforms, **own})
+            del triangles  # or it would be there while the next chunk is read
 
     @property
     def uniforms(self) -> dict[str, object]:

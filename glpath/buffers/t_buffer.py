@@ -10,6 +10,9 @@ hit it: those of the pixels in a conservative projection. Two methods find the p
   triangle costs a rasteriser as much as many rays, in Mesa's llvmpipe in one thread; a million small triangles are
   six times as fast so.
 
+Streamed triangles come after all others, chunk after chunk, into the same buffer: an object is needed only while
+its own rays are shot, so a scene need not fit into memory [TB VI].
+
 Source of the second: Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
 """
 
@@ -24,12 +27,15 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.gl import passes
-from glpath.gl.camera import camera_defines, eye_uniforms
+from glpath.gl.camera import camera_defines, eye_uniforms, view_volume
+from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.geometry_stream import Kept, RecordPass, before_planes, of_chunks
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Dispatch, Pass, largest_point
 from glpath.gl.program import Program, load_program
+from glpath.gl.program_parts import ProgramParts
 from glpath.scene.model import Camera
 
 Uniforms = Mapping[str, object]
@@ -119,14 +125,24 @@ class EyeBuffer(Owner, ABC):
         texture.filter = _NEAREST
         return texture
 
-    def _program(self, defines: Uniforms, *, vertex: str = "", fragment: str = "", compute: str = "") -> Program:
+    def _program(
+        self,
+        defines: Uniforms,
+        *,
+        vertex: str = "",
+        fragment: str = "",
+        compute: str = "",
+        streamed: bool = False,
+    ) -> Program:
+        """streamed: of what the scene's texture of floats has a chunk of streamed triangles for."""
+        scene = of_chunks(self._defines) if streamed else self._defines
         return load_program(
             self.gl,
             vertex=vertex,
             fragment=fragment,
             compute=compute,
             generated=self.objects.generated | {"T_BUFFER": _SURENESS.format(group=_GROUP)},
-            defines=self._defines | dict(defines),
+            defines=scene | dict(defines),
         )
 
 
@@ -173,6 +189,7 @@ class TBuffer(EyeBuffer):
     Parameters
     ----------
     split_from : with at least so many primitives, small ones are taken by the compute shader
+    records    : where the streamed triangles that pixels see are kept, see `GeometryStream.records`
 
     Cost:     the pixels that primitives cover, one above the other; about 0.1 µs a small primitive in llvmpipe.
     Poor at:  many large primitives behind each other. One that reaches through the plane of the eye within the view
@@ -187,11 +204,13 @@ class TBuffer(EyeBuffer):
         *,
         count_tests: bool = False,
         split_from: int = SPLIT_FROM,
+        records: moderngl.Texture | None = None,
     ) -> None:
         super().__init__(gl, objects, size, count_tests=count_tests)
-        split = objects.numbering.first_plane >= split_from
+        stream = objects.stream
+        split = max(objects.numbering.first_plane, stream.count if stream is not None else 0) >= split_from
         drawn = self._pair_texture() if split else self.texture
-        target = gl.framebuffer([drawn], float_depth_texture(gl, size))
+        self._target = target = gl.framebuffer([drawn], float_depth_texture(gl, size))
         self._small: _SmallPrimitives | None = _SmallPrimitives(self, drawn) if split else None
         self._squares: _Squares | None = None
         self._draws: list[tuple[Pass, Uniforms]] = []
@@ -200,7 +219,8 @@ class TBuffer(EyeBuffer):
                 continue
             corners = 6 if kind in ("sphere", "ellipsoid") else 3
             plane = kind == "plane"
-            listed = self._small.lists.get(kind) if self._small else None
+            small = self._small.kinds.get(kind) if self._small else None
+            listed = small.large if small else None
             points = kind == "sphere" and not listed and largest_point(gl) >= _SMALLEST_SQUARE
             squares = _Squares(objects, size) if points else None
             defines: dict[str, object] = {f"KIND_{kind.upper()}": 1, "DEPTH_SCALE": DISTANCE_TO_DEPTH}
@@ -225,6 +245,9 @@ class TBuffer(EyeBuffer):
             if squares:
                 self._squares = squares
             self._draws.append((draw, {"first": numbers.start}))
+        self._streamed: _StreamedTriangles | None = None
+        if stream is not None:
+            self._streamed = _StreamedTriangles(self, target, self._small, records)
 
     def fill(self, eye: Uniforms) -> None:
         uniforms = self.objects.uniforms | dict(eye)
@@ -236,10 +259,14 @@ class TBuffer(EyeBuffer):
             spheres.vertices = self._squares.count
             spheres.textures = self.objects.textures | {"squares": self._squares.texture}
             uniforms["square_side"] = self._squares.side
+        if not self._draws:
+            clear_integers(self._target, (0, 0, *self.size))
         for draw, own in self._draws:
             draw.run(uniforms | dict(own))
         if self._small:
             self._small.merge(uniforms)
+        if self._streamed:
+            self._streamed.run(uniforms, eye)
 
 
 class _Squares:
@@ -314,67 +341,167 @@ class _LargePrimitives:
 
     def __init__(self, gl: moderngl.Context, count: int, vertices: int) -> None:
         self.vertices = vertices
-        self.words = -(-count // 32)
-        self.marks = gl.buffer(data=bytes(4 * self.words))
+        self.marks = gl.buffer(data=bytes(4 * -(-count // 32)))
         self.elements = gl.buffer(reserve=4 * count * vertices)
         self.command = gl.buffer(reserve=20)
 
 
+class _SmallKind:
+    """The compute shader's part of one kind of primitives: shoots at the small ones, and lists the others.
+
+    count    : so many at most
+    words    : of all pixels, min t and lowest number
+    streamed : the triangles of a chunk, whose texture is among `textures` then
+    """
+
+    def __init__(
+        self,
+        buffer: TBuffer,
+        kind: str,
+        count: int,
+        words: tuple[moderngl.Buffer, moderngl.Buffer],
+        streamed: bool = False,
+    ) -> None:
+        gl = buffer.gl
+        self.large = large = _LargePrimitives(gl, count, 3 if kind == "triangle" else 6)
+        self.textures = dict(buffer.objects.textures)
+        rectangles = gl.buffer(reserve=8 * count)
+        buffers = buffer._buffers | dict(zip((2, 3, 4, 6), (*words, large.marks, rectangles), strict=True))
+
+        def stage(name: str, **more: object) -> Dispatch:
+            define = {f"KIND_{kind.upper()}": 1, **more}
+            program = buffer._program(define, compute="t_buffer/t_buffer_small.comp", streamed=streamed)
+            return Dispatch(f"t-buffer: small {kind}s, {name}", gl, program, self.textures, buffers)
+
+        self._first, self._second = stage("min t"), stage("lowest number", SECOND=1)
+        self._lister = Dispatch(
+            f"t-buffer: large {kind}s",
+            gl,
+            buffer._program({}, compute="t_buffer/t_buffer_list.comp"),
+            buffers={1: large.elements, 4: large.marks, 5: large.command},
+        )
+
+    def find_min_t(self, uniforms: Uniforms, numbers: range) -> None:
+        """Find the least t of each pixel, and list the large ones."""
+        self._run(self._first, uniforms, numbers)
+        words = -(-len(numbers) // 32)
+        self._lister.run(dict(uniforms) | {"words": words, "vertices": self.large.vertices}, (1, 1))
+
+    def find_number(self, uniforms: Uniforms, numbers: range) -> None:
+        """Find the lowest number of those that have it."""
+        self._run(self._second, uniforms, numbers)
+
+    def _run(self, stage: Dispatch, uniforms: Uniforms, numbers: range) -> None:
+        groups = -(-len(numbers) // _GROUP)
+        grid = (min(groups, _WIDEST), -(-groups // _WIDEST))
+        stage.run(dict(uniforms) | {"first": numbers.start, "count": len(numbers)}, grid)
+
+
 class _SmallPrimitives:
-    """The compute shader's part of a T-buffer: the small ones, and lists of the others."""
+    """The compute shader's part of a T-buffer.
+
+    words : of all pixels, the least t so far, and the lowest number of those that have it
+    kinds : what shoots at the small ones of each kind
+    """
 
     def __init__(self, buffer: TBuffer, drawn: moderngl.Texture) -> None:
         gl, objects = buffer.gl, buffer.objects
         width, height = buffer.size
-        # The words of the least t, then those of the lowest number.
         self._empty = gl.buffer(data=b"\xff" * (4 * width * height))
-        self._nearest = gl.buffer(reserve=4 * width * height)
-        self._lowest = gl.buffer(reserve=4 * width * height)
+        self.words = gl.buffer(reserve=4 * width * height), gl.buffer(reserve=4 * width * height)
         self._gl = gl
-        self.lists: dict[str, _LargePrimitives] = {}
-        self._first: list[tuple[Dispatch, Uniforms, tuple[int, int]]] = []
-        self._second: list[tuple[Dispatch, Uniforms, tuple[int, int]]] = []
-        for kind, numbers in objects.numbering.kinds.items():
-            if not numbers or kind == "plane":
-                continue
-            large = self.lists[kind] = _LargePrimitives(gl, len(numbers), 3 if kind == "triangle" else 6)
-            define: dict[str, object] = {f"KIND_{kind.upper()}": 1}
-            rectangles = gl.buffer(reserve=8 * len(numbers))
-            buffers = buffer._buffers | {2: self._nearest, 3: self._lowest, 4: large.marks, 6: rectangles}
-            groups = -(-len(numbers) // _GROUP)
-            grid = (min(groups, _WIDEST), -(-groups // _WIDEST))
-            own = {"first": numbers.start, "count": len(numbers)}
-            for stages, name, more in (
-                (self._first, "min t", {}),
-                (self._second, "lowest number", {"SECOND": 1}),
-            ):
-                program = buffer._program(define | more, compute="t_buffer/t_buffer_small.comp")
-                stage = Dispatch(f"t-buffer: small {kind}s, {name}", gl, program, objects.textures, buffers)
-                stages.append((stage, own, grid))
-            program = buffer._program({}, compute="t_buffer/t_buffer_list.comp")
-            lister = Dispatch(
-                f"t-buffer: large {kind}s",
-                gl,
-                program,
-                buffers={1: large.elements, 4: large.marks, 5: large.command},
-            )
-            self._first.append((lister, {"words": large.words, "vertices": large.vertices}, (1, 1)))
+        self._numbers = {
+            kind: numbers for kind, numbers in objects.numbering.kinds.items() if numbers and kind != "plane"
+        }
+        self.kinds = {
+            kind: _SmallKind(buffer, kind, len(numbers), self.words) for kind, numbers in self._numbers.items()
+        }
         self._merge = Pass(
             "t-buffer: merge",
             gl,
             buffer._program({}, vertex="gl/fullscreen.vert", fragment="t_buffer/t_buffer_merge.frag"),
             gl.framebuffer([buffer.texture]),
             textures={"drawn": drawn},
-            buffers={2: self._nearest, 3: self._lowest},
+            buffers=dict(zip((2, 3), self.words, strict=True)),
         )
 
     def shoot(self, uniforms: Uniforms) -> None:
         """Shoot at the small ones, and list the others."""
-        for words in (self._nearest, self._lowest):
+        for words in self.words:
             self._gl.copy_buffer(words, self._empty)
-        for stage, own, groups in self._first + self._second:
-            stage.run(dict(uniforms) | dict(own), groups)
+        for kind, numbers in self._numbers.items():
+            self.kinds[kind].find_min_t(uniforms, numbers)
+        for kind, numbers in self._numbers.items():
+            self.kinds[kind].find_number(uniforms, numbers)
 
     def merge(self, uniforms: Uniforms) -> None:
         """Into the buffer's texture: the nearer of what was drawn and the small ones."""
         self._merge.run(uniforms)
+
+
+class _StreamedTriangles:
+    """The streamed triangles' part of a T-buffer: chunk after chunk, after all resident primitives [TB VI].
+
+    target  : of what is drawn
+    small   : the compute shader's part; None where all are drawn
+    records : where the triangles that pixels see are kept; None for nowhere
+    """
+
+    def __init__(
+        self,
+        buffer: TBuffer,
+        target: moderngl.Framebuffer,
+        small: _SmallPrimitives | None,
+        records: moderngl.Texture | None,
+    ) -> None:
+        gl, objects, stream = buffer.gl, buffer.objects, buffer.objects.stream
+        assert stream is not None, "who streams"
+        self._stream, self._camera, self._all_small = stream, objects.scene.camera, small
+        self._textures = dict(objects.textures)
+        self._small: _SmallKind | None = None
+        if small is not None:
+            self._small = _SmallKind(buffer, "triangle", stream.largest, small.words, streamed=True)
+        listed = self._small.large if self._small is not None else None
+        self._draw = Pass(
+            "t-buffer: streamed triangles",
+            gl,
+            buffer._program(
+                {"KIND_TRIANGLE": 1, "DEPTH_SCALE": DISTANCE_TO_DEPTH},
+                vertex="t_buffer/t_buffer.vert",
+                fragment="t_buffer/t_buffer.frag",
+                streamed=True,
+            ),
+            target,
+            depth=True,
+            textures=self._textures,
+            buffers=buffer._buffers,
+            elements=listed.elements if listed else None,
+            indirect=listed.command if listed else None,
+        )
+        self._record: RecordPass | None = None
+        if records is not None:
+            parts = ProgramParts(
+                textures=dict(objects.textures), generated=objects.generated, defines=of_chunks(objects.defines)
+            )
+            self._record = RecordPass("t-buffer", stream, parts, Kept(records, buffer.texture))
+
+    def run(self, uniforms: Uniforms, eye: Uniforms) -> None:
+        """Take those chunks that the view may see, in the order of their numbers, so that of equal t the lowest
+        stays."""
+        normals, offsets = view_volume(self._camera, dict(eye))
+        seen = before_planes(self._stream.lower, self._stream.upper, normals, offsets)
+        for index, texture, own in self._stream.on_device(seen):
+            chunk = self._stream.chunks[index]
+            numbers = range(chunk.first, chunk.first + chunk.size)
+            given = {**uniforms, **own, "first": chunk.first}
+            self._textures["scene_floats"] = texture
+            if self._small is not None:
+                self._small.textures["scene_floats"] = texture
+                self._small.find_min_t(given, numbers)
+                self._small.find_number(given, numbers)
+            self._draw.vertices = 3 * chunk.size
+            self._draw.run(given)
+            if self._all_small is not None:
+                self._all_small.merge(given)
+            if self._record is not None:
+                self._record.run(texture, given)

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.daylight.receivers import Receiver
-from glpath.daylight.stream_parts import StreamParts
 from glpath.gl.constants import RAY_ROUNDING
 from glpath.gl.context import open_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.owner import Owner
 from glpath.gl.parallel_rays import WORD, ParallelRays, Seen
 from glpath.gl.ray_bvh import RayBvh
+from glpath.gl.stream_parts import StreamParts
 from glpath.gl.streamed_rays import StreamedRays
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside

@@ -9,12 +9,16 @@ Cost:     building it, seconds for a million primitives; per ray about the logar
 
 from __future__ import annotations
 
+from typing import Any
+
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.accel.bvh import build_bvh
 from glpath.gl.device_scene import DeviceScene
-from glpath.gl.texel_store import UINTS, make_store, store_glsl
+from glpath.gl.texel_store import FLOATS, UINTS, WIDTH, make_store, store_glsl
+from glpath.scene.model import Float64
 
 #: The contents of a node's texels, and a leaf's.
 LAYOUT: dict[str, dict[str, str]] = {
@@ -23,6 +27,13 @@ LAYOUT: dict[str, dict[str, str]] = {
         "UPPER": "bits of the other corner; number of the leaf + 1, 0 for an inner node",
     },
     "leaf": {"PRIMITIVES": "numbers + 1 of up to four primitives, 0 for none"},
+}
+OCCLUDER_LAYOUT: dict[str, dict[str, str]] = {
+    "occluder": {
+        "A": "of a streamed triangle: a corner; its number's lowest 16 bits",
+        "B": "a corner; the number's other bits",
+        "C": "a corner",
+    },
 }
 _LEAF = 4
 # Boxes are widened by this share of their position and size, more than rounding moves what lies in them.
@@ -43,7 +54,12 @@ class DeviceBvh:
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
         count = scene.numbering.first_plane
         lower, upper = scene.boxes
-        tree = build_bvh(lower[:count], upper[:count], leaf_size=_LEAF)
+        self._put(gl, lower[:count], upper[:count], scene.scene.source or scene.scene.name)
+
+    def _put(self, gl: moderngl.Context, lower: Float64, upper: Float64, source: str) -> None:
+        """Build it over boxes (N, 3)."""
+        count = len(lower)
+        tree = build_bvh(lower, upper, leaf_size=_LEAF)
         nodes = len(tree)
         leaves = np.flatnonzero(tree.count)
         pad = _PAD * (np.maximum(np.abs(tree.lower), np.abs(tree.upper)).max(axis=1, initial=0.0))[:, None]
@@ -56,8 +72,53 @@ class DeviceBvh:
         primitives = np.where(
             np.arange(_LEAF) < tree.count[leaves, None], tree.order[np.minimum(position, max(count - 1, 0))] + 1, 0
         )
-        source = scene.scene.source or scene.scene.name
         tables = {"node": node_table, "leaf": primitives[:, None, :]}
         texture, bases = make_store(gl, UINTS, LAYOUT, tables, source)
         self.textures = {"bvh": texture}
         self.uniforms: dict[str, object] = {"node_count": nodes, **bases}
+
+
+def occluders_glsl() -> str:
+    """The layout of `StreamedBvh` as GLSL, for `#include <OCCLUDERS>`."""
+    return store_glsl("occluders", FLOATS, OCCLUDER_LAYOUT)
+
+
+class StreamedBvh(DeviceBvh):
+    """The BVH over triangles that no `DeviceScene` has: a part of those that are streamed, with their corners.
+
+    corners : (T, 3, 3) float32
+    number  : (T,) among all streamed triangles
+    source  : for errors
+
+    textures, uniforms : for programs that include stream_bvh.glsl, with `bvh_glsl()` as <BVH> and
+                         `occluders_glsl()` as <OCCLUDERS>
+    """
+
+    def __init__(
+        self, gl: moderngl.Context, corners: NDArray[np.float32], number: NDArray[np.int64], source: str
+    ) -> None:
+        self._put(gl, corners.min(axis=1).astype(np.float64), corners.max(axis=1).astype(np.float64), source)
+        texture, bases = make_store(gl, FLOATS, OCCLUDER_LAYOUT, {"occluder": _Occluders(corners, number)}, source)
+        self.textures["occluders"] = texture
+        self.uniforms |= bases
+
+    @staticmethod
+    def most(gl: moderngl.Context) -> int:
+        """How many triangles the device's textures have room for."""
+        return int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH // 3
+
+
+class _Occluders:
+    """The table of triangles, made as it is written."""
+
+    def __init__(self, corners: NDArray[np.float32], number: NDArray[np.int64]) -> None:
+        self._corners, self._number = corners, number
+        self.shape = (len(corners), 3, 4)
+
+    def __getitem__(self, which: slice) -> NDArray[Any]:
+        corners, number = self._corners[which], self._number[which]
+        table = np.zeros((len(corners), 3, 4), np.float32)
+        table[:, :, :3] = corners
+        # Whole numbers that floats have.
+        table[:, 0, 3], table[:, 1, 3] = number & 0xFFFF, number >> 16
+        return table

@@ -124,7 +124,7 @@ class DeviceScene(Owner):
         )
 
         self.stream = (
-            GeometryStream(gl, scene, self.triangle_count, geometry_budget)
+            GeometryStream(gl, scene, self.count, geometry_budget)
             if streamed and geometry_budget is not None
             else None
         )
@@ -177,7 +177,7 @@ class DeviceScene(Owner):
         self.radius = 0.5 * float(np.linalg.norm(high - low)) if by_box else _radius(scene, self.centre)
         if self.stream is not None:
             self.defines["STREAMED"] = 1
-            self.uniforms["resident_triangles"] = self.triangle_count
+            self.uniforms |= {"first_streamed": self.count, "stream_count": len(scene.shapes.streams)}
             self.radius = max(self.radius, self.stream.radius_about(self.centre))
 
     def move_to(self, time: float) -> None:
@@ -230,6 +230,8 @@ class DeviceScene(Owner):
             h.update(np.ascontiguousarray(array, "<f8").tobytes())
             h.update(str(array.shape).encode())
         h.update(self.numbering.shape.astype("<i4").tobytes())
+        for shape, stream in scene.shapes.streams:
+            h.update(f"{shape} {stream.digest}".encode())
         if "HAS_ALPHA" in self.defines:  # textures throw shadows
             h.update(digest_of(scene.shapes, scene.materials, scene.textures).encode())
         return h.hexdigest()

@@ -103,6 +103,8 @@ class GeometryStream(Owner):
         self._largest = max(chunk.size for chunk in self.chunks)
         self._records: list[moderngl.Texture] = []
         self._slots: list[_ChunkSlot] = []
+        self._beside = 0  # bytes of the budget that others have
+        self._read: tuple[int, Float64] | None = None  # index and triangles of the chunk that was read last
         corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self._largest, self._largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
@@ -123,6 +125,13 @@ class GeometryStream(Owner):
         self._records.append(texture)
         return texture
 
+    def bits(self, size: tuple[int, int]) -> moderngl.Texture:
+        """A texture of R32UI texels, (columns, rows), which counts to the budget as records do."""
+        texture = self.gl.texture(size, 1, dtype="u4")
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._records.append(texture)
+        return texture
+
     @property
     def nbytes(self) -> int:
         """Bytes on the device."""
@@ -136,10 +145,27 @@ class GeometryStream(Owner):
             for triangles in stream
         )
 
+    @property
+    def largest(self) -> int:
+        """Triangles of the largest chunk."""
+        return self._largest
+
+    def share(self, least: int, wanted: int) -> int:
+        """Bytes of the budget for who keeps streamed triangles in another form, when all records are made.
+
+        least, wanted : bytes that it needs, and that it can use
+
+        Chunks get what is left. Raises UsageError for a budget without room for the least.
+        """
+        self._check(least)
+        self._beside = min(wanted, (self._budget << 20) - self._in_records - self._slot_bytes)
+        return self._beside
+
     def reserve(self) -> None:
         """Make the slots, when all records are made. Raises UsageError for a budget that has no room for them."""
         self._check()
-        room = (self._budget << 20) - self._in_records - _IN_THE_MAKING * self._largest
+        making = max(_IN_THE_MAKING * self._largest, self._beside)
+        room = (self._budget << 20) - self._in_records - making
         count = min(len(self.chunks), room // self._slot_bytes)
         for _ in range(count - len(self._slots)):
             texture = self.gl.texture((WIDTH, self._rows), 4, dtype="f4")
@@ -154,7 +180,7 @@ class GeometryStream(Owner):
             slot = self._slots[min(int(index), len(self._slots) - 1)]
             chunk = self.chunks[index]
             if slot.holds != index:
-                self._fill(slot.texture, chunk)
+                self._fill(slot.texture, int(index))
                 slot.holds = int(index)
             yield (
                 int(index),
@@ -169,19 +195,27 @@ class GeometryStream(Owner):
             )
             # Or a driver keeps chunk upon chunk: llvmpipe a hundred megabytes of triangles still to be drawn.
             self.gl.finish()
+        self._read = None
+
+    def triangles(self, index: int) -> Float64:
+        """(F, 3, 3) float64 corners of a chunk that `on_device` has now; read again where it was there before."""
+        if self._read is not None and self._read[0] == index:
+            return self._read[1]
+        chunk = self.chunks[index]
+        return self._streams[chunk.stream].triangles(chunk.number)
 
     @property
     def _in_records(self) -> int:
-        return sum(_TEXEL * texture.width * texture.height for texture in self._records)
+        return sum(4 * texture.components * texture.width * texture.height for texture in self._records)
 
     @property
     def _slot_bytes(self) -> int:
         return _TEXEL * WIDTH * self._rows
 
-    def _check(self) -> None:
-        """Raise UsageError where there is no room for one chunk besides the records."""
+    def _check(self, beside: int = 0) -> None:
+        """Raise UsageError where there is no room for one chunk besides the records and what others need."""
         records = self._in_records
-        needed = records + _IN_THE_MAKING * self._largest + self._slot_bytes
+        needed = records + max(_IN_THE_MAKING * self._largest, beside) + self._slot_bytes
         if needed > self._budget << 20:
             raise UsageError(
                 f"geometry_budget: {self._budget} MiB, but {-(-needed // (1 << 20))} are needed at least: "
@@ -190,8 +224,10 @@ class GeometryStream(Owner):
                 "Give it more, render fewer pixels or with a lower light_resolution, or stream smaller chunks.",
             )
 
-    def _fill(self, texture: moderngl.Texture, chunk: Chunk) -> None:
-        triangles = self._streams[chunk.stream].triangles(chunk.number)
+    def _fill(self, texture: moderngl.Texture, index: int) -> None:
+        self._read = None
+        triangles = self.triangles(index)
+        self._read = index, triangles
         for texels, row in (
             (triangles.reshape(-1, 3), 0),
             (facet_planes(triangles, unit_normals(triangles)), self._facet_base // WIDTH),
@@ -214,6 +250,46 @@ class Kept(NamedTuple):
     records: moderngl.Texture
     seen: moderngl.Texture | None = None
     paths: tuple[int, int] | None = None
+
+
+class RecordPass:
+    """Keeps the records of a chunk's triangles, while it is on the device.
+
+    name  : of the pass that finds them
+    parts : what its program includes
+    """
+
+    def __init__(self, name: str, stream: GeometryStream, parts: ProgramParts, kept: Kept) -> None:
+        of: dict[str, object] = {"OF_PATHS": 1}
+        if kept.seen is not None:
+            of = {"EYE_FORMAT": ("r32ui", "rg32ui")[kept.seen.components - 1]}
+        program = load_program(
+            stream.gl, compute="scene/stream_record.comp", generated=parts.generated, defines=parts.defines | of
+        )
+        self._textures = {**parts.textures, "kept_records": kept.records}
+        if kept.seen is not None:
+            self._textures["seen_buffer"] = kept.seen
+        size = kept.paths if kept.seen is None else kept.seen.size
+        assert size is not None, "either paths or what is seen"
+        self._dispatch = PixelDispatch(
+            f"{name}: records",
+            stream.gl,
+            program,
+            self._textures,
+            frozenset({"kept_records"}),
+            area=(0, 0, *size),
+        )
+
+    def run(self, texture: moderngl.Texture, uniforms: Mapping[str, object]) -> None:
+        """Keep those of the chunk in a texture, with the uniforms of `GeometryStream.on_device` for it."""
+        self._textures["scene_floats"] = texture
+        self._dispatch.run(uniforms)
+
+
+def of_chunks(defines: Mapping[str, object]) -> dict[str, object]:
+    """A scene's defines for programs that draw its chunks. What is streamed is opaque, so transparent geometry's
+    data are not needed."""
+    return {name: value for name, value in defines.items() if name != "HAS_ALPHA"} | {"STREAMED_CHUNK": 1}
 
 
 class StreamedScan:
@@ -241,10 +317,7 @@ class StreamedScan:
         self._stream = stream
         self._small = None
         (vertex, fragment), generated = shaders, parts.generated
-        # Transparent geometry is not streamed, so its data are not needed.
-        plain = {name: value for name, value in parts.defines.items() if name != "HAS_ALPHA"} | {
-            "STREAMED_CHUNK": 1
-        }
+        plain = of_chunks(parts.defines)
         self._textures = dict(parts.textures)
         listed: dict[str, object] = {}
         if words is not None:
@@ -259,23 +332,8 @@ class StreamedScan:
         self._pass = Pass(name, stream.gl, program, target, textures=self._textures, **state)  # type: ignore[arg-type]
         self._record = None
         if kept is not None:
-            of = {"OF_PATHS": 1} if kept.seen is None else {}
-            program = load_program(
-                stream.gl, compute="scene/stream_record.comp", generated=generated, defines=plain | of
-            )
-            self._record_textures = {**parts.textures, "kept_records": kept.records}
-            if kept.seen is not None:
-                self._record_textures["seen_buffer"] = kept.seen
-            size = kept.paths if kept.seen is None else kept.seen.size
-            assert size is not None, "either paths or what is seen"
-            self._record = PixelDispatch(
-                f"{name}: records",
-                stream.gl,
-                program,
-                self._record_textures,
-                frozenset({"kept_records"}),
-                area=(0, 0, *size),
-            )
+            kept_parts = ProgramParts(textures=parts.textures, generated=generated, defines=plain)
+            self._record = RecordPass(name, stream, kept_parts, kept)
 
     def run(
         self,
@@ -304,8 +362,7 @@ class StreamedScan:
                     if of_face[index]:
                         self._pass.run(given | {"cube_face": face})
             if self._record is not None:
-                self._record_textures["scene_floats"] = texture
-                self._record.run(given)
+                self._record.run(texture, given)
 
 
 def before_planes(lower: Float64, upper: Float64, normals: Float64, offsets: Float64) -> NDArray[np.bool_]:

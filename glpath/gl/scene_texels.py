@@ -95,6 +95,7 @@ FLOAT_LAYOUT: dict[str, dict[str, str]] = {
 }
 UINT_LAYOUT: dict[str, dict[str, str]] = {
     "face": {"CORNERS": "of a triangle: numbers of its vertices; number of its shape"},
+    "stream": {"FIRST": "of a shape that streams: number of its first triangle; number of the shape"},
     "solid": {"SHAPE": "of a sphere, ellipsoid or plane: number of its shape"},
     "shape": {
         "MATERIAL": "number of the material; 1 where both sides emit; 1 where light may pass through; how far a "
@@ -129,6 +130,8 @@ def scene_glsl() -> str:
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
+    # Numbers from here on are of streamed triangles.
+    lines += ["#ifdef STREAMED", "uniform int first_streamed;", "uniform int stream_count;", "#endif"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += [f"const int ALBEDO_CELLS = {CELLS};", *sheen_glsl()]
     lines += [f"const float ESCAPES[5] = float[5]({', '.join(f'{c:.6f}' for c in escapes())});"]
@@ -136,6 +139,15 @@ def scene_glsl() -> str:
     lines += [
         "int shape_of(int primitive)",
         "{",
+        "#ifdef STREAMED",
+        "    if (primitive >= first_streamed)",
+        "    {",
+        "        int which = 0;",
+        "        for (int i = 1; i < stream_count; ++i)",
+        "            if (int(stream_texel(i, STREAM_FIRST).x) <= primitive) which = i;",
+        "        return int(stream_texel(which, STREAM_FIRST).y);",
+        "    }",
+        "#endif",
         "    if (primitive >= first_triangle && primitive < first_plane)",
         "        return int(face_texel(primitive - first_triangle, FACE_CORNERS).w);",
         "    int solid = primitive < first_triangle ? primitive : primitive - first_plane + first_triangle;",
@@ -275,6 +287,7 @@ def uint_tables(
     ]
     return {
         "face": _texel(np.column_stack([scene.shapes.faces, numbers.shape[triangles]])),
+        "stream": _texel(_streams(scene, numbers)),
         "solid": _texel(np.delete(numbers.shape, triangles)[:, None]),
         "shape": _texel(_integers(shapes, 4)),
         "slots": images.of_materials,
@@ -289,6 +302,12 @@ def _texel(rows: NDArray[np.generic]) -> NDArray[np.generic]:
     table = np.zeros((len(rows), 1, 4), rows.dtype)
     table[:, 0, : rows.shape[1]] = rows
     return table
+
+
+def _streams(scene: Scene, numbers: Numbering) -> NDArray[np.int64]:
+    counts = np.array([stream.count for _, stream in scene.shapes.streams], np.int64)
+    first = numbers.count + np.cumsum(counts) - counts
+    return np.column_stack([first, [shape for shape, _ in scene.shapes.streams]]).astype(np.int64).reshape(-1, 2)
 
 
 def _integers(rows: Sequence[tuple[int, ...]], columns: int) -> NDArray[np.int64]:

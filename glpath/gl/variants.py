@@ -128,6 +128,7 @@ VARIANTS: dict[str, Variant] = {
     "COUNT_TESTS": Variant("intersection tests are counted", _T_BUFFER),
     "BY_BVH": Variant("rays that leave a surface go by a BVH", _WHITTED),
     "LIGHT_SAMPLES": Variant("surfaces and the sky shine; how many samples a path set has", _WHITTED),
+    "STREAM_SHADOWS": Variant("streamed triangles block shadow rays, a bit each", "integrators.stream_shadows"),
     "REFLECTIONS": Variant("rays are reflected", _WHITTED),
     # The film.
     "SPLIT_LIGHT": Variant("direct light is summed apart", "gl.sums"),

@@ -159,6 +159,7 @@ LightResolution = Annotated[
 ]
 
 
+
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
     """The options of all integrators with path sets: "path", "path-buffer" and "gather"."""

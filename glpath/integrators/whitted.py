@@ -31,11 +31,14 @@ from glpath.gl.lights import background_uniforms, sky_uniforms
 from glpath.gl.passes import Pass, draw_areas, run_in_areas
 from glpath.gl.ping_pong import InTurn
 from glpath.gl.program import load_program
+from glpath.gl.program_parts import ProgramParts
+from glpath.gl.stream_occluders import StreamOccluders
 from glpath.gl.sums import PixelSums, Readback
 from glpath.gl.uniforms import vectors
 from glpath.integrators.aovs import EyeAovs, Seen
 from glpath.integrators.engine import Engine, Uniforms, Window
 from glpath.integrators.ground import Ground
+from glpath.integrators.stream_shadows import StreamShadows
 from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import LIGHT_KINDS
@@ -71,6 +74,8 @@ class WhittedTracer(Engine):
         self._held = np.zeros((*self._size[::-1], 3))  # of the path sets before the objects moved
         self._held_aovs: dict[str, NDArray[Any]] = {}
         self._tests = _no_tests()
+        self._occluders: StreamOccluders | None = None
+        self._stream_shadows: StreamShadows | None = None
 
     def prepare(self) -> Self:
         self._set_up(self.scene)
@@ -82,11 +87,15 @@ class WhittedTracer(Engine):
         same = self.scene.geometry_digest
         self._moving = scene if scene.moving_shapes else None
         self._max_radiance = max_radiance(scene)
-        objects = DeviceScene(self.gl, scene.still())
+        objects = DeviceScene(self.gl, scene.still(), self.settings.stream_budget)
         kept = self.shadow_buffer if objects.geometry_digest == same else None
         if kept is not None and kept.lights != objects.positional_lights:
             kept = None
+        if kept is not None:
+            kept.objects = objects
         bvh = self.bvh if objects.geometry_digest == same else None
+        if objects.geometry_digest != same:
+            self._occluders = None
         self.take()
         self._set_up(objects, bvh, kept)
 
@@ -108,7 +117,9 @@ class WhittedTracer(Engine):
         parallel = camera.projection == "orthographic"
         self.fill_eye_buffer(eye if parallel else eye | eye_uniforms(camera, self.window, pixel, lens))
         self._add_aovs(eye)
-        self.shade(index, eye)
+        uniforms = self._shading_uniforms(index, eye)
+        self.ask_stream(uniforms)
+        self.shade(uniforms)
 
     def move_to(self, index: int) -> None:
         """Put all where it is at the time of a path set, where something moves."""
@@ -135,17 +146,29 @@ class WhittedTracer(Engine):
         with self.stopwatch.stage("eye"):
             self.eye_buffer.fill(eye)
 
-    def shade(self, index: int, eye: Uniforms) -> None:
+    def ask_stream(self, uniforms: Uniforms) -> None:
+        """Shadow rays from what was found, part after part of streamed triangles."""
+        if self._stream_shadows is None:
+            return
+        with self.stopwatch.stage("streamed shadows"):
+            self._stream_shadows.find(uniforms)
+        shading = self._shading.now
+        shading.textures = {**shading.textures, **self._stream_shadows.textures}
+
+    def shade(self, uniforms: Uniforms) -> None:
         """Light and shadow at what was found, and the path on by reflection."""
+        with self.stopwatch.stage("shade"):
+            run_in_areas(self._shading.now, self._areas, uniforms)
+        self._sums.path_set_added()
+
+    def _shading_uniforms(self, index: int, eye: Uniforms) -> Uniforms:
         uniforms = self._constant | self._light_samples(index) | eye
         uniforms["random_seed"] = counter_hash(self.settings.seed, index, 0, 13)
         if self.shadow_buffer is not None:
             uniforms |= self.shadow_buffer.uniforms
         if self._ground is not None:
             uniforms |= self._ground.of_set(index)
-        with self.stopwatch.stage("shade"):
-            run_in_areas(self._shading.now, self._areas, uniforms)
-        self._sums.path_set_added()
+        return uniforms
 
     def take(self) -> NDArray[np.float64]:
         readback = super().take()
@@ -204,15 +227,17 @@ class WhittedTracer(Engine):
         settings, gl = self.settings, self.gl
         self.scene = objects
         self.sensor = CameraSensor.of(objects.scene.camera)
-        make = TBuffer if settings.primary == "t-buffer" else ClassicEye
-        self.eye_buffer: EyeBuffer = make(gl, objects, self._size, count_tests=self.count_tests)
+        records: dict[str, moderngl.Texture] = {}
+        if objects.stream is not None:
+            records = {"hit_records": objects.stream.records(self._size)}
+        self.eye_buffer: EyeBuffer = self._make_eye_buffer(records.get("hit_records"))
         self._sums = PixelSums(gl, self._size, self._max_radiance, split=settings.splits_light)
         eye = self.eye_buffer.texture
-        self._aovs = EyeAovs.of(settings.aovs, Seen(objects, eye, camera_defines(objects.scene.camera)))
+        self._aovs = EyeAovs.of(settings.aovs, Seen(objects, eye, camera_defines(objects.scene.camera), records))
         words = bytes(8 * self._size[0] * self._size[1])
         self._ray_tests: moderngl.Buffer | None = gl.buffer(data=words) if self.count_tests else None
 
-        textures: dict[str, moderngl.Texture] = {**objects.textures, "eye_buffer": self.eye_buffer.texture}
+        textures: dict[str, moderngl.Texture] = {**objects.textures, **records, "eye_buffer": eye}
         generated, defines = {**objects.generated}, objects.defines | self._sums.defines
         defines |= camera_defines(objects.scene.camera)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
@@ -236,25 +261,25 @@ class WhittedTracer(Engine):
             generated["BVH"] = bvh_glsl()
             defines["BY_BVH"] = 1
         self.shadow_buffer: PointShadowBuffer | None = shadow_buffer
-        lights = objects.positional_lights
-        if settings.shadows != "rays" and lights:
+        if settings.shadows != "rays" and objects.positional_lights:
             check_shadows(objects.scene)
-            resolution = settings.shadow_resolution
-            if self.shadow_buffer is not None:
-                pass
-            elif settings.shadows == "sphere":
-                self.shadow_buffer = SphereShadowBuffer(gl, objects, resolution, 2 * resolution, lights)
-            else:
-                self.shadow_buffer = CubeShadowBuffer(gl, objects, resolution, lights)
+            self.shadow_buffer = self.shadow_buffer or self._make_shadow_buffer()
             textures |= self.shadow_buffer.textures
             defines |= self.shadow_buffer.defines(settings.shadow_test, settings.shadow_filter)
             defines["SHADOW_BUFFERS"] = 1
         self._areas = draw_areas(self._size, self._rays_loop_over())
         self._counted: int = 0 if self.shadow_buffer is None else self.shadow_buffer.intersection_tests
-        if settings.max_depth > 1 and any(material.has_lobes for material in objects.scene.materials):
-            defines["REFLECTIONS"] = 1
         if self.count_tests:
             defines["COUNT_TESTS"] = 1
+        self._stream_shadows = self._shadows_of_stream(ProgramParts(textures=textures, defines=defines))
+        if self._stream_shadows is not None:
+            self._constant |= self._stream_shadows.uniforms
+            textures |= self._stream_shadows.textures
+            defines |= self._stream_shadows.defines
+        if objects.stream is not None:
+            objects.stream.reserve()
+        elif settings.max_depth > 1 and any(material.has_lobes for material in objects.scene.materials):
+            defines["REFLECTIONS"] = 1
         program = load_program(
             gl, vertex="gl/fullscreen.vert", fragment="t_buffer/whitted.frag", generated=generated, defines=defines
         )
@@ -263,6 +288,31 @@ class WhittedTracer(Engine):
             lambda read, write: Pass(
                 "shade", gl, program, write.target, textures={**textures, **read.textures}, buffers=buffers
             )
+        )
+
+    def _make_eye_buffer(self, records: moderngl.Texture | None) -> EyeBuffer:
+        if self.settings.primary == "classic":
+            return ClassicEye(self.gl, self.scene, self._size, count_tests=self.count_tests)
+        return TBuffer(self.gl, self.scene, self._size, count_tests=self.count_tests, records=records)
+
+    def _make_shadow_buffer(self) -> PointShadowBuffer:
+        objects, resolution = self.scene, self.settings.shadow_resolution
+        if self.settings.shadows == "sphere":
+            return SphereShadowBuffer(self.gl, objects, resolution, 2 * resolution, objects.positional_lights)
+        return CubeShadowBuffer(self.gl, objects, resolution, objects.positional_lights)
+
+    def _shadows_of_stream(self, parts: ProgramParts) -> StreamShadows | None:
+        """None where nothing is streamed, or no ray asks for it."""
+        objects, settings = self.scene, self.settings
+        by_rays = len(objects.lights)
+        if self.shadow_buffer is not None:
+            by_rays -= objects.positional_lights
+        samples = 0 if self._area_lighting.dark else settings.light_samples
+        if objects.stream is None or not (by_rays or samples or self._ground is not None):
+            return None
+        self._occluders = self._occluders or StreamOccluders(self.gl, objects.scene)
+        return StreamShadows(
+            objects, self._occluders, self._size, len(objects.lights) + samples, parts, self._ray_tests
         )
 
     def _rays_loop_over(self) -> int:

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
-from glpath.integrators.settings import DEEPEST, DEPTH, NO_LOOKUP, IntegratorSettings
+from glpath.integrators.settings import DEEPEST, DEPTH, GEOMETRY_BUDGET, NO_LOOKUP, GeometryBudget, IntegratorSettings
 
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]
@@ -95,6 +95,11 @@ class WhittedSettings(IntegratorSettings):
     def path_length(self) -> int:
         return self.max_depth
 
+    @property
+    def stream_budget(self) -> int | None:
+        """MiB for streamed triangles; None where all triangles have to be in memory."""
+        return None
+
     def check_together(self, given: Mapping[str, Any]) -> None:
         if given.get("shadows", self.shadows) != "rays":
             return
@@ -122,6 +127,18 @@ class TBufferSettings(WhittedSettings):
 
     integrator = "t-buffer"
     primary = "t-buffer"
+
+    geometry_budget: GeometryBudget = GEOMETRY_BUDGET
+
+    def recorded(self) -> dict[str, Any]:
+        """Without the memory, which decides nothing."""
+        given = super().recorded()
+        del given["geometry_budget"]
+        return given
+
+    @property
+    def stream_budget(self) -> int | None:
+        return self.geometry_budget
 
 
 class WhittedKeywords(TypedDict, total=False):

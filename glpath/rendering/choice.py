@@ -64,10 +64,10 @@ def chosen(
 
 
 def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]) -> str:
-    if scene.shapes.streams:
-        return PathBufferSettings.integrator
     if any(shape.primitive == "plane" for shape in scene.shapes):
         return TBufferSettings.integrator  # no path meets one
+    if scene.shapes.streams:
+        return PathBufferSettings.integrator
     asked = {name: value for name, value in given.items() if value is not False}  # an unset flag says nothing
     known = options()
     owners = [known[name].settings for name in asked if name in known]

@@ -29,7 +29,7 @@ from glpath.integrators.whitted_settings import WhittedSettings
 from glpath.scene import Scene, path_traceable
 from glpath.scene.instances import instanced
 from glpath.scene.proxy import Proxies, with_proxies
-from glpath.scene.triangulate import check_resident, check_simplifiable
+from glpath.scene.triangulate import check_resident, check_simplifiable, check_streamable, check_unmirrored
 from glpath.sensors.sensor import CameraSensor, Sensor
 
 if TYPE_CHECKING:
@@ -436,7 +436,11 @@ class _Whitted(Plan):
         ]
 
     def traceable(self, scene: Scene) -> Scene:
-        check_resident(scene)
+        if self.settings.stream_budget is None:
+            check_resident(scene)
+        else:
+            check_streamable(scene)
+            check_unmirrored(scene, self.settings.max_depth)
         _check_expandable(scene)
         used = [scene.materials[index] for index in sorted({shape.material for shape in scene.shapes})]
         translucent = [m.name for m in used if m.roughness is not None and m.diffuse_transmission > 0]
@@ -470,7 +474,7 @@ class _Whitted(Plan):
 
         return WhittedTracer(
             context.gl,
-            DeviceScene(context.gl, scene.still()),
+            DeviceScene(context.gl, scene.still(), self.settings.stream_budget),
             self.settings,
             window,
             moving=scene if scene.moving_shapes else None,

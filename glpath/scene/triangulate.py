@@ -31,12 +31,10 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     without area.
     """
     _check_known(scene)
-    if not streams:
+    if streams:
+        check_streamable(scene)
+    else:
         check_resident(scene)
-    elif scene.moving_shapes:
-        _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
-    elif scene.camera.projection == "panorama":
-        _check_resident(scene, "no panorama can see: its eye rays need a BVH", "Take another camera.")
     if centred:
         scene = scene.centred
     if not len(scene.spheres):
@@ -92,9 +90,33 @@ def check_resident(scene: Scene) -> None:
     """Raise SceneError for streams, whose triangles are never in memory all at once."""
     _check_resident(
         scene,
-        "only scans of the path-buffer can render: rays, a BVH and radiosity need them all in memory",
-        'Render it with integrator="path-buffer", or with "gather" and cast="path-buffer".',
+        "scans alone can render, of path-buffer, gather and t-buffer: rays, a BVH and radiosity need them all in memory",
+        'Render it with integrator="path-buffer", "t-buffer", or "gather" with cast="path-buffer".',
     )
+
+
+def check_streamable(scene: Scene) -> None:
+    """Raise SceneError for what streams cannot be together with, in engines that know them."""
+    if scene.moving_shapes:
+        _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
+    elif scene.camera.projection == "panorama":
+        _check_resident(scene, "no panorama can see: its eye rays need a BVH", "Take another camera.")
+
+
+def check_unmirrored(scene: Scene, max_depth: int) -> None:
+    """Raise SceneError for reflections of streamed triangles, in engines whose reflections are rays.
+
+    max_depth : of the paths; 1 is direct light only
+    """
+    used = [scene.materials[index] for index in sorted({shape.material for shape in scene.shapes})]
+    mirrors = [material.name for material in used if material.has_lobes]
+    if max_depth > 1 and mirrors:
+        _check_resident(
+            scene,
+            f"no reflected ray can meet, and has materials that reflect ({_listed(mirrors)}); with max_depth "
+            f"{max_depth}, only diffuse materials are allowed",
+            'Take max_depth=1, which leaves reflections out, or integrator="path-buffer".',
+        )
 
 
 def check_simplifiable(scene: Scene) -> None:
@@ -112,20 +134,22 @@ def check_simplifiable(scene: Scene) -> None:
 def _check_resident(scene: Scene, which: str, remedy: str) -> None:
     streams = [scene.shapes[index].name for index, _ in scene.shapes.streams]
     if streams:
-        names = f"{', '.join(streams[:_LISTED])}{', ...' if len(streams) > _LISTED else ''}"
         raise SceneError(
-            f"{scene.source or scene.name}: streams triangles ({names}), which {which}.",
+            f"{scene.source or scene.name}: streams triangles ({_listed(streams)}), which {which}.",
             remedy,
         )
+
+
+def _listed(names: list[str]) -> str:
+    return f"{', '.join(names[:_LISTED])}{', ...' if len(names) > _LISTED else ''}"
 
 
 def _check_known(scene: Scene) -> None:
     planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]
     if planes:
-        names = f"{', '.join(planes[:_LISTED])}{', ...' if len(planes) > _LISTED else ''}"
         raise SceneError(
-            f"{scene.source or scene.name}: has planes ({names}), which path tracing cannot render: an endless "
-            "plane has no triangles.",
+            f"{scene.source or scene.name}: has planes ({_listed(planes)}), which path tracing cannot render: an "
+            "endless plane has no triangles.",
             'Render it with integrator="classic" or "t-buffer", or make planes large quads.',
         )
 

@@ -18,7 +18,7 @@ bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
     d = eye_direction(pixel);
     if (primitive < 0) return false;
     vec3 origin = eye_origin(pixel);
-    s = surface_at(primitive, origin, d, eye_hit(primitive, origin, d, uintBitsToFloat(found.y)));
+    s = surface_seen(primitive, pixel, origin, d, eye_hit(primitive, pixel, origin, d, uintBitsToFloat(found.y)));
     front = front_hit(s.normal, d);
     return true;
 }

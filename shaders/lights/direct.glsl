@@ -29,13 +29,13 @@ TEXELS(rgba32f, light_records);
 
 vec4 plane_lit(int triangle, ivec2 at)
 {
-    if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
+    if (triangle < first_streamed) return facet_texel(triangle, FACET_PLANE);
     return texel(light_records, record_texel(at, RECORD_PLANE));
 }
 
 mat3 corners_lit(int triangle, ivec2 at)
 {
-    if (triangle < resident_triangles) {
+    if (triangle < first_streamed) {
         uvec4 face = face_texel(triangle, FACE_CORNERS);
         return mat3(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
     }
@@ -43,7 +43,7 @@ mat3 corners_lit(int triangle, ivec2 at)
                 texel(light_records, record_texel(at, RECORD_CORNER_B)).xyz,
                 texel(light_records, record_texel(at, RECORD_CORNER_C)).xyz);
 }
-#define IS_RESIDENT(triangle) ((triangle) < resident_triangles)
+#define IS_RESIDENT(triangle) ((triangle) < first_streamed)
 #else
 #define plane_lit(triangle, at) facet_texel(triangle, FACET_PLANE)
 #define IS_RESIDENT(triangle) true

@@ -155,9 +155,17 @@ float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin
     return ellipsoid_hit(space, direction, tmin);
 }
 
+// The numbers of a triangle's vertices. STREAMED_CHUNK: <SCENE> has those of a chunk, and nothing else of its triangles.
+#ifdef STREAMED_CHUNK
+uniform int chunk_first;  // number of its first triangle; they share no vertices
+uvec3 corners_of(int primitive) { return 3u * uint(primitive - chunk_first) + uvec3(0u, 1u, 2u); }
+#else
+uvec3 corners_of(int primitive) { return face_texel(primitive - first_triangle, FACE_CORNERS).xyz; }
+#endif
+
 TriangleFrom triangle_of(int primitive, vec3 origin)
 {
-    uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
+    uvec3 face = corners_of(primitive);
     return triangle_from(origin, vertex_position(face.x), vertex_position(face.y), vertex_position(face.z));
 }
 

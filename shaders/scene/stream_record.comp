@@ -1,7 +1,7 @@
 // stream_record.comp: what shading needs of the streamed triangles of a chunk that a buffer names, while it is there.
 // Runs over: the texels of an area, 8 x 8 in a group; what names another triangle keeps its record. Output: see
 //         stream_records.glsl
-// Needs:  OF_PATHS: the triangle that a scan has found for each path; otherwise a buffer of numbers + 1
+// Needs:  OF_PATHS: the triangle that a scan has found for each path; otherwise a buffer of numbers + 1, of EYE_FORMAT
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>
@@ -10,7 +10,7 @@
 #include "path/ray_record.glsl"
 #include "path/path_result.glsl"
 #else
-UINT_TEXELS(r32ui, seen_buffer);
+UINT_TEXELS(EYE_FORMAT, seen_buffer);
 #endif
 
 layout(local_size_x = 8, local_size_y = 8) in;

@@ -1,6 +1,6 @@
 // stream_records.glsl: streamed triangles are on the device only while their chunk is. What shading needs of those that a
 // buffer names is copied then (stream_record.comp): a record for each of its texels, one above the other in a texture.
-// Needs:  STREAMED: numbers from resident_triangles on are of streamed triangles; the others are in <SCENE>.
+// Needs:  STREAMED: numbers from first_streamed on are of streamed triangles; the others are in <SCENE>.
 // Frame:  world.
 #include "gl/texels.glsl"
 const int RECORD_CORNER_A = 0;  // and in w the number of the shape

@@ -254,25 +254,24 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
 // The same for the triangle that a pixel's eye ray or path has hit, which may be a streamed one.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"
-uniform int resident_triangles;
 TEXELS(rgba32f, hit_records);
 
 vec4 hit_plane(int triangle, ivec2 pixel)
 {
-    if (triangle < resident_triangles) return facet_texel(triangle, FACET_PLANE);
+    if (triangle < first_streamed) return facet_texel(triangle, FACET_PLANE);
     return texel(hit_records, record_texel(pixel, RECORD_PLANE));
 }
 
 // A streamed triangle has nothing but its corners: it is shaded flat.
 int hit_shape(int triangle, ivec2 pixel)
 {
-    if (triangle < resident_triangles) return shape_of(triangle);
+    if (triangle < first_streamed) return shape_of(triangle);
     return int(texel(hit_records, record_texel(pixel, RECORD_CORNER_A)).w);
 }
 
 Surface hit_surface(int triangle, ivec2 pixel, vec3 position, vec4 plane)
 {
-    if (triangle < resident_triangles) return surface_of_triangle(triangle, position, plane);
+    if (triangle < first_streamed) return surface_of_triangle(triangle, position, plane);
     Surface s = surface_of_shape(hit_shape(triangle, pixel), position, plane.xyz);
     s.triangle = triangle;
     return s;

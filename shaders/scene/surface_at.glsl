@@ -117,3 +117,30 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
 #endif
     return s;
 }
+
+// The same of what the eye's ray through a pixel has hit, which may be a streamed triangle: that has a record then.
+#ifdef STREAMED
+TriangleFrom triangle_seen(ivec2 pixel, vec3 origin)
+{
+    return triangle_from(origin, texel(hit_records, record_texel(pixel, RECORD_CORNER_A)).xyz,
+                         texel(hit_records, record_texel(pixel, RECORD_CORNER_B)).xyz,
+                         texel(hit_records, record_texel(pixel, RECORD_CORNER_C)).xyz);
+}
+
+float intersect_seen(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float tmin)
+{
+    if (primitive < first_streamed) return intersect(primitive, origin, direction, tmin, -1);
+    return triangle_hit(triangle_seen(pixel, origin), direction, tmin);
+}
+
+Surface surface_seen(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float t)
+{
+    if (primitive < first_streamed) return surface_at(primitive, origin, direction, t);
+    Surface s = surface_of_shape(hit_shape(primitive, pixel), origin + t * direction, vec3(0.0));
+    set_normal(s, normalize(triangle_seen(pixel, origin).plane.xyz));
+    return s;
+}
+#else
+#define intersect_seen(primitive, pixel, origin, direction, tmin) intersect(primitive, origin, direction, tmin, -1)
+#define surface_seen(primitive, pixel, origin, direction, t) surface_at(primitive, origin, direction, t)
+#endif

@@ -67,7 +67,7 @@ vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
 vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
 {
     vec3 pixels = vec3(eye_focal, 1.0);
-    uvec4 face = face_texel(item, FACE_CORNERS);
+    uvec3 face = corners_of(first + item);
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
     vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);
     vec3 c = pixels * to_eye(vertex_position(face.z) - eye_position);

@@ -1,6 +1,6 @@
 // t_buffer_ray.glsl: one kind of primitive (KIND_...), as the T-buffer shoots rays at it: what all its rays share is
 // worked out once, as they all start at the eye.
-// Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl
+// Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl; STREAMED_CHUNK: of a chunk of streamed triangles
 #include <SCENE>
 #include "scene/object_intersect.glsl"
 #include "scene/object_opacity.glsl"
@@ -59,7 +59,7 @@ Target target(int primitive)
 
 int bounds(int primitive, out ivec2 low, out ivec2 high)
 {
-    uvec4 face = face_texel(primitive - first_triangle, FACE_CORNERS);
+    uvec3 face = corners_of(primitive);
     return triangle_bounds(vertex_position(face.x), vertex_position(face.y), vertex_position(face.z), low, high);
 }
 

@@ -1,6 +1,7 @@
 // whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
 // Needs:  <SCENE>; BY_BVH: rays that leave a surface go by it, else by the classical algorithm;
 //         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot;
+//         STREAM_SHADOWS: streamed triangles block rays as well (stream_shadows.glsl);
 //         REFLECTIONS: there are any. (llvmpipe runs the body of a loop once also where no pixel enters it.)
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 //
@@ -18,17 +19,10 @@
 #if defined(REFLECTIONS) && defined(HAS_COAT_NORMALS)
 #include "sampling/random.glsl"
 #endif
-#ifdef LIGHT_SAMPLES
-#include "lights/light_samples.glsl"
-#endif
-#include "lights/punctual.glsl"
-#include "lights/profile.glsl"
+#include "t_buffer/shadow_rays.glsl"
+#include "t_buffer/stream_shadows.glsl"
 #include "lights/sky.glsl"
 #include "lights/background.glsl"
-#ifdef HAS_GROUND
-#include "sampling/random.glsl"
-#include "lights/ground.glsl"
-#endif
 #ifdef SHADOW_BUFFERS
 #include "shadow/point_shadow.glsl"
 #endif
@@ -59,19 +53,18 @@ struct Shaded
     float rounding;  // how far from the surface rays that leave it begin
 };
 
-Shaded shaded_at(int primitive, vec3 origin, vec3 direction, float t, float rounding)
+Shaded shaded_at(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float t, float rounding)
 {
     Shaded at;
     at.primitive = primitive;
-    at.surface = surface_at(primitive, origin, direction, t);
+    at.surface = surface_seen(primitive, pixel, origin, direction, t);
     at.front = front_hit(at.surface.normal, direction);
     at.normal = at.front ? at.surface.normal : -at.surface.normal;
     at.wo = -direction;
     at.n = shading_normal(at.surface, at.front, at.wo);
     at.vertex_cosine = vertex_cosine(at.surface, at.front, at.wo);
     at.bsdf = bsdf_seen(at.surface, at.front, at.wo);
-    vec3 size = abs(at.surface.position);
-    at.rounding = max(rounding, RAY_ROUNDING * (t + max(size.x, max(size.y, size.z))));
+    at.rounding = rounding_at(at.surface.position, t, rounding);
     return at;
 }
 
@@ -83,19 +76,21 @@ void begin_ray()
 #endif
 }
 
-bool is_blocked(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
+bool is_blocked(int ray, vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
     begin_ray();
+    bool blocked = blocked_by_stream(ivec2(gl_FragCoord.xy), ray);
 #ifdef BY_BVH
-    return blocked_by_bvh(origin, direction, tmin, tmax, exclude);
+    return blocked || blocked_by_bvh(origin, direction, tmin, tmax, exclude);
 #else
-    return blocked_classic(origin, direction, tmin, tmax, exclude);
+    return blocked || blocked_classic(origin, direction, tmin, tmax, exclude);
 #endif
 }
 
-bool shadow_ray_blocked(Shaded at, vec3 wi, float tmax)
+// ray: its number, see shadow_rays.glsl
+bool shadow_ray_blocked(Shaded at, int ray, vec3 wi, float tmax)
 {
-    return is_blocked(at.surface.position, wi, at.rounding, tmax, at.primitive);
+    return is_blocked(ray, at.surface.position, wi, at.rounding, tmax, at.primitive);
 }
 
 // What the eye sees behind all shapes: the background, with the shapes' shadow on the ground where there is one.
@@ -104,10 +99,8 @@ vec3 seen_by_eye(vec3 origin, vec3 direction)
     vec3 light = seen_behind(direction);
 #ifdef HAS_GROUND
     vec3 start, to_light;
-    ivec2 pixel = ivec2(gl_FragCoord.xy) + eye_corner;
-    uint chance = pcg(uint(pixel.x) + (uint(pixel.y) << 16u));
-    if (ground_ray(origin, direction, chance, start, to_light) && is_blocked(start, to_light, 0.0, NO_HIT, -1))
-        light = vec3(0.0);
+    if (ground_shadow_ray(ivec2(gl_FragCoord.xy), origin, direction, start, to_light)
+        && is_blocked(0, start, to_light, 0.0, NO_HIT, -1)) light = vec3(0.0);
 #endif
     return light;
 }
@@ -118,41 +111,26 @@ vec3 light_from_lights(Shaded at)
     vec3 sum = vec3(0.0);
     for (int light = 0; light < light_count; ++light)
     {
-        vec3 axis = light_texel(light, LIGHT_DIRECTION).xyz;
-        uvec3 punctual = punctual_texel(light, PUNCTUAL_KIND).xyz;
-        uint kind = punctual.x;
-        vec3 to_light = kind == LIGHT_DIRECTIONAL ? -axis : light_texel(light, LIGHT_POSITION).xyz - at.surface.position;
-        float square = dot(to_light, to_light), distance = sqrt(square);
-        vec3 wi = to_light / max(distance, 1e-37);
-        bool spot = kind == LIGHT_SPOT;
-        vec2 cone = spot ? light_texel(light, LIGHT_CONE).xy : vec2(0.0);
-        vec3 intensity = light_texel(light, LIGHT_INTENSITY).rgb;
-        vec3 E = punctual_irradiance(intensity, punctual.y != 0u, square, spot, cone, -dot(wi, axis));
-#ifdef HAS_PROFILES
-        if (punctual.z != 0u) E *= profile_intensity(int(punctual.z) - 1, -wi);
-#endif
+        PunctualRay ray = punctual_ray(light, at.surface.position);
+        vec3 wi = ray.wi;
         float cosine = dot(at.normal, wi);
-        bool reaches = cosine > 0.0 && max(E.r, max(E.g, E.b)) > 0.0;
+        bool reaches = cosine > 0.0 && is_lit(ray.E);
         float visible = reaches ? 1.0 : 0.0;
 #ifdef SHADOW_BUFFERS
-        if (reaches && kind != LIGHT_DIRECTIONAL)
+        if (reaches && !ray.distant)
         {
             visible = point_light_visibility(light, at.surface.position, at.normal, at.surface.shape);
             reaches = false;
         }
 #endif
 #if !defined(SHADOW_BUFFERS) || defined(HAS_DIRECTIONAL_LIGHTS)
-        if (reaches)
-        {
-            float tmax = kind == LIGHT_DIRECTIONAL ? NO_HIT : distance * (1.0 - RAY_ROUNDING);
-            if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;
-        }
+        if (reaches && shadow_ray_blocked(at, light, wi, ray.tmax)) visible = 0.0;
 #endif
         vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, wi) * (cosine * shading_cosine(at.n, at.normal, at.vertex_cosine, wi));
 #ifdef HAS_MICROFACETS
         f += mirroring_eval(at.bsdf, at.n, at.normal, at.wo, wi) * cosine;
 #endif
-        sum += f * E * (visible / PI);
+        sum += f * ray.E * (visible / PI);
     }
     return sum;
 }
@@ -165,9 +143,8 @@ vec3 light_from_samples(Shaded at)
     for (int i = 0; i < LIGHT_SAMPLES; ++i)
     {
         Incident light = light_sample(i, at.surface.position, at.normal);
-        if (max(light.E.r, max(light.E.g, light.E.b)) <= 0.0) continue;
-        float tmax = min(light.distance * (1.0 - RAY_ROUNDING), NO_HIT);
-        if (!shadow_ray_blocked(at, light.wi, tmax))
+        if (!is_lit(light.E)) continue;
+        if (!shadow_ray_blocked(at, light_count + i, light.wi, sample_tmax(light)))
         {
             vec3 f = diffuse_eval(at.bsdf, at.n, at.wo, light.wi) * shading_cosine(at.n, at.normal, at.vertex_cosine, light.wi);
 #ifdef HAS_MICROFACETS
@@ -259,8 +236,7 @@ void main()
     uvec2 seen = texel(eye_buffer, pixel).rg;
     vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);
     int primitive = int(seen.x) - 1;
-    float t = eye_hit(primitive, origin, direction, uintBitsToFloat(seen.y));
-    float rounding = RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z)));
+    float t = eye_hit(primitive, pixel, origin, direction, uintBitsToFloat(seen.y)), rounding = rounding_of(origin);
     vec3 L = vec3(0.0), weight = vec3(1.0);
 #ifdef COUNT_TESTS
     uint shadow_tests = 0u;
@@ -272,7 +248,7 @@ void main()
             add_light(L, weight * (depth == 1 ? seen_by_eye(origin, direction) : sky(direction)), depth <= 2);
             break;
         }
-        Shaded at = shaded_at(primitive, origin, direction, t, rounding);
+        Shaded at = shaded_at(primitive, pixel, origin, direction, t, rounding);
         rounding = at.rounding;
         add_emission(L, at, weight, depth);
 #ifdef COUNT_TESTS

@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.benches.parallel_rays import neighbouring
-from glpath.daylight import kept_words, stream_parts
+from glpath.daylight import kept_words
 from glpath.daylight.compute import DaylightProgress, daylight_coefficients
 from glpath.daylight.visibility import visible
 from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
+from glpath.gl import stream_parts
 from glpath.gl.streamed_rays import meets
 from tests.gl.test_streams import SKY, corners, in_memory, scene_of
 from tests.support.terrain import Hills

@@ -1,0 +1,141 @@
+"""Streamed triangles in parts that fit into a budget, each with its BVH: one pass of reading serves all rays.
+
+Chunks are taken along a Z curve through the middles of their boxes, so that the box around a part is small.
+`StreamParts` is for rays along directions that many points share, `glpath.gl.stream_occluders` for the shadow rays
+of pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import UsageError
+from glpath.gl.parallel_rays import along_z_curve
+from glpath.gl.ray_bvh import PartBvh
+from glpath.scene import Scene
+
+Float64 = NDArray[np.float64]
+
+#: Bytes a triangle of a part, while its BVH is built: corners, items, nodes, their order, and the device's copy.
+BYTES_A_TRIANGLE = 580
+#: And of the largest chunk, as it is read: in 64 bits, before and after it is placed and checked.
+BYTES_IN_THE_READING = 400
+# Triangles of a stream from which on compiled code builds the trees.
+_MANY = 200_000
+
+
+class PartTriangles(NamedTuple):
+    """The triangles of some chunks of a scene's streams.
+
+    corners : (T, 3, 3) float32
+    number  : (T,) int64, among all streamed triangles, in the order of the scene
+    chunk   : (T,) int64, of each triangle, along the curve
+    first, last : of the chunks, the end excluded
+    """
+
+    corners: NDArray[np.float32]
+    number: NDArray[np.int64]
+    chunk: NDArray[np.int64]
+    first: int
+    last: int
+
+
+class ChunksInOrder:
+    """The chunks of all streams of a scene along a Z curve.
+
+    scene  : as rays meet it, centred
+
+    lower, upper : (N, 3) corners of their boxes
+    counts  : (N,) int64, triangles of each
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        streams = [stream for _, stream in scene.shapes.streams]
+        chunks = [(stream, number) for stream in streams for number in range(len(stream.counts))]
+        counts = np.concatenate([stream.counts for stream in streams])
+        lower = np.concatenate([stream.lower for stream in streams])
+        upper = np.concatenate([stream.upper for stream in streams])
+        order = along_z_curve(0.5 * (lower + upper))
+        self._chunks = [chunks[k] for k in order]
+        self._firsts = (np.cumsum(counts) - counts)[order]
+        self.counts, self.lower, self.upper = counts[order], lower[order], upper[order]
+
+    def parts(self, room: int, first: int = 0) -> Iterator[PartTriangles]:
+        """Part after part, from a chunk on, each of at most so many triangles, or of one chunk."""
+        while first < len(self.counts):
+            counts = self.counts[first:]
+            last = first + max(1, int(np.searchsorted(np.cumsum(counts), room, side="right")))
+            counts = self.counts[first:last]
+            corners = np.empty((int(counts.sum()), 3, 3), np.float32)
+            at = 0
+            for stream, number in self._chunks[first:last]:
+                triangles = stream.triangles(number)
+                corners[at : at + len(triangles)] = triangles
+                at += len(triangles)
+                del triangles
+            begin = np.cumsum(counts) - counts
+            number = np.repeat(self._firsts[first:last] - begin, counts) + np.arange(len(corners))
+            part = PartTriangles(corners, number, np.repeat(np.arange(first, last), counts), first, last)
+            del corners, number
+            yield part
+            del part
+            first = last
+
+
+class Part(NamedTuple):
+    """Some chunks of a scene's streams.
+
+    bvh   : over their triangles
+    lower, upper : (3,) corners of the box around them
+    done  : how many chunks there are up to the end of this part
+    """
+
+    bvh: PartBvh
+    lower: Float64
+    upper: Float64
+    done: int
+
+
+class StreamParts:
+    """The streams of a scene in parts.
+
+    scene  : as rays meet it, centred
+    budget : MiB for a part, on the device and off it
+
+    chunks : of all streams
+    Raises UsageError for a budget that has no room for the largest chunk.
+    """
+
+    def __init__(self, scene: Scene, budget: int) -> None:
+        self._source = scene.source or scene.name
+        self._order = ChunksInOrder(scene)
+        counts = self._order.counts
+        self.chunks = len(counts)
+        largest = int(counts.max())
+        needed = (BYTES_A_TRIANGLE + BYTES_IN_THE_READING) * largest
+        if needed > budget << 20:
+            raise UsageError(
+                f"geometry_budget: {budget} MiB, but {-(-needed // (1 << 20))} are needed for a chunk of "
+                f"{largest:,} triangles and its BVH.",
+                "Give it more, or stream smaller chunks.",
+            )
+        self._room = ((budget << 20) - BYTES_IN_THE_READING * largest) // BYTES_A_TRIANGLE
+        self._compiled = int(counts.sum()) >= _MANY
+
+    def __call__(self, gl: moderngl.Context, far: float, first: int = 0) -> Iterator[Part]:
+        """Part after part, from a chunk on; only one of them is to be kept at a time.
+
+        far : how large coordinates of a ray's start may be
+        """
+        order = self._order
+        for part in order.parts(self._room, first):
+            bvh = PartBvh(gl, part.corners, part.chunk, far, self._compiled, self._source)
+            which = slice(part.first, part.last)
+            del part
+            yield Part(bvh, order.lower[which].min(axis=0), order.upper[which].max(axis=0), which.stop)
+            del bvh
