@@ -50,7 +50,7 @@ KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 _RECTANGLES_WIDTH = 4096
 #: Rectangles up to so many cells wide and high are drawn as points, where the device has such.
 _POINT = 8
-#: Of a chunk of streamed triangles so many are bounded at once, as each takes some kilobytes then.
+#: Of a chunk of streamed triangles so many are bounded at once, as each takes a kilobyte then.
 _TRIANGLES = 4096
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 

@@ -85,6 +85,7 @@ class GeometryStream(Owner):
     chunks : in the order of their triangles' numbers
     lower, upper : (N, 3) corners of the boxes around them, world space
     count  : of all triangles
+    largest : triangles of the largest chunk
     """
 
     def __init__(self, gl: moderngl.Context, scene: Scene, first: int, budget: int) -> None:
@@ -100,16 +101,16 @@ class GeometryStream(Owner):
         self.count = sum(chunk.size for chunk in self.chunks)
         self.lower = np.concatenate([stream.lower for stream in self._streams])
         self.upper = np.concatenate([stream.upper for stream in self._streams])
-        self._largest = max(chunk.size for chunk in self.chunks)
+        self.largest = max(chunk.size for chunk in self.chunks)
         self._records: list[moderngl.Texture] = []
         self._slots: list[_ChunkSlot] = []
-        self._beside = 0  # bytes of the budget that others have
+        self._others = (0, 0)  # bytes of the budget, see `leave_room`
         self._read: tuple[int, Float64] | None = None  # index and triangles of the chunk that was read last
-        corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self._largest, self._largest))
+        corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self.largest, self.largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
         # Which triangles of a chunk are drawn, where not all are, in two views.
-        self.listed = TriangleList(gl, 2 * self._largest)
+        self.listed = TriangleList(gl, 2 * self.largest)
 
     def records(self, size: tuple[int, int]) -> moderngl.Texture:
         """An empty table of records for a buffer of (columns, rows) texels; see `stream_records.glsl`."""
@@ -146,26 +147,27 @@ class GeometryStream(Owner):
         )
 
     @property
-    def largest(self) -> int:
-        """Triangles of the largest chunk."""
-        return self._largest
+    def left(self) -> int:
+        """Bytes of the budget besides all records and one chunk, for those who hold triangles in another form."""
+        return (self._budget << 20) - self._in_records - self._slot_bytes
 
-    def share(self, least: int, wanted: int) -> int:
-        """Bytes of the budget for who keeps streamed triangles in another form, when all records are made.
+    @property
+    def making(self) -> int:
+        """Bytes for making a chunk ready."""
+        return _IN_THE_MAKING * self.largest
 
-        least, wanted : bytes that it needs, and that it can use
+    def leave_room(self, working: int, kept: int) -> None:
+        """Leave bytes of the budget to others: while they work, when no chunk is made ready, and what they keep.
 
-        Chunks get what is left. Raises UsageError for a budget without room for the least.
+        Raises UsageError where there are none.
         """
-        self._check(least)
-        self._beside = min(wanted, (self._budget << 20) - self._in_records - self._slot_bytes)
-        return self._beside
+        self._others = working, kept
+        self._check()
 
     def reserve(self) -> None:
         """Make the slots, when all records are made. Raises UsageError for a budget that has no room for them."""
         self._check()
-        making = max(_IN_THE_MAKING * self._largest, self._beside)
-        room = (self._budget << 20) - self._in_records - making
+        room = (self._budget << 20) - self._in_records - self._beside
         count = min(len(self.chunks), room // self._slot_bytes)
         for _ in range(count - len(self._slots)):
             texture = self.gl.texture((WIDTH, self._rows), 4, dtype="f4")
@@ -212,16 +214,23 @@ class GeometryStream(Owner):
     def _slot_bytes(self) -> int:
         return _TEXEL * WIDTH * self._rows
 
-    def _check(self, beside: int = 0) -> None:
+    @property
+    def _beside(self) -> int:
+        """Bytes besides records and slots: at one time a chunk is made ready, at another others work."""
+        working, kept = self._others
+        return max(self.making + kept, working)
+
+    def _check(self) -> None:
         """Raise UsageError where there is no room for one chunk besides the records and what others need."""
         records = self._in_records
-        needed = records + max(_IN_THE_MAKING * self._largest, beside) + self._slot_bytes
+        needed = records + self._beside + self._slot_bytes
         if needed > self._budget << 20:
             raise UsageError(
                 f"geometry_budget: {self._budget} MiB, but {-(-needed // (1 << 20))} are needed at least: "
                 f"{-(-records // (1 << 20))} for what pixels and the shadow-buffer's texels see, the rest for a "
-                f"chunk of {self._largest:,} triangles.",
-                "Give it more, render fewer pixels or with a lower light_resolution, or stream smaller chunks.",
+                f"chunk of {self.largest:,} triangles.",
+                "Give it more, stream smaller chunks, render fewer pixels, or with a lower light_resolution where "
+                "that is an option.",
             )
 
     def _fill(self, texture: moderngl.Texture, index: int) -> None:

@@ -41,19 +41,23 @@ class StreamOccluders:
         self._keeps = False
 
     def take_share(self, stream: GeometryStream) -> None:
-        """Have a share of the budget of the triangles' chunks, when all their records are made. Raises UsageError
-        for a budget that has no room for the largest chunk."""
+        """Have a share of the budget of the triangles' chunks, when all their records are made.
+
+        stream : of the same triangles
+
+        Raises UsageError for a budget that has no room for the largest chunk.
+        """
         count, largest = int(self._order.counts.sum()), int(self._order.counts.max())
-        reading = BYTES_IN_THE_READING * largest
-        share = stream.share(OCCLUDER_BYTES * largest + reading, OCCLUDER_BYTES * count + reading)
-        while_built = OCCLUDER_BYTES - KEPT_OCCLUDER_BYTES
-        self._keeps = share >= KEPT_OCCLUDER_BYTES * count + while_built * largest + reading
-        if self._keeps:
-            room = (share - reading - KEPT_OCCLUDER_BYTES * count) // while_built
-        else:
-            room = (share - reading) // OCCLUDER_BYTES
-            self._kept = []
-        self._room = min(room, StreamedBvh.most(self._gl))
+        reading, while_built = BYTES_IN_THE_READING * largest, OCCLUDER_BYTES - KEPT_OCCLUDER_BYTES
+        kept = KEPT_OCCLUDER_BYTES * count
+        self._keeps = stream.left >= kept + max(while_built * largest + reading, stream.making)
+        if not self._keeps:
+            kept, while_built, self._kept = 0, OCCLUDER_BYTES, []
+        # A part of all at most, and of the largest chunk at least.
+        working = min(stream.left, kept + while_built * count + reading)
+        working = max(working, kept + while_built * largest + reading)
+        stream.leave_room(working, kept)
+        self._room = min((working - kept - reading) // while_built, StreamedBvh.most(self._gl))
 
     def __iter__(self) -> Iterator[StreamedBvh]:
         """Part after part; only one of them is to be kept at a time."""

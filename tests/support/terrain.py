@@ -1,6 +1,6 @@
 """A stretch of hills in tiles, made when it is asked for: geometry of any size.
 
-`python -m tests.support.terrain TILES MIB` renders it and prints what memory that took.
+`python -m tests.support.terrain TILES MIB [INTEGRATOR]` renders it and prints what memory that took.
 """
 
 from __future__ import annotations
@@ -62,7 +62,13 @@ def scene(tiles: int, resolution: tuple[int, int]) -> Any:
     )
 
 
-def main(tiles: str, budget: str) -> None:
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "path-buffer": {"directions": "hemisphere", "max_depth": 2, "light_resolution": 128},
+    "t-buffer": {},
+}
+
+
+def main(tiles: str, budget: str, integrator: Any = "path-buffer") -> None:
     device: list[int] = []
     reserve = GeometryStream.reserve
 
@@ -74,12 +80,10 @@ def main(tiles: str, budget: str) -> None:
     started = time.perf_counter()
     film = glpath.render(
         scene(int(tiles), (64, 48)),
-        integrator="path-buffer",
-        directions="hemisphere",
+        integrator=integrator,
         spp=1,
-        max_depth=2,
-        light_resolution=128,
         geometry_budget=int(budget),
+        **_OPTIONS[integrator],
     )
     found = {
         "peak": peak_resident_bytes() / 2**20,
