@@ -11,7 +11,7 @@ hit it: those of the pixels in a conservative projection. Two methods find the p
   six times as fast so.
 
 Streamed triangles come after all others, chunk after chunk, into the same buffer: an object is needed only while
-its own rays are shot, so a scene need not fit into memory [TB VI].
+rays are shot at it, so a scene need not fit into memory [TB VI].
 
 Source of the second: Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
 """

@@ -103,7 +103,7 @@ class StreamedBvh(DeviceBvh):
         self.uniforms |= bases
 
     @staticmethod
-    def most(gl: moderngl.Context) -> int:
+    def max_count(gl: moderngl.Context) -> int:
         """How many triangles the device's textures have room for."""
         return int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH // 3
 

@@ -27,7 +27,7 @@ OCCLUDER_BYTES, KEPT_OCCLUDER_BYTES = 400, 130
 class StreamOccluders:
     """The streams of a scene in parts, for rays from pixels of the ray tracer.
 
-    They are kept from pass to pass where the budget has room for all. A triangle is met with the same bits as the
+    They are kept from pass to pass where the budget has room for all. A triangle is hit with the same bits as the
     same one of a mesh, whatever the parts are.
 
     gl, scene : as the device has it
@@ -57,7 +57,7 @@ class StreamOccluders:
         working = min(stream.left, kept + while_built * count + reading)
         working = max(working, kept + while_built * largest + reading)
         stream.leave_room(working, kept)
-        self._room = min((working - kept - reading) // while_built, StreamedBvh.most(self._gl))
+        self._room = min((working - kept - reading) // while_built, StreamedBvh.max_count(self._gl))
 
     def __iter__(self) -> Iterator[StreamedBvh]:
         """Part after part; only one of them is to be kept at a time."""

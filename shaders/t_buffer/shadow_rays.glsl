@@ -46,7 +46,7 @@ float sample_tmax(Incident light) { return min(light.distance * (1.0 - RAY_ROUND
 
 bool is_lit(vec3 E) { return max(E.r, max(E.g, E.b)) > 0.0; }
 
-// How far from a point's surface its rays begin, which the eye's ray has met at t; rounding: the least.
+// How far from a point's surface its rays begin, which the eye's ray has hit at t; rounding: the least.
 float rounding_at(vec3 position, float t, float rounding)
 {
     vec3 size = abs(position);

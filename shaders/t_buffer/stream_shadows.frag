@@ -1,5 +1,5 @@
 // stream_shadows.frag: asks a part of the streamed triangles whether it blocks the shadow rays of pixels that are not
-// blocked yet [TB III.A]. The part is there while it is asked; the next one goes on from the bits.
+// blocked yet [TB III.A]. The part is there while it is asked; the next one starts with the bits.
 // Needs:  <SCENE>, <BVH>, <OCCLUDERS>; SHADOW_BUFFERS: lights with a position have no rays
 // Runs over: the pictures of words, see stream_shadows.glsl. Output: the word
 #include <SCENE>
