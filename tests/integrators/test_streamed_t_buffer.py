@@ -97,6 +97,10 @@ def test_so_it_has_whatever_looks(camera: dict[str, Any]) -> None:
     assert_bits_in_memory((scenes[0], scenes[1]), aovs=AOVS)
 
 
+def test_so_it_has_where_rays_ask_every_resident_object_in_turn() -> None:
+    assert_bits_in_memory(both(Hills(2, 6), **LAMPS), secondary="classic")
+
+
 def test_so_it_has_with_rays_of_more_lights_than_a_word_has_bits() -> None:
     film = assert_bits_in_memory(both(Hills(3, 8), **MANY_LAMPS), budgets=(4,))
     # All of them count, also those of the second word.

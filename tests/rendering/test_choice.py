@@ -149,6 +149,9 @@ def test_ambient_light_stands_for_bounces_that_are_not_traced() -> None:
 def test_streams_and_planes_have_the_one_engine_that_knows_them() -> None:
     streamed = scene(LAMP, {"type": "stream", "stream": Hills(1, 2), "material": "grey"})
     assert of(streamed) == PathBufferSettings(roulette=4)
+    plane = {"type": "plane", "point": [0, -1, 0], "normal": [0, 1, 0], "material": "grey"}
+    both = scene(LAMP, {"type": "stream", "stream": Hills(1, 2), "material": "grey"}, plane)
+    assert of(both) == TBufferSettings()
     assert of("three-spheres") == TBufferSettings()
     assert of("three-spheres", shadows="cube") == TBufferSettings(shadows="cube")
 
