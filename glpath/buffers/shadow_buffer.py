@@ -10,7 +10,7 @@ scene with an endless ground; its shadows take rays.
 
 Cost:     as many intersection tests as cells lie in objects' bounds; 20 bytes a cell. Nothing for a new view.
 Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame, as they are bounded
-          on the CPU.
+          on the CPU; several lights over streamed triangles, each of which reads them all.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Streamed triangles on the device: chunk by chunk through every pass, within a budget of memory.
 
 A scan goes over the resident triangles as ever, and then over the chunks that its view can see, in the order of
-their numbers, into the same buffers: a z-buffer needs no scene in memory [PB 2.2]. While a chunk is there, what
-shading needs of the triangles that a buffer now names is copied into records, one for each of its texels; what a
-later chunk hides is overwritten. So each scan reads each chunk once, and nothing is looked up afterwards.
+their numbers, into the same buffers: a z-buffer needs no scene in memory [PB 2.2], nor does a T-buffer [TB VI].
+While a chunk is there, what shading needs of the triangles that a buffer now names is copied into records, one for
+each of its texels; what a later chunk hides is overwritten. So each scan reads each chunk once, and nothing is
+looked up afterwards.
 
 The chunks that the budget has room for stay on the device; the others take turns in one more slot.
 

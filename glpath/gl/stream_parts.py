@@ -68,23 +68,22 @@ class ChunksInOrder:
     def parts(self, room: int, first: int = 0) -> Iterator[PartTriangles]:
         """Part after part, from a chunk on, each of at most so many triangles, or of one chunk."""
         while first < len(self.counts):
-            counts = self.counts[first:]
-            last = first + max(1, int(np.searchsorted(np.cumsum(counts), room, side="right")))
-            counts = self.counts[first:last]
-            corners = np.empty((int(counts.sum()), 3, 3), np.float32)
-            at = 0
-            for stream, number in self._chunks[first:last]:
-                triangles = stream.triangles(number)
-                corners[at : at + len(triangles)] = triangles
-                at += len(triangles)
-                del triangles
-            begin = np.cumsum(counts) - counts
-            number = np.repeat(self._firsts[first:last] - begin, counts) + np.arange(len(corners))
-            part = PartTriangles(corners, number, np.repeat(np.arange(first, last), counts), first, last)
-            del corners, number
-            yield part
-            del part
+            last = first + max(1, int(np.searchsorted(np.cumsum(self.counts[first:]), room, side="right")))
+            yield self._read(first, last)  # without a name, which would keep it while the next one is read
             first = last
+
+    def _read(self, first: int, last: int) -> PartTriangles:
+        counts = self.counts[first:last]
+        corners = np.empty((int(counts.sum()), 3, 3), np.float32)
+        at = 0
+        for stream, number in self._chunks[first:last]:
+            triangles = stream.triangles(number)
+            corners[at : at + len(triangles)] = triangles
+            at += len(triangles)
+            del triangles
+        begin = np.cumsum(counts) - counts
+        numbers = np.repeat(self._firsts[first:last] - begin, counts) + np.arange(len(corners))
+        return PartTriangles(corners, numbers, np.repeat(np.arange(first, last), counts), first, last)
 
 
 class Part(NamedTuple):

@@ -6,7 +6,8 @@ rays or shadow-buffers. Reflections use the classical algorithm, as in the paper
 The routines of intersection and shading are the same for all.
 
 Added to the paper: emitting shapes, and the sky without ambient light, send light samples to a path set, shared by
-all pixels as in the path-buffer [PB 3.3]. Their shadows are rays.
+all pixels as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are seen, throw shadows and
+are mirrored by nothing, as a reflected ray wants all of them in memory.
 
 Poor at: indirect light (it is one number, `ambient`); refraction; soft shadows from few
 path sets, as they are sums of hard ones.
@@ -280,13 +281,25 @@ class WhittedTracer(Engine):
             objects.stream.reserve()
         elif settings.max_depth > 1 and any(material.has_lobes for material in objects.scene.materials):
             defines["REFLECTIONS"] = 1
+        self._shading = self._make_shading(ProgramParts(textures=textures, generated=generated, defines=defines))
+
+    def _make_shading(self, parts: ProgramParts) -> InTurn[Pass]:
         program = load_program(
-            gl, vertex="gl/fullscreen.vert", fragment="t_buffer/whitted.frag", generated=generated, defines=defines
+            self.gl,
+            vertex="gl/fullscreen.vert",
+            fragment="t_buffer/whitted.frag",
+            generated=parts.generated,
+            defines=parts.defines,
         )
         buffers = {0: self._ray_tests} if self._ray_tests else {}
-        self._shading: InTurn[Pass] = self._sums.sets.each(
+        return self._sums.sets.each(
             lambda read, write: Pass(
-                "shade", gl, program, write.target, textures={**textures, **read.textures}, buffers=buffers
+                "shade",
+                self.gl,
+                program,
+                write.target,
+                textures={**parts.textures, **read.textures},
+                buffers=buffers,
             )
         )
 
