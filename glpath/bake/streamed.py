@@ -43,7 +43,7 @@ from glpath.scene.triangulate import check_resident
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Bytes a triangle of a part: corners, BVH, and what making it takes for a while (240 of a part, 340 while it is made). And of a chunk
+#: Bytes a triangle of a part: corners and BVH, 240 measured, and what making it takes for a while. And of a chunk
 #: as it is read, in 64 bits, before and after it is placed and checked.
 _BYTES_A_TRIANGLE, _BYTES_IN_THE_READING = 400, 400
 #: Of the area of all triangles, how long the sum of their area vectors is for them to be a sheet.

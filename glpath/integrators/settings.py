@@ -159,7 +159,6 @@ LightResolution = Annotated[
 ]
 
 
-
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
     """The options of all integrators with path sets: "path", "path-buffer" and "gather"."""

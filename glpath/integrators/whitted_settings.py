@@ -10,7 +10,14 @@ from msgspec import Meta
 
 from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
-from glpath.integrators.settings import DEEPEST, DEPTH, GEOMETRY_BUDGET, NO_LOOKUP, GeometryBudget, IntegratorSettings
+from glpath.integrators.settings import (
+    DEEPEST,
+    DEPTH,
+    GEOMETRY_BUDGET,
+    NO_LOOKUP,
+    GeometryBudget,
+    IntegratorSettings,
+)
 
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]

@@ -1,9 +1,9 @@
 """What "auto" is: the integrator that shows a scene clean soonest, and its options that were left open.
 
 The gather, where the scene can have a radiosity solution in time that is worth it, nothing is asked for that a
-gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take the
-path-buffer, which has all their light without bias, and planes without end the T-buffer, as no other knows them; so
-does an option that no other has.
+gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take
+the path-buffer, which has all their light without bias, and planes without end the T-buffer, as no other knows
+them; so does an option that no other has.
 
 The scene and the options decide alone, so that a job is the same on every machine: never how fast that is, or what
 is installed on it.

@@ -90,7 +90,7 @@ def check_resident(scene: Scene) -> None:
     """Raise SceneError for streams, whose triangles are never in memory all at once."""
     _check_resident(
         scene,
-        "scans alone can render, of path-buffer, gather and t-buffer: rays, a BVH and radiosity need them all in memory",
+        "scans alone can render: rays, a BVH and radiosity need them all in memory",
         'Render it with integrator="path-buffer", "t-buffer", or "gather" with cast="path-buffer".',
     )
 
