@@ -14,13 +14,17 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # the oldest matplotlib beside the newest pyparsing
     for name in (
         "OpenEXR",
+        "PIL.AvifImagePlugin",
         "PIL.Image",
         "PIL.JpegImagePlugin",
         "PIL.PngImagePlugin",
+        "PIL.WebPImagePlugin",
         "flip_evaluator",
         "glcontext",
+        "glcontext.egl",
         "imageio.v3",
         "matplotlib.pyplot",
+        "mmap",
         "moderngl",
         "numba",
         "pyoidn",
