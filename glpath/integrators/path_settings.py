@@ -43,7 +43,7 @@ class PathSettings(PathSetSettings):
     remedies = NO_LOOKUP | {
         "directions": 'Each path has directions of its own; with integrator="path-buffer" a set shares them.',
         "light_resolution": 'Shadows are rays; with integrator="path-buffer" they are shadow-buffers.',
-        "geometry_budget": 'Rays need all triangles in memory; "path-buffer" and "t-buffer" stream them.',
+        "geometry_budget": 'Rays need all triangles in memory; take integrator="path-buffer", which streams them.',
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 

@@ -31,7 +31,7 @@ void main()
         uint path = path_in_image(pixel);
 #ifdef STREAMED
         // The solution is of a proxy, whose elements a streamed triangle does not have.
-        bool streamed = a.triangle >= resident_triangles;
+        bool streamed = a.triangle >= first_streamed;
 #else
         const bool streamed = false;
 #endif

@@ -189,7 +189,7 @@ def test_an_option_that_there_is_not_is_named_with_the_nearest() -> None:
         ("path", {"lookup_depth": 3}, '"gather"', "max_depth says how long paths are"),
         ("path", {"directions": "pair"}, '"path-buffer"', 'integrator="path-buffer"'),
         ("path", {"light_resolution": 64}, '"path-buffer" and "gather"', 'integrator="path-buffer"'),
-        ("path", {"geometry_budget": 64}, '"path-buffer" and "t-buffer"', '"path-buffer" and "t-buffer" stream'),
+        ("path", {"geometry_budget": 64}, '"path-buffer", "gather" and "t-buffer"', "which streams them"),
         ("path", {"bounce_lod": 0.5}, '"path-buffer"', 'integrator="path-buffer"'),
         ("path", {"cast": "bvh"}, '"gather"', 'take integrator="gather"'),
         ("path", {"shadows": "cube"}, '"classic" and "t-buffer"', 'take integrator="classic" or "t-buffer"'),

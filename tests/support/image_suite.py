@@ -20,8 +20,8 @@ from glpath.accel.bvh import build_bvh
 
 Run = Callable[..., pytest.RunResult]
 
-# Without nbmake, which takes a second to load, and without faulthandler, which would leave the process that runs the
-# tests without a traceback if it crashes later. Where glpath is installed pytest finds the plugin by itself.
+# Without nbmake, which takes a second to load, and without faulthandler: at its end a run would disable that of the
+# tests' own process. Where glpath is installed pytest finds the plugin by itself.
 LOADED = ("-p", "no:nbmake", "-p", "no:faulthandler")
 if not any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11")):
     LOADED += ("-p", "glpath.pytest_plugin")

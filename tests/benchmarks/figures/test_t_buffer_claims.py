@@ -81,8 +81,10 @@ NARROW = shader(
 )
 UNCOUNTED = shader("t_buffer/t_buffer.frag", "atomicAdd(tests_of_pixel[pixel.y * eye_size.x + pixel.x], 1u);", "")
 CLASSIC_UNCOUNTED = shader("t_buffer/classic_eye.frag", "+= tests;", "+= tests / 2u;")
-NO_T_BUFFER = attribute(whitted, "TBuffer", ClassicEye)
-NO_SHADOW_RAYS = shader("t_buffer/whitted.frag", "if (shadow_ray_blocked(at, wi, tmax)) visible = 0.0;", "")
+NO_T_BUFFER = attribute(whitted, "TBuffer", lambda *given, records, **more: ClassicEye(*given, **more))
+NO_SHADOW_RAYS = shader(
+    "t_buffer/whitted.frag", "if (reaches && shadow_ray_blocked(at, light, wi, ray.tmax)) visible = 0.0;", ""
+)
 NO_REFLECTION = shader("t_buffer/whitted.frag", "weight *= share;", "weight *= 0.0;")
 ALL_LIT = shader(
     "shadow/point_shadow.glsl", "return seen.w == 0u || shape_of(int(seen.w) - 1) != object;", "return false;"
