@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.sides import Backs, Sides, around, first_hits, hemisphere, points_before
-from glpath.errors import UsageError
 from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_settings import PathBufferSettings
 from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
@@ -38,6 +37,7 @@ from glpath.rendering.choice import chosen
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Shapes
 from glpath.scene.model import unit_normals
+from glpath.scene.stream import triangles_in_budget
 from glpath.scene.triangulate import check_resident
 
 Int64 = NDArray[np.int64]
@@ -97,15 +97,7 @@ class StreamedRays:
         self._culled = [scene.materials[scene.shapes[index].material].culled for index, _ in scene.shapes.streams]
         low, high = scene.bounds
         self._extent = float(np.max(high - low))
-        largest = int(self._counts.max())
-        needed = (_BYTES_A_TRIANGLE + _BYTES_IN_THE_READING) * largest
-        if needed > budget << 20:
-            raise UsageError(
-                f"geometry_budget: {budget} MiB, but {-(-needed // (1 << 20))} are needed for a chunk of "
-                f"{largest:,} triangles and its BVH.",
-                "Give it more, or stream smaller chunks.",
-            )
-        self._room = ((budget << 20) - _BYTES_IN_THE_READING * largest) // _BYTES_A_TRIANGLE
+        self._room = triangles_in_budget(self._counts, budget, _BYTES_A_TRIANGLE, _BYTES_IN_THE_READING)
         self._last: tuple[tuple[int, ...], _Part] | None = None
 
     def cast(self, origins: Float64, directions: Float64, crossed: Bools | None = None) -> StreamedHits:

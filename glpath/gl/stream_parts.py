@@ -14,10 +14,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import UsageError
 from glpath.gl.parallel_rays import along_z_curve
 from glpath.gl.ray_bvh import PartBvh
 from glpath.scene import Scene
+from glpath.scene.stream import triangles_in_budget
 
 Float64 = NDArray[np.float64]
 
@@ -115,15 +115,7 @@ class StreamParts:
         self._order = ChunksInOrder(scene)
         counts = self._order.counts
         self.chunks = len(counts)
-        largest = int(counts.max())
-        needed = (BYTES_A_TRIANGLE + BYTES_IN_THE_READING) * largest
-        if needed > budget << 20:
-            raise UsageError(
-                f"geometry_budget: {budget} MiB, but {-(-needed // (1 << 20))} are needed for a chunk of "
-                f"{largest:,} triangles and its BVH.",
-                "Give it more, or stream smaller chunks.",
-            )
-        self._room = ((budget << 20) - BYTES_IN_THE_READING * largest) // BYTES_A_TRIANGLE
+        self._room = triangles_in_budget(counts, budget, BYTES_A_TRIANGLE, BYTES_IN_THE_READING)
         self._compiled = int(counts.sum()) >= _MANY
 
     def __call__(self, gl: moderngl.Context, far: float, first: int = 0) -> Iterator[Part]:

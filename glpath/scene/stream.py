@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, UsageError
 
 Float64 = NDArray[np.float64]
 
@@ -60,3 +60,23 @@ class Stream:
     def bounds(self) -> tuple[Float64, Float64]:
         """(3,) lower and (3,) upper corner of the box around all triangles."""
         return self.lower.min(axis=0), self.upper.max(axis=0)
+
+
+def triangles_in_budget(counts: NDArray[np.int64], budget: int, each: int, reading: int) -> int:
+    """How many triangles a part of the chunks of streams may have that is made ready for rays.
+
+    counts  : (N,) of the chunks
+    budget  : MiB, for all of the part
+    each    : bytes of one of its triangles; reading: and more of each of the chunk that is read
+
+    Raises UsageError for a budget without room for the largest chunk.
+    """
+    largest = int(counts.max())
+    needed = (each + reading) * largest
+    if needed > budget << 20:
+        raise UsageError(
+            f"geometry_budget: {budget} MiB, but {-(-needed // (1 << 20))} are needed for a chunk of "
+            f"{largest:,} triangles and its BVH.",
+            "Give it more, or stream smaller chunks.",
+        )
+    return ((budget << 20) - reading * largest) // each

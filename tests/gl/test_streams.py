@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +15,9 @@ from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
 from glpath.io.export import export
 from tests.support.engines import engine_options
-from tests.support.repository import ROOT
-from tests.support.streams import GRASS, LAMPS, SKY, Given, in_memory, scene_of
+from tests.support.streams import GRASS, LAMPS, SKY, TRIANGLE, Given, in_memory, scene_of
 from tests.support.streams import streamed_corners as corners
-from tests.support.terrain import Hills
+from tests.support.terrain import Hills, memory_of
 
 SCANS = {"integrator": "path-buffer", "spp": 3, "max_depth": 3, "light_resolution": 64}
 
@@ -177,9 +173,6 @@ def test_a_scene_tells_of_its_streams():
     assert upper[2] == 3
 
 
-TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 0, -1]]], float)
-
-
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
@@ -257,17 +250,7 @@ def test_a_budget_is_an_option_of_engines_that_stream():
 @pytest.mark.evidence
 @pytest.mark.release
 def test_twenty_million_triangles_take_256_mebibytes():
-    found = []
-    for tiles in (1, 25):  # of 32,768 triangles
-        run = subprocess.run(
-            [sys.executable, "-m", "tests.support.terrain", str(tiles), "256"],
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=ROOT,
-        )
-        found.append(json.loads(run.stdout))
-    small, large = found
+    small, large = (memory_of(tiles, 256) for tiles in (1, 25))  # of 32,768 triangles
     print(f"one tile {small}, 20,480,000 triangles {large}")
     assert large["peak"] - small["peak"] < 256
     assert large["device"] < 256

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -17,9 +14,9 @@ from glpath.buffers.t_buffer import TBuffer
 from glpath.film.film import Film
 from glpath.integrators import stream_shadows
 from glpath.scene import Background
-from tests.gl.test_streams import LAMPS, SKY, TRIANGLE, Given, corners, in_memory, scene_of
-from tests.support.repository import ROOT
-from tests.support.terrain import Hills
+from tests.support.streams import LAMPS, SKY, TRIANGLE, Given, in_memory, scene_of
+from tests.support.streams import streamed_corners as corners
+from tests.support.terrain import Hills, memory_of
 
 T_BUFFER: dict[str, Any] = {"integrator": "t-buffer", "spp": 2}
 LOW_SUN = {"lights": [{"type": "directional", "direction": [1, -0.15, 0.2], "irradiance": 2}]}
@@ -323,17 +320,7 @@ def test_the_budget_decides_nothing_of_the_picture() -> None:
 
 
 def test_three_hundred_thousand_triangles_stay_within_64_mebibytes() -> None:
-    found = []
-    for tiles in (1, 3):  # of 32,768 triangles
-        run = subprocess.run(
-            [sys.executable, "-m", "tests.support.terrain", str(tiles), "64", "t-buffer"],
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=ROOT,
-        )
-        found.append(json.loads(run.stdout))
-    small, large = found
+    small, large = (memory_of(tiles, 64, "t-buffer") for tiles in (1, 3))  # of 32,768 triangles
     print(f"one tile {small}, 294,912 triangles {large}")
     # Eight tiles more: in memory they would take 200 MiB.
     assert large["peak"] - small["peak"] < 64

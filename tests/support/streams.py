@@ -19,6 +19,8 @@ LAMPS = {
     ]
 }
 
+TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 0, -1]]], float)
+
 
 class Given:
     """Chunks that are what a test says."""

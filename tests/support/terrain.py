@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import time
 from typing import Any
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 import glpath
 from glpath.gl.geometry_stream import GeometryStream
 from glpath.system.machine import peak_resident_bytes
+from tests.support.repository import ROOT
 
 #: Squares along a tile: 2 * TILE**2 triangles.
 TILE = 128
@@ -66,6 +68,19 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "path-buffer": {"directions": "hemisphere", "max_depth": 2, "light_resolution": 128},
     "t-buffer": {},
 }
+
+
+def memory_of(tiles: int, budget: int, integrator: str = "path-buffer") -> dict[str, float]:
+    """What `main` prints, of a process of its own."""
+    run = subprocess.run(
+        [sys.executable, "-m", "tests.support.terrain", str(tiles), str(budget), integrator],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    found: dict[str, float] = json.loads(run.stdout)
+    return found
 
 
 def main(tiles: str, budget: str, integrator: Any = "path-buffer") -> None:
