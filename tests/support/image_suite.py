@@ -6,6 +6,7 @@ PYTEST_DONT_REWRITE, as test modules import it and name it as their plugin.
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -46,8 +47,13 @@ def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.M
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
 
+    # To show a failing test, pytest looks at all modules. A process that has rendered with Mitsuba for an hour crashes
+    # at that.
+    separate = "mitsuba" in sys.modules
+
     def run_with(*options: str | Path) -> pytest.RunResult:
-        return pytester.runpytest_inprocess(*LOADED, *map(str, options))
+        given = (*LOADED, *map(str, options))
+        return pytester.runpytest_subprocess(*given) if separate else pytester.runpytest_inprocess(*given)
 
     return run_with
 
