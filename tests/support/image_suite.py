@@ -47,8 +47,8 @@ def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.M
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
 
-    # To show a failing test, pytest looks at all modules. A process that has rendered with Mitsuba for an hour crashes
-    # at that.
+    # To show a failing test, pytest looks at all modules, at which a process that has rendered with Mitsuba for an
+    # hour crashes.
     separate = "mitsuba" in sys.modules
 
     def run_with(*options: str | Path) -> pytest.RunResult:
