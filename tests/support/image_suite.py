@@ -42,14 +42,19 @@ def _numba_is_loaded() -> None:
 
 
 @pytest.fixture
-def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(
+    _numba_is_loaded: None,
+    pytester: pytest.Pytester,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> Run:
     """Run the suite in pytester's folder, by default not as CI."""
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
 
     # To show a failing test, pytest looks at all modules, at which a process that has rendered with Mitsuba for an
     # hour crashes.
-    separate = "mitsuba" in sys.modules
+    separate = "mitsuba" in sys.modules and request.node.get_closest_marker("evidence") is not None
 
     def run_with(*options: str | Path) -> pytest.RunResult:
         given = (*LOADED, *map(str, options))
