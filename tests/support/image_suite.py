@@ -27,6 +27,8 @@ LOADED = ("-p", "no:nbmake", "-p", "no:faulthandler")
 if not any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11")):
     LOADED += ("-p", "glpath.pytest_plugin")
 
+_CRASHING = ("mitsuba", "drjit")
+
 GREY = """
 import numpy as np
 
@@ -42,23 +44,18 @@ def _numba_is_loaded() -> None:
 
 
 @pytest.fixture
-def run(
-    _numba_is_loaded: None,
-    pytester: pytest.Pytester,
-    monkeypatch: pytest.MonkeyPatch,
-    request: pytest.FixtureRequest,
-) -> Run:
+def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run the suite in pytester's folder, by default not as CI."""
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
 
-    # To show a failing test, pytest looks at all modules, at which a process that has rendered with Mitsuba for an
-    # hour crashes.
-    separate = "mitsuba" in sys.modules and request.node.get_closest_marker("evidence") is not None
-
     def run_with(*options: str | Path) -> pytest.RunResult:
-        given = (*LOADED, *map(str, options))
-        return pytester.runpytest_subprocess(*given) if separate else pytester.runpytest_inprocess(*given)
+        # To show a failing test, pytest asks all modules for their files, and crashes at one of Mitsuba's.
+        hidden = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] in _CRASHING}
+        try:
+            return pytester.runpytest_inprocess(*LOADED, *map(str, options))
+        finally:
+            sys.modules.update(hidden)
 
     return run_with
 
