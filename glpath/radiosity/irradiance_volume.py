@@ -5,8 +5,8 @@ cells of a grid, of each by the six directions along the axes: a normal (x, y, z
 faces, with the weights x^2, y^2 and z^2, which add up to one (ambient cubes). Between the middles of cells it is
 interpolated.
 
-Cost:     32 bytes for each side and axis of an occupied cell, 192 in all for each of some ten thousand; an index of
-          at most a million bytes.
+Cost:     16 bytes for each side and direction of an occupied cell, 192 in all for each of some ten thousand; an
+          index of a megabyte at most.
 Poor at:  light that changes within a cell: it is for indirect light, a bounce away from the eye.
 Source:   Greger et al. 1998, The irradiance volume; McTaggart 2004, Half-Life 2 / Valve Source Shading.
 """

@@ -17,7 +17,7 @@ from glpath.io.export import export
 from tests.support.engines import engine_options
 from tests.support.streams import GRASS, LAMPS, SKY, TRIANGLE, Given, in_memory, scene_of
 from tests.support.streams import streamed_corners as corners
-from tests.support.terrain import Hills, memory_of
+from tests.support.terrain import Hills, Watched, memory_of
 
 SCANS = {"integrator": "path-buffer", "spp": 3, "max_depth": 3, "light_resolution": 64}
 
@@ -96,13 +96,6 @@ def test_a_file_is_streamed_through_a_transform_with_its_fronts_turned(tmp_path:
 
 
 def test_what_a_view_cannot_see_is_not_asked_for():
-    asked = []
-
-    class Watched(Hills):
-        def chunk(self, index: int) -> Any:
-            asked.append(index)
-            return super().chunk(index)
-
     hills = Watched(4, 8)
     # From above the corner where x and z are least: some of the 16 tiles.
     camera = {"camera": {"position": [-2.9, 4, 2.9], "target": [-2.2, 0, 2.2], "fov": 25}}
@@ -110,10 +103,10 @@ def test_what_a_view_cannot_see_is_not_asked_for():
     scene = glpath.load_scene({**base, "shapes": [{"type": "stream", "stream": hills, "material": "grass"}]})
     whole = glpath.load_scene({**base, "shapes": [in_memory(corners(hills), material="grass")]})
     options = {"integrator": "path-buffer", "spp": 1, "max_depth": 1, "light_resolution": 16}
-    asked.clear()
+    hills.asked.clear()
     film = glpath.render(scene, **options, geometry_budget=1)
-    assert set(range(16)) == set(asked[:16])  # how far the scene extends
-    assert 0 < len(set(asked[16:])) < 10
+    assert set(range(16)) == set(hills.asked[:16])  # how far the scene extends
+    assert 0 < len(set(hills.asked[16:])) < 10
     np.testing.assert_array_equal(film.mean, glpath.render(whole, **options).mean)
 
 
@@ -226,12 +219,13 @@ def test_a_file_that_is_no_array_of_triangles_is_refused(tmp_path: Path, content
         scene_of({"type": "stream", "file": str(path)})
 
 
-def test_chunks_that_change_are_noticed():
+@pytest.mark.parametrize("integrator", ["path-buffer", "t-buffer", "gather"])
+def test_chunks_that_change_are_noticed(integrator: Any):
     chunks = Given(TRIANGLE, np.concatenate([TRIANGLE, TRIANGLE + 2]))
     scene = scene_of({"type": "stream", "stream": chunks}, **SKY)
     chunks.chunks = (TRIANGLE, TRIANGLE)
     with pytest.raises(glpath.SceneError, match="chunk 1 had 2 triangles when the scene was made, and now has 1"):
-        glpath.render(scene, integrator="path-buffer", spp=1)
+        glpath.render(scene, integrator=integrator, spp=1)
 
 
 def test_a_budget_without_room_for_a_chunk_is_refused_with_what_is_needed():

@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import glpath
 from glpath.buffers.t_buffer import TBuffer
 from glpath.film.film import Film
 from glpath.integrators import stream_shadows
 from glpath.scene import Background
-from tests.support.streams import LAMPS, SKY, TRIANGLE, Given, in_memory, scene_of
+from tests.support.streams import LAMPS, SKY, Given, in_memory, scene_of
 from tests.support.streams import streamed_corners as corners
-from tests.support.terrain import Hills, memory_of
+from tests.support.terrain import Hills, Watched, memory_of
 
 T_BUFFER: dict[str, Any] = {"integrator": "t-buffer", "spp": 2}
 LOW_SUN = {"lights": [{"type": "directional", "direction": [1, -0.15, 0.2], "irradiance": 2}]}
@@ -28,16 +27,6 @@ MANY_LAMPS = {
     ]
 }
 AOVS = ("albedo", "normal", "depth", "depth_min", "position", "uv", "object_id", "material_id", "direct")
-
-
-class Counted(Hills):
-    """Hills that know how often their chunks were read."""
-
-    reads = 0
-
-    def chunk(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        self.reads += 1
-        return super().chunk(index)
 
 
 def both(hills: Hills, **more: Any) -> tuple[glpath.Scene, glpath.Scene]:
@@ -209,7 +198,7 @@ def test_intersections_that_a_raster_finds_are_those_of_triangles_in_memory() ->
 
 
 def test_frames_of_a_moving_camera_are_those_of_a_still_one_and_keep_what_they_read() -> None:
-    hills = Counted(3, 8)
+    hills = Watched(3, 8)
     scene, _ = both(hills, **LAMPS)
     views = [{"position": (x, 3.0, 6.0)} for x in (-1.0, 0.5)]
     for shadows in ("rays", "cube"):
@@ -221,36 +210,29 @@ def test_frames_of_a_moving_camera_are_those_of_a_still_one_and_keep_what_they_r
 
 
 def test_a_large_budget_reads_chunks_once_and_a_small_one_for_each_path_set() -> None:
-    hills = Counted(4, 24)
+    hills = Watched(4, 24)
     scene, _ = both(hills, **LAMPS)
     reads = []
     for budget in (64, 4):
-        hills.reads = 0
+        hills.asked.clear()
         glpath.render(scene, integrator="t-buffer", spp=5, geometry_budget=budget)
-        reads.append(hills.reads)
+        reads.append(len(hills.asked))
     # How far they reach; where they are drawn, those that are seen; and as occluders.
     assert reads[0] <= 3 * len(hills)
     assert reads[1] >= 5 * len(hills)
 
 
 def test_what_the_view_cannot_see_is_not_drawn() -> None:
-    asked = []
-
-    class Watched(Hills):
-        def chunk(self, index: int) -> Any:
-            asked.append(index)
-            return super().chunk(index)
-
     hills = Watched(4, 8)
     # No light has rays, so that chunks are read for the eye alone.
     camera = {"position": [-2.9, 4, 2.9], "target": [-2.2, 0, 2.2], "fov": 25}
     base = {"camera": camera, "film": {"resolution": [24, 24]}, "ambient": 0.5}
     scene = glpath.load_scene({**base, "shapes": [{"type": "stream", "stream": hills}]})
     whole = glpath.load_scene({**base, "shapes": [in_memory(corners(hills))]})
-    asked.clear()
+    hills.asked.clear()
     film = glpath.render(scene, **T_BUFFER, geometry_budget=1)
-    assert set(range(16)) == set(asked[:16])  # how far the scene extends
-    assert 0 < len(set(asked[16:])) < 10
+    assert set(range(16)) == set(hills.asked[:16])  # how far the scene extends
+    assert 0 < len(set(hills.asked[16:])) < 10
     np.testing.assert_array_equal(film.mean, glpath.render(whole, **T_BUFFER).mean)
 
 
@@ -264,14 +246,6 @@ def test_a_budget_without_room_for_a_chunk_is_refused_with_what_is_needed(shadow
     with pytest.raises(glpath.UsageError, match="are needed at least"):
         glpath.render(scene, **options, geometry_budget=needed - 1)
     glpath.render(scene, **options, geometry_budget=needed)
-
-
-def test_chunks_that_change_are_noticed() -> None:
-    chunks = Given(TRIANGLE, np.concatenate([TRIANGLE, TRIANGLE + 2]))
-    scene = scene_of({"type": "stream", "stream": chunks}, **SKY)
-    chunks.chunks = (TRIANGLE, TRIANGLE)
-    with pytest.raises(glpath.SceneError, match="chunk 1 had 2 triangles when the scene was made, and now has 1"):
-        glpath.render(scene, integrator="t-buffer", spp=1)
 
 
 SHINY = {

@@ -45,6 +45,18 @@ class Hills:
         return vertices, quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
 
 
+class Watched(Hills):
+    """Hills that know which of their chunks were asked for, in order."""
+
+    def __init__(self, tiles: int, squares: int = TILE) -> None:
+        super().__init__(tiles, squares)
+        self.asked: list[int] = []
+
+    def chunk(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        self.asked.append(index)
+        return super().chunk(index)
+
+
 def scene(tiles: int, resolution: tuple[int, int]) -> Any:
     """Hills under a lamp; their triangles are streamed."""
     return glpath.load_scene(
