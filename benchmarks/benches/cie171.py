@@ -1,7 +1,8 @@
 """CIE 171:2006, its analytical test cases: what `glpath.irradiance` finds beside exact values.
 
 Each value passes within 1 % of what is true, or within three of its standard errors where these are 1 % at most.
-Paths are added to a case until its largest standard error is 0.3 %, or until there are enough. `measured`:
+Paths are added to a case until its largest standard error is 0.2 %, or until there are enough: of 3,229 values some
+are off by three standard errors and more by chance, which must be less than 1 % then. `measured`:
 
     values        : how many
     missed        : of these, which do not pass
@@ -34,7 +35,7 @@ CLAIM = "CIE 171:2006: each value within 1 % of exact, or within three standard 
 RULE = (Condition("missed", "<=", 0),)
 #: Of the quick run: overcast, clear, and the brightest around the sun.
 _FEW = (1, 12, 15)
-_TARGET, _QUICK_TARGET = 0.003, 0.01
+_TARGET, _QUICK_TARGET = 0.002, 0.01
 #: Below that share an error is of the scene's float32, not of chance.
 _BEYOND_CHANCE = 1e-3
 
