@@ -64,7 +64,7 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
     if (slot >= 0) {
         vec4 uv = weight.x * uv_texel(int(face.x), UV_BOTH) + weight.y * uv_texel(int(face.y), UV_BOTH)
                 + weight.z * uv_texel(int(face.z), UV_BOTH);
-        alpha = slot_value(slot, uv.xy, uv.zw).a;
+        alpha = slot_value(slot, uv.xy, uv.zw, false).a;
     }
 #endif
 #ifdef HAS_VERTEX_COLOURS

@@ -93,7 +93,7 @@ vec3 mapped_normal(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
     t *= inversesqrt(square);
     vec3 b = cross(n, t);
     if (dot(b, along_v) < 0.0) b = -b;
-    vec3 stored = 2.0 * slot_value(slot, s.uv, s.uv1).xyz - 1.0;
+    vec3 stored = 2.0 * slot_value(slot, s.uv, s.uv1, false).xyz - 1.0;
     stored.xy *= slot_map_texel(slot, SLOT_MAP_U).w;
     vec3 mapped = stored.x * t + stored.y * b + stored.z * n;
     float length2 = dot(mapped, mapped);
@@ -289,10 +289,12 @@ Surface hit_surface(int triangle, ivec2 pixel, vec3 position, vec4 plane)
 // What textures and the colours of vertices multiply a material by. Each is 1 where there are none.
 
 #ifdef HAS_TEXTURES
-vec4 slot_or_one(uint slot, Surface s)
+vec4 slot_or_one(uint slot, Surface s, const bool colours)
 {
-    return slot == 0u ? vec4(1.0) : slot_value(int(slot) - 1, s.uv, s.uv1);
+    return slot == 0u ? vec4(1.0) : slot_value(int(slot) - 1, s.uv, s.uv1, colours);
 }
+#define COLOURS(slot) slot_or_one(slot, s, true)
+#define NUMBERS(slot) slot_or_one(slot, s, false)
 #endif
 
 // Reflectance by rgb, opacity by a.
@@ -300,7 +302,7 @@ vec4 base_colour(Surface s)
 {
     vec4 colour = vec4(1.0);
 #ifdef HAS_TEXTURES
-    colour = slot_or_one(slots_texel(s.material, SLOTS_FIRST).x, s);
+    colour = COLOURS(slots_texel(s.material, SLOTS_FIRST).x);
 #endif
 #ifdef HAS_VERTEX_COLOURS
     colour *= s.colour;
@@ -312,7 +314,7 @@ vec4 base_colour(Surface s)
 vec2 roughness_metallic(Surface s)
 {
 #ifdef HAS_SURFACE_TEXTURES
-    return slot_or_one(slots_texel(s.material, SLOTS_FIRST).y, s).yz;
+    return NUMBERS(slots_texel(s.material, SLOTS_FIRST).y).yz;
 #else
     return vec2(1.0);
 #endif
@@ -321,7 +323,7 @@ vec2 roughness_metallic(Surface s)
 float transmission_factor(Surface s)
 {
 #ifdef HAS_TRANSMISSION_TEXTURES
-    return slot_or_one(slots_texel(s.material, SLOTS_SECOND).x, s).x;
+    return NUMBERS(slots_texel(s.material, SLOTS_SECOND).x).x;
 #else
     return 1.0;
 #endif
@@ -335,7 +337,7 @@ void set_tangent(inout Bsdf b, Surface s, inout vec4 surface)
 #ifdef HAS_ANISOTROPY_TEXTURES
     uint anisotropy_slot = slots_texel(s.material, SLOTS_COAT).w;
     if (anisotropy_slot != 0u) {
-        vec3 stored = slot_value(int(anisotropy_slot) - 1, s.uv, s.uv1).xyz;
+        vec3 stored = slot_value(int(anisotropy_slot) - 1, s.uv, s.uv1, false).xyz;
         vec2 along = 2.0 * stored.xy - 1.0;
         tangent = vec2(along.x * tangent.x - along.y * tangent.y, along.x * tangent.y + along.y * tangent.x);
         surface.z *= stored.z;
@@ -352,7 +354,7 @@ void part_diffuse(inout Bsdf b, Surface s, float share)
     vec4 through = material_texel(s.material, MATERIAL_THROUGH);
 #ifdef HAS_DIFFUSE_TRANSMISSION_TEXTURES
     uvec4 through_slots = slots_texel(s.material, SLOTS_THROUGH);
-    through *= vec4(slot_or_one(through_slots.y, s).rgb, slot_or_one(through_slots.x, s).a);
+    through *= vec4(COLOURS(through_slots.y).rgb, NUMBERS(through_slots.x).a);
 #endif
     b.diffuse_through = through.rgb * (through.w * share);
     b.diffuse *= 1.0 - through.w;
@@ -385,8 +387,8 @@ void cover(inout Bsdf b, Surface s, float reflects)
     vec4 film = material_texel(s.material, MATERIAL_FILM);
 #ifdef HAS_IRIDESCENCE_TEXTURES
     uvec4 film_slots = slots_texel(s.material, SLOTS_SPECULAR);
-    film.x *= slot_or_one(film_slots.z, s).x;
-    film.z = mix(film.y, film.z, slot_or_one(film_slots.w, s).y);
+    film.x *= NUMBERS(film_slots.z).x;
+    film.z = mix(film.y, film.z, NUMBERS(film_slots.w).y);
 #endif
     b.film = film.xzw;
 #endif
@@ -394,7 +396,7 @@ void cover(inout Bsdf b, Surface s, float reflects)
     vec4 coat = material_texel(s.material, MATERIAL_COAT);
 #ifdef HAS_COAT_TEXTURES
     uvec4 coat_slots = slots_texel(s.material, SLOTS_COAT);
-    coat.xy *= vec2(slot_or_one(coat_slots.x, s).x, slot_or_one(coat_slots.y, s).y);
+    coat.xy *= vec2(NUMBERS(coat_slots.x).x, NUMBERS(coat_slots.y).y);
 #endif
     b.coat = coat.x * reflects;
     b.coat_alpha = coat.y * coat.y;
@@ -402,7 +404,7 @@ void cover(inout Bsdf b, Surface s, float reflects)
 #ifdef HAS_SHEEN
     vec4 sheen = material_texel(s.material, MATERIAL_SHEEN);
 #ifdef HAS_SHEEN_TEXTURES
-    sheen.rgb *= slot_or_one(slots_texel(s.material, SLOTS_THROUGH).z, s).rgb;
+    sheen.rgb *= COLOURS(slots_texel(s.material, SLOTS_THROUGH).z).rgb;
 #endif
     b.sheen = sheen.rgb * reflects;
     b.sheen_alpha = sheen.w;
@@ -412,7 +414,7 @@ void cover(inout Bsdf b, Surface s, float reflects)
 #ifdef HAS_SHEEN_ROUGHNESS_TEXTURES
     uint rough_slot = slots_texel(s.material, SLOTS_THROUGH).w;
     if (rough_slot != 0u) {
-        float rough = slot_value(int(rough_slot) - 1, s.uv, s.uv1).a;
+        float rough = slot_value(int(rough_slot) - 1, s.uv, s.uv1, false).a;
         set_sheen_alpha(b, sheen.w * rough * rough);
     }
 #endif
@@ -454,8 +456,8 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 #endif
 #ifdef HAS_SPECULAR_TEXTURES
         uvec4 specular_slots = slots_texel(s.material, SLOTS_SPECULAR);
-        float weight = slot_or_one(specular_slots.x, s).a;
-        layer = vec4(min(layer.rgb * slot_or_one(specular_slots.y, s).rgb, vec3(layer.w)), layer.w) * weight;
+        float weight = NUMBERS(specular_slots.x).a;
+        layer = vec4(min(layer.rgb * COLOURS(specular_slots.y).rgb, vec3(layer.w)), layer.w) * weight;
 #endif
         b.diffuse = base * ((1.0 - metal - transmission) * reflects);
 #ifdef HAS_DIFFUSE_TRANSMISSION
@@ -564,7 +566,7 @@ vec3 emitted(Surface s, bool front, out float pdf_area)
     if (pdf_area > 0.0 && s.triangle >= 0) pdf_area = emitter_texel(s.triangle >> 2, EMITTER_DENSITIES)[s.triangle & 3];
 #endif
 #ifdef HAS_EMISSION_TEXTURES
-    emission.rgb *= slot_or_one(slots_texel(s.material, SLOTS_FIRST).w, s).rgb;
+    emission.rgb *= COLOURS(slots_texel(s.material, SLOTS_FIRST).w).rgb;
 #endif
 #ifdef HAS_COLOURED_LIGHT
     if (slots_texel(s.material, SLOTS_SECOND).z != 0u) emission.rgb *= s.colour.rgb;

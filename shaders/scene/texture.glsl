@@ -4,29 +4,36 @@
 // Units:  colours linear Rec. 709, decoded before they are filtered; alpha in w, 1 where a texture has none.
 
 #ifdef HAS_BYTE_IMAGES
-// From sRGB (IEC 61966-2-1), within 9e-7 of the truth, and the same wherever sums, products and square roots are:
-// t^2.4 = t^2 (t^(1/4))^1.6, of which the last is nearly a line. Asked of pow(), drivers differ in the fourth digit.
+// From sRGB (IEC 61966-2-1), of the 256 values that bytes have within 7e-7 of the truth, and the same wherever fma is: pow()
+// differs between drivers in the fourth digit, and a texture is decoded at every vertex of every path.
 vec3 from_srgb(vec3 encoded)
 {
-    vec3 t = (encoded + 0.055) * (1.0 / 1.055), s = sqrt(sqrt(t));
-    vec3 power = ((((-0.02698354236781597 * s + 0.14721211791038513) * s - 0.3856969475746155) * s + 1.0233317613601685) * s
-        + 0.25648143887519836) * s - 0.014344984665513039;
-    return mix(power * t * t, encoded * (1.0 / 12.92), lessThanEqual(encoded, vec3(0.04045)));
+    vec3 power = vec3(-0.07614018);
+    power = fma(power, encoded, vec3(0.37265375));
+    power = fma(power, encoded, vec3(-0.79606014));
+    power = fma(power, encoded, vec3(1.0009507));
+    power = fma(power, encoded, vec3(-0.8909903));
+    power = fma(power, encoded, vec3(0.86879396));
+    power = fma(power, encoded, vec3(0.48459777));
+    power = fma(power, encoded, vec3(0.03533994));
+    power = fma(power, encoded, vec3(0.00085403136));
+    return mix(power, encoded * (1.0 / 12.92), lessThanEqual(encoded, vec3(0.04045)));
 }
 #endif
 
-vec4 image_at(uvec4 image, ivec2 at)
+// The texel of number i in its store. `colours`: only their colours may be sRGB's.
+vec4 stored_texel(uvec4 image, int i, const bool colours)
 {
-    // A coordinate that rounds to the far edge is the near one.
-    ivec2 size = ivec2(image.yz);
-    at -= ivec2(greaterThanEqual(at, size)) * size;
-    int i = int(image.x) + at.y * size.x + at.x;
 #ifdef HAS_BYTE_IMAGES
 #ifdef HAS_FLOAT_IMAGES
     if ((image.w & IMAGE_BYTES) == 0u) return image_texel(i, IMAGE_COLOUR);
 #endif
     vec4 stored = texel(texture_bytes, ivec2(i & ((1 << BYTES_SHIFT) - 1), i >> BYTES_SHIFT));
+#ifdef HAS_SRGB_DATA
     if ((image.w & IMAGE_SRGB) != 0u) stored.rgb = from_srgb(stored.rgb);
+#else
+    if (colours && (image.w & IMAGE_SRGB) != 0u) stored.rgb = from_srgb(stored.rgb);
+#endif
     return stored;
 #else
     return image_texel(i, IMAGE_COLOUR);
@@ -43,7 +50,8 @@ vec2 slot_uv(int slot, vec2 uv, vec2 uv1)
     return vec2(row_u.x * uv.x + row_u.y * uv.y + row_u.z, row_v.x * uv.x + row_v.y * uv.y + row_v.z);
 }
 
-vec4 slot_value(int slot, vec2 uv, vec2 uv1)
+// colours: is it of those slots whose texels are colours? Those of others are numbers, which need no decoding.
+vec4 slot_value(int slot, vec2 uv, vec2 uv1, const bool colours)
 {
     uvec4 image = slot_texel(slot, SLOT_IMAGE);
     vec2 at = slot_uv(slot, uv, uv1), size = vec2(image.yz), inside = fract(at);
@@ -57,12 +65,20 @@ vec4 slot_value(int slot, vec2 uv, vec2 uv1)
 #ifdef HAS_WRAPS
     position = mix(clamp(position, vec2(0.5), size - 0.5), position, equal(wrap, uvec2(WRAP_REPEAT)));
 #endif
-    if ((image.w & IMAGE_FILTERED) == 0u) return image_at(image, ivec2(position));
-    vec2 low = position - 0.5;
-    low += vec2(lessThan(low, vec2(0.0))) * size;
+    // A coordinate that rounds to the far edge is the near one, and so is the one beyond the last.
+    ivec2 extent = ivec2(image.yz);
+    bool filtered = (image.w & IMAGE_FILTERED) != 0u;
+    vec2 low = filtered ? position - 0.5 : position;
+    low += mix(vec2(0.0), size, lessThan(low, vec2(0.0)));
     ivec2 corner = ivec2(low);
     vec2 part = low - vec2(corner);
-    vec4 upper = mix(image_at(image, corner), image_at(image, corner + ivec2(1, 0)), part.x);
-    vec4 lower = mix(image_at(image, corner + ivec2(0, 1)), image_at(image, corner + ivec2(1, 1)), part.x);
+    corner -= ivec2(greaterThanEqual(corner, extent)) * extent;
+    int first = int(image.x) + corner.y * extent.x;
+    vec4 nearest = stored_texel(image, first + corner.x, colours);
+    if (!filtered) return nearest;
+    ivec2 next = (corner + 1) * ivec2(lessThan(corner + 1, extent));
+    int second = int(image.x) + next.y * extent.x;
+    vec4 upper = mix(nearest, stored_texel(image, first + next.x, colours), part.x);
+    vec4 lower = mix(stored_texel(image, second + corner.x, colours), stored_texel(image, second + next.x, colours), part.x);
     return mix(upper, lower, part.y);
 }
