@@ -78,6 +78,7 @@ class TextureImages:
             HAS_WRAPS=any(wrap != "repeat" for texture in textures.values() for wrap in texture.wrap),
             HAS_BYTE_IMAGES=bool(self._bytes),
             HAS_FLOAT_IMAGES=len(self._bytes) < len(textures),
+            HAS_SRGB_NUMBERS=any(textures[slot.texture].srgb for _, name, slot in shown if name in _NUMBERS),
         )
         if self._bytes:
             self.defines["BYTES_SHIFT"] = self._width.bit_length() - 1
@@ -140,6 +141,17 @@ class TextureImages:
 
 _DIFFUSE_TRANSMISSION = {"diffuse_transmission_texture", "diffuse_transmission_colour_texture"}
 _NORMAL_MAPS = {"normal_texture", "clearcoat_normal_texture"}
+_COLOURS = {
+    "texture",
+    "emission_texture",
+    "specular_colour_texture",
+    "diffuse_transmission_colour_texture",
+    "sheen_texture",
+}
+# Of which alpha is read alone, which no encoding changes.
+_ALPHAS = {"specular_texture", "diffuse_transmission_texture", "sheen_roughness_texture"}
+# The slots whose texels `scene/surface.glsl` asks for as numbers, red, green or blue.
+_NUMBERS = set(SLOTS) - _COLOURS - _ALPHAS
 
 
 def _coat_has_normals(material: Material) -> bool:

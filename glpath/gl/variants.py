@@ -70,6 +70,7 @@ VARIANTS: dict[str, Variant] = {
     "HAS_WRAPS": Variant("a texture does otherwise than repeat", _TEXTURES),
     "HAS_BYTE_IMAGES": Variant("an image has eight bits", _TEXTURES),
     "HAS_FLOAT_IMAGES": Variant("an image has floats", _TEXTURES),
+    "HAS_SRGB_NUMBERS": Variant("numbers, as of roughness, are in an image whose bytes are sRGB's", _TEXTURES),
     "HAS_POSITIONAL_LIGHTS": Variant("light comes from positions", _LIGHTS),
     "HAS_DISTANT_LIGHTS": Variant("light comes from infinitely far", _LIGHTS),
     "HAS_SKY": Variant("rays that hit nothing see light", _LIGHTS),

@@ -1,6 +1,7 @@
 // texture.glsl: what a material's texture slot has at texture coordinates. Every texture has its own size, filter and wrap
 // modes, so the texels of all lie in two stores, of floats and of bytes, and are read and filtered one by one.
-// Needs:  <SCENE>; HAS_FLOAT_IMAGES, HAS_BYTE_IMAGES, HAS_WRAPS (other modes than repeat), HAS_UV1
+// Needs:  <SCENE>; HAS_FLOAT_IMAGES, HAS_BYTE_IMAGES, HAS_WRAPS (other modes than repeat), HAS_UV1,
+//         HAS_SRGB_NUMBERS (of slots without colours)
 // Units:  colours linear Rec. 709, decoded before they are filtered; alpha in w, 1 where a texture has none.
 
 #ifdef HAS_BYTE_IMAGES
@@ -21,7 +22,7 @@ vec3 from_srgb(vec3 encoded)
 }
 #endif
 
-// The texel of number i in its store. `colours`: only their colours may be sRGB's.
+// The texel of number i in its store.
 vec4 stored_texel(uvec4 image, int i, const bool colours)
 {
 #ifdef HAS_BYTE_IMAGES
@@ -29,11 +30,12 @@ vec4 stored_texel(uvec4 image, int i, const bool colours)
     if ((image.w & IMAGE_BYTES) == 0u) return image_texel(i, IMAGE_COLOUR);
 #endif
     vec4 stored = texel(texture_bytes, ivec2(i & ((1 << BYTES_SHIFT) - 1), i >> BYTES_SHIFT));
-#ifdef HAS_SRGB_DATA
-    if ((image.w & IMAGE_SRGB) != 0u) stored.rgb = from_srgb(stored.rgb);
+#ifdef HAS_SRGB_NUMBERS
+    const bool decoded = true;
 #else
-    if (colours && (image.w & IMAGE_SRGB) != 0u) stored.rgb = from_srgb(stored.rgb);
+    bool decoded = colours;
 #endif
+    if (decoded && (image.w & IMAGE_SRGB) != 0u) stored.rgb = from_srgb(stored.rgb);
     return stored;
 #else
     return image_texel(i, IMAGE_COLOUR);
@@ -50,7 +52,7 @@ vec2 slot_uv(int slot, vec2 uv, vec2 uv1)
     return vec2(row_u.x * uv.x + row_u.y * uv.y + row_u.z, row_v.x * uv.x + row_v.y * uv.y + row_v.z);
 }
 
-// colours: is it of those slots whose texels are colours? Those of others are numbers, which need no decoding.
+// colours: may the texels that this slot reads be sRGB's? Numbers are not: llvmpipe decodes what nobody asks for, too.
 vec4 slot_value(int slot, vec2 uv, vec2 uv1, const bool colours)
 {
     uvec4 image = slot_texel(slot, SLOT_IMAGE);

@@ -156,6 +156,21 @@ def test_guides_of_plain_surfaces_are_taken_as_they_are_and_those_with_noise_are
     assert np.array_equal(guides.normal, round_)
 
 
+def test_noise_of_a_small_part_is_found_and_edges_are_none() -> None:
+    """Of one vase of alpha among much else; and of leaves, whose outlines are everywhere."""
+    rng = np.random.default_rng(1)
+    vase = np.full((128, 160, 3), 0.5, np.float32)
+    assert is_free_of_noise(vase)
+    vase[40:72, 60:84] += rng.normal(0, 0.03, (32, 24, 3)).astype(np.float32)
+    assert not is_free_of_noise(vase)
+    rows, columns = np.mgrid[: 128 * 8, : 160 * 8]
+    leaves = np.zeros(rows.shape, np.float32)
+    for row, column, radius in zip(*rng.uniform((0, 0, 40), (1024, 1280, 120), (300, 3)).T):
+        leaves[(rows - row) ** 2 + (columns - column) ** 2 < radius**2] = rng.uniform()
+    pixels = leaves.reshape(128, 8, 160, 8).mean(axis=(1, 3))[..., None].repeat(3, axis=2)
+    assert is_free_of_noise(pixels)
+
+
 def test_without_noise_in_its_guides_a_box_is_denoised_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     reference = stored_reference("cornell-box-36", 3)
     film = glpath.render(**{**BOX, "resolution": reference.shape[1::-1]}, spp=16)

@@ -92,6 +92,23 @@ def test_bytes_of_srgb_are_the_image_in_floats() -> None:
     assert found["linear bytes"].mean() > 1.1 * found["bytes"].mean()
 
 
+def test_each_byte_of_srgb_is_decoded() -> None:
+    ramp = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
+    texture = Texture("t", ramp, filter="nearest", srgb=True)
+    found = picture(front(replace(GREY, texture=TextureSlot(0)), texture), 4) / picture(front(GREY), 4)
+    assert np.abs(found - decode_srgb(ramp / 255)).max() < 1.5e-6
+
+
+def test_numbers_in_an_image_of_srgb_are_decoded() -> None:
+    stored = random_image()
+    metal = replace(WHITE, reflectance=np.array([0.9, 0.5, 0.2]), roughness=0.6, metallic=1.0)
+    images = [Texture("t", stored, srgb=True), Texture("t", decode_srgb(stored / 255).astype(np.float32))]
+    sky = Sky(np.full(3, 4.0), np.zeros(3))
+    a, b = (picture(replace(front(replace(metal, surface_texture=TextureSlot(0)), t), sky=sky), 4) for t in images)
+    assert np.abs(a - b).max() < 1e-5
+    assert a.std() > 0.01
+
+
 def test_colours_of_vertices_are_materials_of_triangles() -> None:
     corners = quad(FRONT).vertices[quad(FRONT).faces]
     colours = np.array([[0.9, 0.2, 0.1, 1], [0.1, 0.4, 0.8, 1]])
