@@ -7,12 +7,12 @@ import sys
 def main() -> None:
     """Run the command. An interrupt while its modules load ends it without a traceback, as one later does."""
     try:
-        from glpath.cli.main import run
+        from glpath.cli.main import run_and_end
     except KeyboardInterrupt:
         sys.stderr.write("Interrupted.\n")
         sys.stderr.flush()
         os._exit(130)
-    run()
+    run_and_end()
 
 
 if __name__ == "__main__":

@@ -448,6 +448,16 @@ def test_standard_output_takes_a_png_from_a_real_render() -> None:
     )
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
+@pytest.mark.parametrize("command", ["--version", "scenes", "info furnace --json", "--help"])
+def test_a_full_disk_behind_standard_output_is_a_line(command: str) -> None:
+    with FULL.open("w") as full:
+        line = [sys.executable, "-m", "glpath", *command.split()]
+        done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert done.stderr == "glpath: error: standard output: cannot be written: No space left on device.\n"
+    assert done.returncode == 1
+
+
 # A scene from standard input.
 
 
