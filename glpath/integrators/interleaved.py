@@ -67,7 +67,7 @@ class Interleaved(Engine):
         first = self._parts[0, 0].prepare()
         for part in self._parts.values():
             if part is not first:
-                part.share_bvh(first)
+                part.share(first)
                 part.prepare()
         return self
 

@@ -98,8 +98,8 @@ class PathSetEngine(Engine):
             scene.stream.reserve()
         return self
 
-    def share_bvh(self, other: PathSetEngine) -> None:
-        """Before `prepare`: cast rays by the tree of an engine of the same scene."""
+    def share(self, other: PathSetEngine) -> None:
+        """Before `prepare`: take the tree of an engine of the same scene, and what else depends on no view."""
         self._bvh = other._bvh
 
     @property

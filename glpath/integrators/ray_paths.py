@@ -149,6 +149,12 @@ class RayPathEngine(PathSetEngine):
 
     # Its parts.
 
+    def share(self, other: PathSetEngine) -> None:
+        """And the guides, which are of the same solution."""
+        super().share(other)
+        if isinstance(other, RayPathEngine):
+            self.guide = other.guide
+
     @property
     def _shares_lanes(self) -> bool:
         return isinstance(self.sensor, CameraSensor)
@@ -234,7 +240,7 @@ class RayPathEngine(PathSetEngine):
                 parts.defines["CONTROL_VARIATE"] = 1
             if radiosity.has_all_light:
                 width, height = self.sensor.resolution
-                self.guide = PathGuide(gl, scene, radiosity, width * height, parts)
+                self.guide = self.guide or PathGuide(gl, scene, radiosity, width * height, parts)
                 parts.add(self.guide)
         return parts
 

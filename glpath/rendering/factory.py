@@ -406,7 +406,7 @@ class _Gathering(Plan):
         found = path_engine(
             context.gl, engine.scene, settings, (0, 0, width, height), sensor=sensor, radiosity=radiosity
         )
-        found.share_bvh(engine)
+        found.share(engine)
         return found
 
     def remarks(self, film: Film) -> list[str]:
