@@ -536,13 +536,9 @@ void keep_energy(inout Bsdf b, int material, bool front, float cosine)
 }
 #endif
 
-// What of it depends on where it is seen from: the clearcoat's normal, and what microfacets lose.
-void see_along(inout Bsdf b, Surface s, bool front, vec3 wo)
+// The clearcoat's normal, which depends on where it is seen from.
+void see_coat_along(inout Bsdf b, Surface s, bool front, vec3 wo)
 {
-#ifdef HAS_MULTIPLE_SCATTERING
-    vec3 mirroring = mirroring_normal(shading_normal(s, front, wo), front ? s.normal : -s.normal, wo);
-    keep_energy(b, s.material, front, dot(mirroring, wo));
-#endif
 #ifdef HAS_COAT_NORMALS
     vec3 n = facing_normal(front ? s.coat_normal : -s.coat_normal, wo);
     b.coat_cosine = dot(n, wo);
@@ -553,7 +549,11 @@ void see_along(inout Bsdf b, Surface s, bool front, vec3 wo)
 Bsdf bsdf_seen(Surface s, bool front, vec3 wo)
 {
     Bsdf b = bsdf_at(s, front);
-    see_along(b, s, front, wo);
+#ifdef HAS_MULTIPLE_SCATTERING
+    vec3 mirroring = mirroring_normal(shading_normal(s, front, wo), front ? s.normal : -s.normal, wo);
+    keep_energy(b, s.material, front, dot(mirroring, wo));
+#endif
+    see_coat_along(b, s, front, wo);
     return b;
 }
 
