@@ -194,7 +194,7 @@ def run_and_end() -> None:
         if not isinstance(end.code, int) or not all(thread.daemon for thread in others):
             raise
         if end.code == 0 and not _takes(sys.stdout):
-            raise  # Python says so, and has a code for it
+            raise  # Python has a line and a code for that
         _end_with(end.code)
 
 

@@ -29,8 +29,8 @@ _BEYOND = 16
 # MiB of the network, above which it takes tiles: 1920 x 1080 pixels take 1.6 GiB at once, and as long in two. A
 # lightmap is denoised beside all else that a bake holds: 2048 x 2048 take half as long again, and a sixth.
 _PICTURE_MIB, _PAGE_MIB = 1024, 256
-# By how much a pixel of a guide has to stand out from its neighbours to be noise, of which less does no harm; the share
-# of pixels of a tile, so many wide, that do so at small corners and thin lines alone.
+# By how much a pixel of a guide has to stand out from its neighbours to be noise, of which less does no harm; the
+# share of pixels of a tile, so many wide, that do so at small corners and thin lines alone.
 _NOISE, _LINES, _TILE = 0.004, 0.15, 16
 # The smaller network: of albedo and normals as good as the large one, in half the time.
 _SOON: Flags = {"quality": "OIDN_QUALITY_BALANCED"}
@@ -98,8 +98,8 @@ def is_free_of_noise(guide: ArrayLike) -> bool:
         return False
     inner = values[1:-1, 1:-1]
     beside = values[1:-1, :-2], values[1:-1, 2:], values[:-2, 1:-1], values[2:, 1:-1]
-    brightest, darkest = np.maximum.reduce(beside), np.minimum.reduce(beside)
-    stands_out = ((inner > brightest + _NOISE) | (inner < darkest - _NOISE)).any(axis=2).astype(np.int32)
+    upper, lower = np.maximum.reduce(beside), np.minimum.reduce(beside)
+    stands_out = ((inner > upper + _NOISE) | (inner < lower - _NOISE)).any(axis=2).astype(np.int32)
     for axis, side in enumerate(stands_out.shape):
         stands_out = np.add.reduceat(stands_out, np.arange(0, side, _TILE), axis=axis)
     pixels = min(_TILE, inner.shape[0]) * min(_TILE, inner.shape[1])

@@ -165,7 +165,7 @@ def test_noise_of_a_small_part_is_found_and_edges_are_none() -> None:
     assert not is_free_of_noise(vase)
     rows, columns = np.mgrid[: 128 * 8, : 160 * 8]
     leaves = np.zeros(rows.shape, np.float32)
-    for row, column, radius in zip(*rng.uniform((0, 0, 40), (1024, 1280, 120), (300, 3)).T):
+    for row, column, radius in rng.uniform((0, 0, 40), (1024, 1280, 120), (300, 3)):
         leaves[(rows - row) ** 2 + (columns - column) ** 2 < radius**2] = rng.uniform()
     pixels = leaves.reshape(128, 8, 160, 8).mean(axis=(1, 3))[..., None].repeat(3, axis=2)
     assert is_free_of_noise(pixels)
