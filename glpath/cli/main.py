@@ -201,7 +201,9 @@ def run_and_end() -> None:
 def _takes(stream: IO[str] | None, text: str = "") -> bool:
     """Whether it takes all that it was given, and this; one that was closed from the start is asked for nothing."""
     try:
-        print(text, end="", file=stream, flush=True)
+        if stream is not None:
+            stream.write(text)
+            stream.flush()
     except (OSError, ValueError):
         return False
     return True
