@@ -4,9 +4,10 @@ Help texts, EXR layers, the film's sums and the shaders' defines are made from `
 `Film.aov` gives one. Of the surface that the eye sees first, mirrors and glass too:
 
 "albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, cut at 1:
-                linear Rec. 709, 0 to 1
+                linear Rec. 709, 0 to 1. By `path` and `gather`, of what a mirror or clear glass shows, times
+                its share of the light, or a denoiser would blur that
 "normal"      : (H, W, 3) float64, to shade with, in the world's frame, on the side that is seen; unit
-                before averaging, 0 for the sky
+                before averaging, 0 for the sky. Of what mirrors and clear glass show, likewise
 "depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
                 samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
                 own extent (of an endless plane) counts as so far

@@ -132,6 +132,7 @@ VARIANTS: dict[str, Variant] = {
     "STREAM_SHADOWS": Variant("streamed triangles block shadow rays, a bit each", "integrators.stream_shadows"),
     "REFLECTIONS": Variant("rays are reflected", _WHITTED),
     # The film.
+    "FOLLOWS_MIRRORS": Variant("albedo and normal of mirrors are those of what they show", "integrators.aovs"),
     "SPLIT_LIGHT": Variant("direct light is summed apart", "gl.sums"),
     **{
         name: Variant(f"{group.meaning}; the number of their first output", "film.aovs")

@@ -6,8 +6,10 @@ of quanta, exact in any order; which shapes are seen is counted on the CPU, as m
 Cost:     a draw over the pixels for each path set: albedo and normal, or depth and position, or ids, add some 3 %
           of processor time to a set of `cornell-box-36`, all AOVs with direct light 14 %. Nothing where none is
           asked for.
-Poor at:  mirrors and glass, which show what others are: they have their own colour, normal, position and name here.
-Source:   Open Image Denoise, documentation of the RT filter: albedo and normal of the first hit.
+Poor at:  mirrors and clear glass, which show what others are: they have their own position and name here. Albedo
+          and normal are those of what they show where rays are cast (`path`, `gather`), else their own, and a
+          denoiser blurs what is seen in them.
+Source:   Open Image Denoise, documentation of the RT filter: albedo and normal, along delta paths.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from glpath.gl.lights import background_uniforms, sky_uniforms
 from glpath.gl.passes import Pass
 from glpath.gl.ping_pong import InTurn, PingPong
 from glpath.gl.program import load_program
+from glpath.gl.program_parts import ProgramParts
+from glpath.gl.ray_bvh import RayBvh
 from glpath.gl.sums import PixelSums
 from glpath.integrators.settings import IntegratorSettings
 
@@ -64,12 +68,14 @@ class Seen:
     buffer  : (w, h) uint, the primitive + 1, 0 for none; of two components: and the bits of its t
     defines : of the sensor, see `gl.camera.camera_defines`
     hit_records : records of streamed triangles, by the name in GLSL, where the scene has such
+    bvh     : where the albedo and normal of mirrors and clear glass are those of what they show
     """
 
     scene: DeviceScene
     buffer: moderngl.Texture
     defines: Mapping[str, object]
     hit_records: Mapping[str, moderngl.Texture] = field(default_factory=dict)
+    bvh: RayBvh | None = None
 
 
 class EyeAovs:
@@ -103,12 +109,18 @@ class EyeAovs:
             # The first output of each group, and the second: GLSL 4.30 adds none up.
             outputs = {name: sums.index(group.sums[0]) for name, group in groups.items()}
             outputs |= {f"{name}_1": outputs[name] + 1 for name, group in groups.items() if len(group.sums) > 1}
-            defines = {**scene.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **outputs}
+            parts = ProgramParts.of(scene)
+            if seen.bvh is not None:
+                parts.add(seen.bvh)
+                parts.defines["FOLLOWS_MIRRORS"] = 1
+                self._uniforms |= parts.uniforms
+                textures |= parts.textures
+            defines = {**parts.defines, **seen.defines, "AOV_QUANTA": float(_QUANTA), **outputs}
             program = load_program(
                 gl,
                 vertex="gl/fullscreen.vert",
                 fragment="film/aov.frag" if seen.buffer.components == 1 else "film/aov_primitives.frag",
-                generated=scene.generated,
+                generated=parts.generated,
                 defines=defines,
             )
             self._pass = self._sums.each(

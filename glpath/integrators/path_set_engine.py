@@ -92,7 +92,8 @@ class PathSetEngine(Engine):
             self._look_by_rays()
         else:
             self._see_by_scan()
-        self._aovs = EyeAovs.of(settings.aovs, Seen(scene, self._eye_buffer, self._eye_defines, self._hit_textures))
+        seen = Seen(scene, self._eye_buffer, self._eye_defines, self._hit_textures, self._seen_in_mirrors())
+        self._aovs = EyeAovs.of(settings.aovs, seen)
         self._prepare_stages()
         if scene.stream is not None:
             scene.stream.reserve()
@@ -101,6 +102,10 @@ class PathSetEngine(Engine):
     def share(self, other: PathSetEngine) -> None:
         """Before `prepare`: take the tree of an engine of the same scene, and what else depends on no view."""
         self._bvh = other._bvh
+
+    def _seen_in_mirrors(self) -> RayBvh | None:
+        """By which AOVs find what mirrors show; None: they do not."""
+        return None
 
     @property
     def _shares_lanes(self) -> bool:

@@ -149,6 +149,13 @@ class RayPathEngine(PathSetEngine):
 
     # Its parts.
 
+    def _seen_in_mirrors(self) -> RayBvh | None:
+        clear = any(self.scene.scene.materials[shape.material].is_clear for shape in self.scene.scene.shapes)
+        if not clear or self._points is not None or {"albedo", "normal"}.isdisjoint(self.settings.aovs):
+            return None
+        self._bvh = self._bvh or RayBvh(self.gl, self.scene)
+        return self._bvh
+
     def share(self, other: PathSetEngine) -> None:
         """And the guides, which are of the same solution."""
         super().share(other)

@@ -268,6 +268,13 @@ class Material:
         return rough and (self.metallic > 0 or self.transmission > 0)
 
     @property
+    def is_clear(self) -> bool:
+        """A mirror, or glass through which one sees: what it shows is sharp."""
+        if self.roughness is None:
+            return bool(np.any(self.mirror > 0))
+        return self.is_smooth and (self.metallic > 0 or self.transmission > 0)
+
+    @property
     def is_thin_dielectric(self) -> bool:
         """Glass that light goes straight through."""
         return self.is_smooth and self.transmission > 0 and self.thin

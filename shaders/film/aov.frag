@@ -6,6 +6,10 @@
 #include "camera/camera.glsl"
 #include "lights/sky.glsl"
 #include "lights/background.glsl"
+#ifdef FOLLOWS_MIRRORS
+#include "scene/ray_bvh.glsl"
+#include "film/followed.glsl"
+#endif
 
 UINT_TEXELS(r32ui, eye_buffer);  // triangle + 1
 

@@ -8,6 +8,7 @@
 //                second  normal.yz; 0; normals that were dropped as not finite
 //     albedo: diffuse reflectance, and where light comes from the surface itself or from the sky, its radiance too: cut
 //             at 1, as Open Image Denoise wants it, lamps and a bright sky are white
+//             FOLLOWS_MIRRORS: of what mirrors and clear glass show, by their share of it; and so is the normal
 //     normal: unit, to shade with, on the side that is seen; 0 where nothing is
 //   AOV_POSITION    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
 //                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were hit
@@ -56,12 +57,20 @@ uvec3 quanta(vec3 value)
 #ifdef AOV_SURFACE
 void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 {
-    vec3 albedo = seen_behind(d), normal = vec3(0.0);
+    vec3 share = vec3(1.0), normal = vec3(0.0);
+#ifdef FOLLOWS_MIRRORS
+#ifdef HAS_ALPHA
+    new_opacity_key(pixel + eye_corner, 1u);
+#endif
+    share = follow(hit, d, front, s, eye_origin(pixel));
+#endif
+    vec3 albedo = seen_behind(d);
     if (hit) {
         float pdf_area;
         albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, pdf_area);
         normal = shading_normal(s, front, -d);
     }
+    albedo *= share;
     uvec3 a = quanta(min(albedo, 1.0)), n = quanta(1.0 + normal);
     first = texel(sum_first, pixel) + uvec4(a, n.x);
     second = texel(sum_second, pixel) + uvec4(n.yz, 0u, is_finite(normal) ? 0u : 1u);

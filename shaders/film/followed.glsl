@@ -1,0 +1,58 @@
+// followed.glsl: what is seen in a mirror, and behind clear glass. A denoiser that has only the mirror itself blurs what it shows.
+// Needs:  ray_bvh.glsl, surface.glsl, sky.glsl
+// Frame:  world.
+// Source: Open Image Denoise, documentation, "Albedos" and "Normals": along the path that a perfect mirror or dielectric has.
+const int FOLLOWED = 6;  // mirrors at most
+
+// Where most of a surface's light comes from, if from one direction: sets that and the share of it. False: it does not.
+bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float side)
+{
+    vec3 wo = -d, n = shading_normal(s, front, wo), m = mirroring_normal(n, front ? s.normal : -s.normal, wo);
+    float cosine = dot(m, wo);
+    Bsdf b = bsdf_seen(s, front, wo);
+    vec3 reflected = mirrored(b, cosine), others = diffuse_reflectance(b, dot(n, wo)), through = vec3(0.0);
+#ifdef HAS_MICROFACETS
+    if (max(b.alpha.x, b.alpha.y) < SMOOTH) through = glass_transmittance(b, cosine) * under_layers(b, cosine);
+    else others += (microfacet_reflects(b, cosine) + glass_transmittance(b, cosine)) * under_layers(b, cosine);
+#endif
+    bool mirrors = mean(reflected) >= mean(through);
+    share = mirrors ? reflected : through;
+    side = mirrors ? 1.0 : -1.0;
+    vec3 bent = reflect(d, m);
+#ifdef HAS_GLASS
+    if (!mirrors) bent = b.eta > 0.0 && !is_unbent(b) ? refract(d, m, 1.0 / b.eta) : d;
+#endif
+    if (mean(share) <= mean(reflected + others + through) - mean(share) || dot(bent, bent) == 0.0) return false;
+    d = bent;
+    return true;
+}
+
+// From what the eye's ray along d has hit to what it shows; returns the share of light that comes from there. hit: false
+// where that is the sky.
+vec3 follow(inout bool hit, inout vec3 d, inout bool front, inout Surface s, vec3 eye)
+{
+    vec3 share = vec3(1.0), from = eye;
+    bool clear = hit;
+    int mirrors = 0;
+    do
+    {
+        vec3 part;
+        float side;
+        clear = clear && is_clear(s, front, d, part, side);
+        if (clear) {
+            share *= part;
+            vec3 far = abs(s.position);
+            float rounding = RAY_ROUNDING * (length(s.position - from) + max(far.x, max(far.y, far.z)));
+            from = s.position + side * rounding * (front ? s.normal : -s.normal);
+            int triangle = nearest_triangle(from, d, s.triangle);
+            hit = triangle >= 0;
+            clear = hit;
+            if (hit) {
+                vec4 plane = triangle_plane(triangle);
+                s = surface_of_triangle(triangle, from + d * ((plane.w - dot(plane.xyz, from)) / dot(plane.xyz, d)), plane);
+                front = front_hit(plane.xyz, d);
+            }
+        }
+    } while (clear && ++mirrors < FOLLOWED);
+    return share;
+}
