@@ -178,7 +178,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
         if _takes(sys.stdout, "\n"):
             raise
         say(f"glpath: error: standard output: cannot be written: {error.strerror}.", err=True)
-        _end_with(FAILED)
+        raise SystemExit(FAILED) from error
     except SystemExit as end:
         if isinstance(end.code, int) and arrived():
             _end_with(end.code)

@@ -58,13 +58,14 @@ uvec3 quanta(vec3 value)
 void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 {
     vec3 share = vec3(1.0), normal = vec3(0.0);
+    bool straight = true;
 #ifdef FOLLOWS_MIRRORS
 #ifdef HAS_ALPHA
     new_opacity_key(pixel + eye_corner, 1u);
 #endif
-    share = follow(hit, d, front, s, eye_origin(pixel));
+    share = follow(hit, d, front, s, eye_origin(pixel), straight);
 #endif
-    vec3 albedo = seen_behind(d);
+    vec3 albedo = straight ? seen_behind(d) : sky(d);
     if (hit) {
         float pdf_area;
         albedo = bsdf_albedo(bsdf_at(s, front)) + emitted(s, front, pdf_area);

@@ -5,7 +5,8 @@
 const int FOLLOWED = 6;  // mirrors at most
 
 // Where most of a surface's light comes from, if from one direction: sets that and the share of it. False: it does not.
-bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float side)
+// straight: by a thin dielectric.
+bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float side, out bool straight)
 {
     vec3 wo = -d, n = shading_normal(s, front, wo), m = mirroring_normal(n, front ? s.normal : -s.normal, wo);
     float cosine = dot(m, wo);
@@ -18,8 +19,10 @@ bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float sid
     bool mirrors = mean(reflected) >= mean(through);
     share = mirrors ? reflected : through;
     side = mirrors ? 1.0 : -1.0;
+    straight = false;
     vec3 bent = reflect(d, m);
 #ifdef HAS_GLASS
+    straight = !mirrors && b.eta <= THIN_DIELECTRIC;
     if (!mirrors) bent = b.eta > 0.0 && !is_unbent(b) ? refract(d, m, 1.0 / b.eta) : d;
 #endif
     if (mean(share) <= mean(reflected + others + through) - mean(share) || dot(bent, bent) == 0.0) return false;
@@ -28,18 +31,21 @@ bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float sid
 }
 
 // From what the eye's ray along d has hit to what it shows; returns the share of light that comes from there. hit: false
-// where that is the sky.
-vec3 follow(inout bool hit, inout vec3 d, inout bool front, inout Surface s, vec3 eye)
+// where that is the sky, or behind thin glass alone (`straight`) the background. What solid glass absorbs is left out.
+vec3 follow(inout bool hit, inout vec3 d, inout bool front, inout Surface s, vec3 eye, out bool straight)
 {
     vec3 share = vec3(1.0), from = eye;
     bool clear = hit;
     int mirrors = 0;
+    straight = true;
     do
     {
         vec3 part;
         float side;
-        clear = clear && is_clear(s, front, d, part, side);
+        bool goes_on;
+        clear = clear && is_clear(s, front, d, part, side, goes_on);
         if (clear) {
+            straight = straight && goes_on;
             share *= part;
             vec3 far = abs(s.position);
             float rounding = RAY_ROUNDING * (length(s.position - from) + max(far.x, max(far.y, far.z)));

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import glpath
 from glpath.film.aovs import DENOISER_AOVS
+from glpath.scene.background import Background
 
 MIRROR_SCENE: dict[str, object] = {
     "camera": {"position": [0.0, 1.0, 3.0], "target": [0.0, 1.0, 0.0], "fov": 40},
@@ -97,3 +99,28 @@ def test_phongs_mirror_is_one_too_and_the_t_buffer_has_the_mirrors_own() -> None
     own, facing = _in_the_middle(gold, [red], integrator="t-buffer")
     assert np.allclose(facing, [0, 0, 1], atol=1e-5)
     assert np.allclose(own, [0.9, 0.8, 0.5], atol=1e-4)
+
+
+def test_a_mirror_shows_the_sky_and_glass_the_background() -> None:
+    base = {**MIRROR_SCENE, "sky": {"zenith": 0.3, "horizon": 0.3}}
+    gold = {"type": "principled", "reflectance": [0.9, 0.8, 0.5], "roughness": 0.0, "metallic": 1.0}
+    pane = {"type": "principled", "reflectance": 1.0, "roughness": 0.0, "transmission": 1.0, "thin": True}
+    seen = {}
+    for name, clear in (("mirror", gold), ("pane", pane), ("solid", {**pane, "thin": False})):
+        scene = {**base, "materials": {"clear": clear}, "shapes": [_wall(0.0, "clear", 1.0, 1)]}
+        shown = replace(glpath.load_scene(scene), background=Background(np.array([0.1, 0.7, 0.2])))
+        film = glpath.render(shown, integrator="path", spp=1, resolution=(9, 9), aovs=DENOISER_AOVS)
+        seen[name] = film.aov("albedo")[4, 4]
+    assert np.allclose(seen["mirror"], 0.3 * np.array([0.9, 0.8, 0.5]), atol=1e-4)
+    assert np.allclose(seen["solid"], 0.3 * 0.96, atol=2e-3)
+    assert np.allclose(seen["pane"], 0.96 * np.array([0.1, 0.7, 0.2]), atol=2e-3)
+
+
+def test_what_is_masked_is_not_seen_in_a_mirror() -> None:
+    gold: dict[str, object] = {"type": "principled", "reflectance": 1.0, "roughness": 0.0, "metallic": 1.0}
+    masked = {"reflectance": [0.1, 0.9, 0.1], "alpha": "mask", "opacity": 0.2, "cutoff": 0.5}
+    materials = {**MIRROR_SCENE["materials"], "clear": gold, "masked": masked}  # type: ignore[dict-item]
+    shapes = [_wall(0.0, "clear", 1.0, 1), _wall(4.0, "masked", 4.0, -1), _wall(5.0, "red", 4.0, -1)]
+    scene = {**MIRROR_SCENE, "materials": materials, "shapes": shapes}
+    film = glpath.render(scene, integrator="path", spp=1, resolution=(9, 9), aovs=DENOISER_AOVS)
+    assert np.allclose(film.aov("albedo")[4, 4], [0.7, 0.2, 0.1], atol=1e-4)
