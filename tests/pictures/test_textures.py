@@ -16,6 +16,7 @@ from glpath.film.image import decode_srgb
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.mesh.sides import Sides
 from glpath.scene.appearance import Appearance, texture_at
+from glpath.scene.material import SLOTS as SLOT_NAMES
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Sky, Texture, TextureSlot
 from tests.support.surfaces import BLACK, GREY, camera, lamp, level, quad, scene_of
 
@@ -99,14 +100,30 @@ def test_each_byte_of_srgb_is_decoded() -> None:
     assert np.abs(found - decode_srgb(ramp / 255)).max() < 1.5e-6
 
 
-def test_numbers_in_an_image_of_srgb_are_decoded() -> None:
-    stored = random_image()
-    metal = replace(WHITE, reflectance=np.array([0.9, 0.5, 0.2]), roughness=0.6, metallic=1.0)
-    images = [Texture("t", stored, srgb=True), Texture("t", decode_srgb(stored / 255).astype(np.float32))]
-    sky = Sky(np.full(3, 4.0), np.zeros(3))
-    a, b = (picture(replace(front(replace(metal, surface_texture=TextureSlot(0)), t), sky=sky), 4) for t in images)
-    assert np.abs(a - b).max() < 1e-5
-    assert a.std() > 0.01
+@pytest.mark.evidence
+@pytest.mark.parametrize("slot", SLOT_NAMES)
+def test_each_slot_decodes_an_image_of_srgb(slot: str) -> None:
+    """Which slots are of colours stands in `texture_images` and, by how each is read, in `scene/surface.glsl`."""
+    stored = random_image(channels=4)
+    decoded = np.concatenate([decode_srgb(stored[..., :3] / 255), stored[..., 3:] / 255], axis=2).astype(np.float32)
+    shares = (
+        "transmission",
+        "diffuse_transmission",
+        "clearcoat",
+        "clearcoat_roughness",
+        "anisotropy",
+        "iridescence",
+    )
+    lobes: dict[str, Any] = {**dict.fromkeys(shares, 0.4), "sheen": np.full(3, 0.5), "sheen_roughness": 0.5}
+    all_lobes = replace(GREY, roughness=0.6, metallic=0.3, **lobes, **{slot: TextureSlot(0)})
+    found = []
+    for texture in (Texture("t", stored, srgb=True), Texture("t", decoded)):
+        scene = front(all_lobes, texture)
+        lit = replace(scene.shapes[0], emission=np.full(3, 0.5)) if slot == "emission_texture" else scene.shapes[0]
+        found.append(picture(replace(scene, shapes=(lit,), sky=Sky(np.full(3, 4.0), np.zeros(3))), 2))
+    plain = front(replace(all_lobes, **{slot: None}))
+    assert np.abs(found[0] - found[1]).max() < 2e-5
+    assert np.abs(found[0] - picture(replace(plain, sky=Sky(np.full(3, 4.0), np.zeros(3))), 2)).max() > 1e-3
 
 
 def test_colours_of_vertices_are_materials_of_triangles() -> None:
