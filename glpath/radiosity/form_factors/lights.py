@@ -42,6 +42,8 @@ _GUIDED = 0.5  # of all rays; the others go by the cosine, and carry twice as mu
 _AIMED_RAYS, _MIN_AIMED, _MAX_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
 #: Points that are looked at together, so that their rays fit into memory.
 _TOGETHER = 4096
+#: Directions as dense as a map's radiance that so many points share.
+_DRAWN = 1 << 14
 #: What lies this share of a distance before a light does not count: the light may stand on a surface.
 _NEAR_LIGHT = 1e-9
 
@@ -129,22 +131,14 @@ class DirectLight:
         total = self._punctual(points, normals, triangle, chosen, random)
         sky = self.lighting.sky
         if isinstance(sky, Environment):
-            wi = np.concatenate(
-                [
-                    _by_the_cosine(normals, random, sky_rays),
-                    _by_the_radiance(sky, len(points), random, sky_rays),
-                ],
-                axis=1,
-            )
-            seen = 2.0 * _shares(sky, wi, normals)[..., None] * self._from_sky(points, triangle, wi)
-            total += np.pi * seen.mean(axis=1)
+            total += self._of_map(sky, points, normals, triangle, random, sky_rays)
         elif sky is not None and guides is not None:
             bins, chance = drawn_bins(guides, random, sky_rays)
             wi = directions_in_bins(normals[:, None], bins, random)
             seen = self._from_sky(points, triangle, wi) / (BINS * chance[..., None])
             total += np.pi * seen.mean(axis=1)
         elif sky is not None:
-            wi = _by_the_cosine(normals, random, sky_rays)
+            wi = _about(normals[:, None], _stratified(len(points), random, sky_rays))
             total += np.pi * self._from_sky(points, triangle, wi).mean(axis=1)
         return total
 
@@ -220,6 +214,29 @@ class DirectLight:
         found[lit] = free * cosine[lit, None] * there.irradiance[lit]
         return found
 
+    def _of_map(
+        self,
+        sky: Environment,
+        points: Float64,
+        normals: Float64,
+        triangle: Int64,
+        random: np.random.Generator,
+        rays: int,
+    ) -> Float64:
+        """(P, 3) irradiance by an environment map, from so many rays by the cosine and as many by its radiance."""
+        by_cosine = _about(normals[:, None], _stratified(len(points), random, rays))
+        wi = np.concatenate([by_cosine, _by_the_radiance(sky, len(points), random, rays)], axis=1)
+        cosine = np.einsum("pkc,pc->pk", wi, normals)
+        point, ray = np.nonzero(cosine > 0)
+        free = self._free(points[point], triangle[point], wi[point, ray, None], np.full(len(point), np.inf))[:, 0]
+        # In a room few rays arrive, and a map is slower to look up than they are to cast.
+        arrive = np.flatnonzero(free.any(axis=1))
+        point, ray = point[arrive], ray[arrive]
+        radiance = sky.radiance(wi[point, ray])
+        density = cosine[point, ray] / np.pi + radiance.mean(axis=1) / sky.mean_integral
+        each = (cosine[point, ray] / density)[:, None] * free[arrive] * radiance / rays
+        return np.stack([np.bincount(point, each[:, c], minlength=len(points)) for c in range(3)], axis=1)
+
     def _from_sky(self, points: Float64, triangle: Int64, wi: Float64) -> Float64:
         """(P, K, 3) radiance of the sky that arrives along directions wi (P, K, 3)."""
         assert self.lighting.sky is not None
@@ -232,11 +249,6 @@ class DirectLight:
         free = np.empty(wi.shape)
         _free(self._surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
         return free
-
-
-def _by_the_cosine(normals: Float64, random: np.random.Generator, rays: int) -> Float64:
-    """(P, rays, 3) unit directions with density cosine / pi about normals (P, 3), stratified."""
-    return _about(normals[:, None], _stratified(len(normals), random, rays))
 
 
 def _about(normals: Float64, u: Float64) -> Float64:
@@ -282,11 +294,24 @@ def directions_in_bins(normals: Float64, bins: Int64, random: np.random.Generato
 
 
 def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:
-    """(P, rays, 3) unit directions as dense as the map's radiance, for so many points, stratified."""
-    each = _stratified(count, random, rays)
-    u = each.reshape(-1, 2)
-    found = sky.directions(np.stack([u[:, 0], random.random(len(u)), u[:, 1]], axis=1))
-    return found.reshape(*each.shape[:2], 3)
+    """(P, rays, 3) unit directions as dense as the map's radiance, for so many points, stratified.
+
+    To draw one costs more than to cast it. So many points choose from `_DRAWN`, each one from each cell, which
+    leaves the mean what it is; these are stratified within cells, too, as their error is one of all these points.
+    """
+    cells, finer = round(rays**0.5), round((_DRAWN / rays) ** 0.5)
+    if count <= finer * finer:
+        return _directions(sky, _stratified(count, random, rays), random)
+    u = _stratified(1, random, (cells * finer) ** 2).reshape(cells, finer, cells, finer, 2)
+    wi = _directions(sky, u.swapaxes(1, 2).reshape(cells * cells, -1, 2), random)
+    cell = np.arange(cells * cells)
+    return np.asarray(wi[cell, random.integers(finer * finer, size=(count, len(cell)))])
+
+
+def _directions(sky: Environment, u: Float64, random: np.random.Generator) -> Float64:
+    """(..., 3) by a map's radiance, from (..., 2): the first chooses the row, the other the texel."""
+    numbers = np.stack([u[..., 0], random.random(u.shape[:-1]), u[..., 1]], axis=-1)
+    return sky.directions(numbers.reshape(-1, 3)).reshape(*u.shape[:-1], 3)
 
 
 def _stratified(count: int, random: np.random.Generator, rays: int) -> Float64:
@@ -294,13 +319,6 @@ def _stratified(count: int, random: np.random.Generator, rays: int) -> Float64:
     cells = round(rays**0.5)
     at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
     return np.asarray((at + random.random((count, cells * cells, 2))) / cells)
-
-
-def _shares(sky: Environment, wi: Float64, normals: Float64) -> Float64:
-    """(P, K) of the density by the cosine in that of all directions (P, K, 3): Veach's balance heuristic."""
-    cosine = np.maximum(np.einsum("pkc,pc->pk", wi, normals), 0.0) / np.pi
-    every = cosine + sky.radiance(wi).mean(axis=-1) / sky.mean_integral
-    return np.asarray(cosine / np.maximum(every, np.finfo(float).tiny))
 
 
 class _Surfaces(NamedTuple):
