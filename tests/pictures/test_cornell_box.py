@@ -9,9 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
+from benchmarks.benches import equal_error
 from benchmarks.benches.gather import bench_gather
 from benchmarks.benches.path_buffer import bench_path_buffer
 from glpath.compare import mean_ratio, relative_mse
+from glpath.errors import GlpathError
 from glpath.film.film import read_image
 from tests.support.engines import engine_options
 from tests.support.repository import ROOT
@@ -86,8 +88,20 @@ def test_1024_path_sets_are_within_1e_4_of_mitsuba(mitsuba: NDArray[np.float64])
     assert mean_ratio(film.mean, mitsuba) == pytest.approx(1.0, abs=0.003)
 
 
+@pytest.fixture
+def mitsuba_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other peer: Cycles and Radiance take two thirds of a bench, and `test_bench_peers.py` is about them."""
+
+    def left_out(*_: object) -> None:
+        raise GlpathError("not asked here")
+
+    monkeypatch.setattr(equal_error, "cycles", left_out)
+    monkeypatch.setattr(equal_error.radiance_peer, "render", left_out)
+
+
 @pytest.mark.evidence
 @pytest.mark.timed
+@pytest.mark.usefixtures("mitsuba_alone")
 def test_the_bench_compares_with_mitsuba_in_one_run() -> None:
     report = bench_path_buffer(seeds=2)
     assert report.holds is (report.measured["vs_mitsuba"] >= 0.5)
@@ -98,6 +112,7 @@ def test_the_bench_compares_with_mitsuba_in_one_run() -> None:
 
 @pytest.mark.evidence
 @pytest.mark.timed
+@pytest.mark.usefixtures("mitsuba_alone")
 def test_the_gather_is_ahead_of_path_tracing_and_of_mitsuba() -> None:
     """Its solver included, to 1e-3 with all bounces. Measured: 7 and 5 times."""
     measured = (report := bench_gather(seeds=1)).measured

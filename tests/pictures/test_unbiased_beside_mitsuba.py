@@ -161,12 +161,13 @@ def blocks(films: Float64) -> Float64:
     return np.asarray(films.reshape(shape).mean(axis=(2, 4)))
 
 
+#: Path sets and Mitsuba's samples of a seed, by which both means are known about as well. Sobol: powers of two.
 ROOMS: dict[str, tuple[Any, int, int]] = {
-    "box": (lambda: load_scene("cornell-box-36"), 64, 512),
-    "room": (lambda: load_scene("room"), 32, 512),
-    "windowed": (lambda: flattened(scene_from_dict(WINDOWED)), 512, 1024),
-    "glossy": (lambda: flattened(scene_from_dict(GLOSSY)), 128, 1024),
-    "parlour": (parlour, 32, 512),
+    "box": (lambda: load_scene("cornell-box-36"), 64, 128),
+    "room": (lambda: load_scene("room"), 64, 128),
+    "windowed": (lambda: flattened(scene_from_dict(WINDOWED)), 512, 512),
+    "glossy": (lambda: flattened(scene_from_dict(GLOSSY)), 128, 512),
+    "parlour": (parlour, 64, 128),
 }
 
 

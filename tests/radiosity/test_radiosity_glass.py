@@ -178,11 +178,15 @@ def window_room(light: str, pane: str = "pane") -> Scene:
 @pytest.mark.parametrize("pane", ["pane", "window"])
 def test_a_gather_of_a_room_behind_a_pane_is_as_bright_as_path_tracing(light: str, pane: str) -> None:
     scene = window_room(light, pane)
-    path = glpath.render(scene, spp=2048, max_depth=40, guide="cosine").mean
-    solution = glpath.solve_radiosity(scene, method="monte-carlo", size=0.1, particles=1 << 20)
-    gather = glpath.render(scene, spp=128, integrator="gather", radiosity=solution).mean
-    print(light, gather.mean() / path.mean() - 1)
-    assert gather.mean() == pytest.approx(path.mean(), rel=0.01)
+    path = glpath.render(scene, spp=768, max_depth=40, guide="cosine").mean.mean()  # known to 0.2 %
+    gathers = []
+    for seed in range(2):  # of one solution to 0.4 %
+        solution = glpath.solve_radiosity(scene, method="monte-carlo", size=0.1, particles=1 << 20, seed=seed)
+        gathers.append(
+            glpath.render(scene, spp=128, integrator="gather", radiosity=solution, seed=seed).mean.mean()
+        )
+    print(light, np.array(gathers) / path - 1)
+    assert np.mean(gathers) == pytest.approx(path, rel=0.01)
 
 
 def test_guides_look_through_panes() -> None:
