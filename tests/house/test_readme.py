@@ -7,6 +7,7 @@ import shlex
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -116,8 +117,11 @@ def test_image_tests(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.evidence
 def test_the_four_pictures_are_what_their_commands_make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for what no eye sees: processors round differently, and a mirror that a denoiser blurred made 3.7e-3."""
     monkeypatch.chdir(tmp_path)
     run_commands(README.partition("The four pictures are made by these commands")[2].partition("\n## ")[0])
-    for name in ("room", "lux", "parlour", "three-spheres"):
-        shown, made = (read_image(folder / f"{name}.png") for folder in (ROOT / "docs/images", tmp_path))
-        assert abs(shown - made).mean() < 0.01 * shown.mean(), name
+    made = sorted(tmp_path.glob("*.png"))
+    assert len(made) == 4
+    for picture in made:
+        shown = read_image(ROOT / "docs" / "images" / picture.name)
+        assert np.sqrt(np.mean((read_image(picture) - shown) ** 2)) < 3e-3, picture.name

@@ -23,6 +23,14 @@ MIRROR_SCENE: dict[str, object] = {
 }
 
 
+GOLD: dict[str, object] = {
+    "type": "principled",
+    "reflectance": [0.9, 0.8, 0.5],
+    "roughness": 0.0,
+    "metallic": 1.0,
+}
+
+
 def _wall(z: float, material: str, half: float, facing: int) -> dict[str, object]:
     """A square about the camera's height, at z, that faces +z or -z."""
     corners = [[-half, 1 - half, z], [half, 1 - half, z], [half, 1 + half, z], [-half, 1 + half, z]]
@@ -39,21 +47,15 @@ def _in_the_middle(clear: dict[str, object], behind: list[dict[str, object]], **
 
 def test_a_mirror_has_the_albedo_and_normal_of_what_it_shows_by_its_share() -> None:
     red = _wall(5.0, "red", 4.0, -1)  # behind the eye
-    gold: dict[str, object] = {
-        "reflectance": [0.9, 0.8, 0.5],
-        "type": "principled",
-        "roughness": 0.0,
-        "metallic": 1.0,
-    }
-    albedo, normal = _in_the_middle(gold, [red])
+    albedo, normal = _in_the_middle(GOLD, [red])
     assert np.allclose(albedo, np.array([0.9, 0.8, 0.5]) * [0.7, 0.2, 0.1], atol=1e-4)
     assert np.allclose(normal, [0, 0, -1], atol=1e-5)
     # And of the sky, where it shows that.
-    albedo, normal = _in_the_middle(gold, [])
+    albedo, normal = _in_the_middle(GOLD, [])
     assert np.allclose(albedo, [0.9, 0.8, 0.5], atol=1e-4)
     assert np.allclose(normal, 0, atol=1e-5)
     # Two that face each other end where the rays are not followed any more.
-    albedo, _ = _in_the_middle(gold, [_wall(5.0, "clear", 4.0, -1)])
+    albedo, _ = _in_the_middle(GOLD, [_wall(5.0, "clear", 4.0, -1)])
     assert np.allclose(albedo, np.array([0.9, 0.8, 0.5]) ** 7, atol=1e-3)
 
 
@@ -87,26 +89,18 @@ def test_behind_clear_glass_is_what_one_sees(thin: bool) -> None:
 
 def test_phongs_mirror_is_one_too_and_the_t_buffer_has_the_mirrors_own() -> None:
     red = _wall(5.0, "red", 4.0, -1)
-    gold: dict[str, object] = {
-        "reflectance": [0.9, 0.8, 0.5],
-        "type": "principled",
-        "roughness": 0.0,
-        "metallic": 1.0,
-    }
     albedo, _ = _in_the_middle({"type": "phong", "mirror": [0.9, 0.8, 0.5], "reflectance": 0.0}, [red])
     assert np.allclose(albedo, np.array([0.9, 0.8, 0.5]) * [0.7, 0.2, 0.1], atol=1e-4)
-    # The ray tracers of the T-buffer have the mirror's own.
-    own, facing = _in_the_middle(gold, [red], integrator="t-buffer")
+    own, facing = _in_the_middle(GOLD, [red], integrator="t-buffer")
     assert np.allclose(facing, [0, 0, 1], atol=1e-5)
     assert np.allclose(own, [0.9, 0.8, 0.5], atol=1e-4)
 
 
 def test_a_mirror_shows_the_sky_and_glass_the_background() -> None:
     base = {**MIRROR_SCENE, "sky": {"zenith": 0.3, "horizon": 0.3}}
-    gold = {"type": "principled", "reflectance": [0.9, 0.8, 0.5], "roughness": 0.0, "metallic": 1.0}
     pane = {"type": "principled", "reflectance": 1.0, "roughness": 0.0, "transmission": 1.0, "thin": True}
     seen = {}
-    for name, clear in (("mirror", gold), ("pane", pane), ("solid", {**pane, "thin": False})):
+    for name, clear in (("mirror", GOLD), ("pane", pane), ("solid", {**pane, "thin": False})):
         scene = {**base, "materials": {"clear": clear}, "shapes": [_wall(0.0, "clear", 1.0, 1)]}
         shown = replace(glpath.load_scene(scene), background=Background(np.array([0.1, 0.7, 0.2])))
         film = glpath.render(shown, integrator="path", spp=1, resolution=(9, 9), aovs=DENOISER_AOVS)
@@ -117,9 +111,8 @@ def test_a_mirror_shows_the_sky_and_glass_the_background() -> None:
 
 
 def test_what_is_masked_is_not_seen_in_a_mirror() -> None:
-    gold: dict[str, object] = {"type": "principled", "reflectance": 1.0, "roughness": 0.0, "metallic": 1.0}
     masked = {"reflectance": [0.1, 0.9, 0.1], "alpha": "mask", "opacity": 0.2, "cutoff": 0.5}
-    materials = {**MIRROR_SCENE["materials"], "clear": gold, "masked": masked}  # type: ignore[dict-item]
+    materials = {**MIRROR_SCENE["materials"], "clear": GOLD | {"reflectance": 1.0}, "masked": masked}  # type: ignore[dict-item]
     shapes = [_wall(0.0, "clear", 1.0, 1), _wall(4.0, "masked", 4.0, -1), _wall(5.0, "red", 4.0, -1)]
     scene = {**MIRROR_SCENE, "materials": materials, "shapes": shapes}
     film = glpath.render(scene, integrator="path", spp=1, resolution=(9, 9), aovs=DENOISER_AOVS)

@@ -3,8 +3,9 @@
 What they send is cast to the points ray by ray, and what surfaces reflect of it is what the solvers begin with.
 
 Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky; twice as
-          many where that is an environment map, half of them as dense as its radiance. Under another sky 16 to 256
-          more, half of which go where those from the same element have seen the sky.
+          many where that is an environment map, half of them as dense as its radiance, of directions that points
+          share. Under another sky 16 to 256 more, half of which go where those from the same element have seen
+          the sky.
           Light passes through a triangle by its mean opacity, and straight through panes.
 Poor at:  an environment map that is seen through small openings, which few of a point's rays go through; solid and
           rough transmission, behind which it is dark here.
