@@ -4,7 +4,7 @@ Each triangle of the scene has its own lattice of elements, see `glpath.radiosit
 in it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of
 its element or three of the vertices around.
 
-Cost:     48 bytes a triangle, 32 bytes an element or vertex, 64 with all light.
+Cost:     48 bytes a triangle, 48 bytes an element or vertex, 80 with all light.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
         "Y": "the same for y",
-        "RANGE": "n; number of the first of its values; width of an element, scene units; number of the first",
+        "RANGE": "n; number of the first of its values; 0; number of its first element",
     },
+    "element": {"MIN_DISTANCE": "from which on its front and its back may be looked up, scene units"},
     "radiosity": {
         "IRRADIANCE": "W m^-2; front and back of an element or vertex in turns; how much of direct light is in it"
     },
@@ -49,6 +50,7 @@ class Values(Protocol):
     direct_share : (N,) how much of the direct light is in them, 0 to 1
     starts       : (T,) number of each triangle's first value
     all_light    : as `values`, with all light
+    min_distance : (2, E) from which on the elements' fronts and backs may be looked up, scene units
     """
 
     @property
@@ -62,6 +64,9 @@ class Values(Protocol):
 
     @property
     def all_light(self) -> Float64: ...
+
+    @property
+    def min_distance(self) -> Float64: ...
 
 
 class DeviceRadiosity:
@@ -103,7 +108,7 @@ class DeviceRadiosity:
         count, given = len(corners), values.shape[1]
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
-        max_rows = max(0, min(_MAX_ROWS, limit // (4 if all_light else 2)))
+        max_rows = max(0, min(_MAX_ROWS, limit // (5 if all_light else 3)))
         elements = divisions.astype(np.int64) ** 2
         # In a fine lattice these are twice as many as its vertices, and guides have their numbers.
         numbered = int(elements.sum()) if all_light else 0
@@ -118,13 +123,14 @@ class DeviceRadiosity:
         lattice[:, :2] = _lattice_rows(corners, divisions)
         lattice[:, 2, 0] = divisions
         lattice[:, 2, 1] = starts
-        lattice[:, 2, 2] = _element_widths(corners, divisions)
         lattice[:, 2, 3] = np.cumsum(elements) - elements
         irradiance = _sides_in_turns(values, direct_share)
         everything = _sides_in_turns(table.all_light, np.ones(given)) if all_light else np.zeros((0, 1, 4))
         max_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
         self.max_radiance = float((reflectance * max_of_triangle).max(initial=0.0)) / np.pi
-        tables = {"lattice": lattice, "radiosity": irradiance, "all_light": everything}
+        distance = np.zeros((table.min_distance.shape[1], 1, 4))
+        distance[:, 0, :2] = table.min_distance.T
+        tables = {"lattice": lattice, "element": distance, "radiosity": irradiance, "all_light": everything}
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
         self.divisions, self.has_all_light = divisions, all_light
         self.textures = {"radiosity": texture}
@@ -143,12 +149,6 @@ def _sides_in_turns(values: Float64, direct_share: Float64) -> Float64:
     rows[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
     rows[:, 0, 3] = np.repeat(direct_share, 2)
     return rows
-
-
-def _element_widths(corners: Float64, divisions: NDArray[np.int32]) -> Float64:
-    """(T,): the side of a square that two of a triangle's elements would fill."""
-    twice_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return np.asarray(np.sqrt(twice_area) / divisions)
 
 
 def _lattice_rows(corners: Float64, divisions: NDArray[np.int32]) -> Float64:

@@ -4,6 +4,10 @@ Indirect light alone is looked up where the gather traces direct light itself. C
 a light sample's 1/r^2 has no bound, and where all paths of a set share the light sample, it would be a bright spot
 in the picture. So a point has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest
 is traced.
+
+An element holds a mean. A path that comes from nearer than the element is wide sees only a part of it, and where
+irradiance changes abruptly even a distant path may see only its dark or its bright part. Such paths continue
+instead (`min_distance`).
 """
 
 from __future__ import annotations
@@ -27,6 +31,11 @@ from glpath.scene.model import Float64, Scene
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
 _CHUNK = 4096  # of points at once, 16 MB
+# Irradiance is abrupt if it differs between neighbouring elements by more than this share of the larger one, plus a
+# share of the scene's mean.
+_ABRUPT, _ABRUPT_IN_THE_DARK = 0.6, 0.1
+#: Minimum distance of a look-up that no path has.
+NEVER = 1e30
 
 
 class LookupTable(NamedTuple):
@@ -36,12 +45,15 @@ class LookupTable(NamedTuple):
     direct_share : (N,) float64, how much of the direct light is in them, 0 to 1
     starts       : (T,) int64, number of each triangle's first value
     all_light    : as `values`, with all of the direct light in them
+    min_distance : (2, E) float64, distance in scene units from which on an element's front and back may be looked
+                   up, in the order of the lattices: the width of the solver's element, or `NEVER`
     """
 
     values: Float64
     direct_share: Float64
     starts: NDArray[np.int64]
     all_light: Float64
+    min_distance: Float64
 
 
 def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool) -> LookupTable:
@@ -54,7 +66,47 @@ def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, t
         share = near_lamps(Lighting.of(scene), _lattice_points(scene, solution.divisions, interpolated))
     direct = parts[DIRECT].astype(np.float64)
     values = parts[INDIRECT] + share[:, None] * direct
-    return LookupTable(values, share, lattice.starts(count(solution.divisions))[:-1], parts[INDIRECT] + direct)
+    starts = lattice.starts(count(solution.divisions))[:-1]
+    distance = np.where(_abrupt(scene, solution, share), NEVER, _widths(scene, solution))
+    return LookupTable(values, share, starts, parts[INDIRECT] + direct, distance)
+
+
+def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
+    """(E,) the side of a square that two of the solver's elements would fill, for each element of the lattices."""
+    count = solution.divisions.astype(np.int64) ** 2
+    return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
+
+
+def _abrupt(scene: Scene, solution: RadiositySolution, share: Float64) -> NDArray[np.bool_]:
+    """(2, E): whether irradiance differs much between an element and those that it shares a vertex with.
+
+    share : (N,) of the direct light that is looked up, at the vertices of the lattices or in the elements
+    """
+    n = solution.divisions.astype(np.int64)
+    corners = _vertices_of_elements(n)
+    if len(share) != len(corners):
+        share = share[corners].mean(axis=1)
+    light = (solution.elements[INDIRECT] + share[:, None] * solution.elements[DIRECT]).mean(axis=2)
+    least, most = (np.full((2, int(solution.first_vertex[-1])), fill) for fill in (np.inf, -np.inf))
+    for corner in corners.T:
+        for side in range(2):
+            np.minimum.at(least[side], corner, light[side])
+            np.maximum.at(most[side], corner, light[side])
+    lower, upper = least[:, corners].min(axis=2), most[:, corners].max(axis=2)
+    areas = np.repeat(scene.areas / n**2, n**2)
+    lit = (light > 0) * areas
+    mean = float((lit * light).sum() / max(float(lit.sum()), np.finfo(float).tiny))
+    abrupt = upper - lower > _ABRUPT * upper + _ABRUPT_IN_THE_DARK * mean
+    # On the solver's coarse elements it is a gradient, which interpolation follows.
+    largest = np.maximum.reduceat(solution.leaf_size, solution.first_element[:-1]) if len(n) else n
+    return np.asarray(abrupt & (solution.leaf_size < np.repeat(largest, n**2)))
+
+
+def _vertices_of_elements(divisions: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(E, 3): numbers of the vertices of all elements of the lattices."""
+    first = lattice.starts(lattice.vertex_count(divisions))
+    found = [lattice.element_vertices(int(n)) + start for n, start in zip(divisions, first[:-1], strict=True)]
+    return np.concatenate(found) if found else np.zeros((0, 3), np.int64)
 
 
 def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:

@@ -58,6 +58,8 @@ class RadiositySolution:
     method     : how it was solved
     settings   : all else that decides the result, as JSON has values
     statistics : what it took, as JSON has values
+    leaf_size  : (E,) uint16, edge of the solver's element that each element is part of, in elements: above 1 where
+                 the lattice is finer than the mesh that was solved. Left out, 1 everywhere
     """
 
     scene_hash: str
@@ -67,6 +69,7 @@ class RadiositySolution:
     method: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
     statistics: Mapping[str, Any] = field(default_factory=dict)
+    leaf_size: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -76,6 +79,10 @@ class RadiositySolution:
         put(self, "divisions", np.ascontiguousarray(divisions, np.int32))
         for name in ("elements", "vertices"):
             put(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
+        sizes = np.asarray(self.leaf_size) if len(self.leaf_size) else np.ones(self.element_count, np.uint16)
+        if sizes.shape != (self.element_count,) or not np.all((sizes >= 1) & (sizes <= _MAX_DIVISIONS)):
+            raise ValueError(f"leaf_size must be ({self.element_count},), each from 1 to {_MAX_DIVISIONS}")
+        put(self, "leaf_size", np.ascontiguousarray(sizes, np.uint16))
         for name in ("settings", "statistics"):
             put(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         for name, count in (("elements", self.first_element[-1]), ("vertices", self.first_vertex[-1])):
@@ -213,6 +220,7 @@ class RadiositySolution:
                 divisions=self.divisions,
                 elements=self.elements,
                 vertices=self.vertices,
+                leaf_size=self.leaf_size,
                 made_by=np.array(json.dumps(plain)),
             )
 
@@ -280,6 +288,7 @@ class RadiositySolution:
                 divisions=stored.read("divisions", "iu", (None,)),
                 elements=stored.read("elements", "f", (2, 2, None, 3)),
                 vertices=stored.read("vertices", "f", (2, 2, None, 3)),
+                leaf_size=stored.read("leaf_size", "u", (None,)) if "leaf_size" in stored else np.zeros(0, np.uint16),
                 **{name: made_by[name] for name in names},
             )
         if scene is not None:

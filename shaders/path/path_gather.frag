@@ -19,7 +19,7 @@
 #endif
 #include "path/path_state.glsl"
 
-uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path continues
+uniform float lookup_distance;  // in minimum distances of the element; nearer than a random share of it, a path continues
 
 void main()
 {
@@ -36,7 +36,7 @@ void main()
         const bool streamed = false;
 #endif
         LatticePosition in_lattice = lattice_position(streamed ? 0 : a.triangle, a.position);
-        float width = in_lattice.width;
+        float width = min_lookup_distance(in_lattice, a.front);
 #ifdef STREAMED
         if (streamed) width = volume_cell;
 #endif

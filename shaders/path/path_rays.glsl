@@ -43,7 +43,7 @@ int scattered = 0;  // surfaces that the path has left, thin dielectrics that it
 #endif
 #ifdef GATHER
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
-uniform float lookup_distance;  // in widths of an element; nearer than a random share of it, a path continues
+uniform float lookup_distance;  // in minimum distances of the element; nearer than a random share of it, a path continues
 const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
@@ -301,7 +301,7 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 #endif
     if (bounces < lookup_depth) return;
     path.continues = bounces < lookup_depth + FURTHER && !mirrored
-        && s.t < lookup_distance * random_at(path.at, USE_LOOKUP) * in_lattice.width;
+        && s.t < lookup_distance * random_at(path.at, USE_LOOKUP) * min_lookup_distance(in_lattice, s.v.front);
     if (path.continues) {
         path.vertices = path.at.depth + 2;
     } else {

@@ -18,7 +18,6 @@ vec4 irradiance_value(int first, int number, int back)
 struct LatticePosition
 {
     int first_value, first_element;  // of the triangle
-    float width;  // of an element
     int last;     // number of the last cell of the first row
     int i, j;     // the cell
     bool upper;   // in its upper element?
@@ -36,7 +35,7 @@ LatticePosition lattice_position(int triangle, vec3 position)
     int i = min(int(p.x), last);
     int j = min(int(p.y), last - i);
     vec2 f = clamp(p - vec2(i, j), 0.0, 1.0);
-    return LatticePosition(int(range.y), int(range.w), range.z, last, i, j, f.x + f.y > 1.0 && i + j < last, f);
+    return LatticePosition(int(range.y), int(range.w), last, i, j, f.x + f.y > 1.0 && i + j < last, f);
 }
 
 // The number of the element in its triangle.
@@ -45,7 +44,14 @@ int element_in(LatticePosition p)
     return p.j * (2 * (p.last + 1) - p.j) + 2 * p.i + int(p.upper);
 }
 
-// front: of the triangle, or its back.
+// Distance from which on a path may look up the element at this position, on the triangle's front or back.
+float min_lookup_distance(LatticePosition p, bool front)
+{
+    vec2 distance = element_texel(p.first_element + element_in(p), ELEMENT_MIN_DISTANCE).rg;
+    return front ? distance.r : distance.g;
+}
+
+// Irradiance on the triangle's front or back.
 vec4 irradiance_at(LatticePosition p, bool front)
 {
     int first = p.first_value, back = int(!front);

@@ -65,7 +65,9 @@ def locate(n: ArrayLike, b1: ArrayLike, b2: ArrayLike) -> tuple[Int64, Int64, In
 @lru_cache(maxsize=64)
 def vertex_barycentrics(n: int) -> Float64:
     """(V, 2): b1 and b2 of the vertices, in their order. Not to be written to."""
-    j, i = np.array([(j, i) for j in range(n + 1) for i in range(n + 1 - j)], float).reshape(-1, 2).T
+    length = n + 1 - np.arange(n + 1)  # of each row
+    j = np.repeat(np.arange(n + 1), length)
+    i = np.arange(len(j)) - np.repeat(np.cumsum(length) - length, length)
     corners = np.stack([i, j], axis=1) / n
     corners.flags.writeable = False
     return corners
@@ -74,8 +76,10 @@ def vertex_barycentrics(n: int) -> Float64:
 @lru_cache(maxsize=64)
 def element_vertices(n: int) -> Int64:
     """(n * n, 3): the vertices of each element, counter-clockwise like the triangle. Not to be written to."""
-    cells = [(i, j, upper) for j in range(n) for i in range(n - j) for upper in range(2) if i + j + upper < n]
-    i, j, upper = np.array(cells, np.int64).T
+    length = 2 * (n - np.arange(n)) - 1  # of each row
+    j = np.repeat(np.arange(n), length)
+    in_row = np.arange(n * n) - np.repeat(np.cumsum(length) - length, length)
+    i, upper = in_row // 2, in_row % 2
     a = np.where(upper, vertex_index(n, i + 1, j + 1), vertex_index(n, i, j))
     b = np.where(upper, vertex_index(n, i, j + 1), vertex_index(n, i + 1, j))
     c = np.where(upper, vertex_index(n, i + 1, j), vertex_index(n, i, j + 1))

@@ -95,8 +95,10 @@ class Elements:
 @lru_cache(maxsize=64)
 def _cells(n: int) -> Int64:
     """(n * n, 3): i, j and upper of a lattice's elements in their order."""
-    row = [(i // 2, i % 2) for i in range(2 * n - 1)]
-    return np.array([(i, j, up) for j in range(n) for i, up in row[: 2 * (n - j) - 1]], np.int64)
+    length = 2 * (n - np.arange(n)) - 1  # of each row
+    j = np.repeat(np.arange(n), length)
+    in_row = np.arange(n * n) - np.repeat(np.cumsum(length) - length, length)
+    return np.stack([in_row // 2, j, in_row % 2], axis=1)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ that gradients reach the border of a surface. Vertices in the middle of a longer
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from glpath.radiosity.mesh import lattice
@@ -25,8 +27,23 @@ def at_corners(mesh: Mesh, values: Float64) -> Float64:
     return np.stack([nodes.values(side)[nodes.of] for side in values])
 
 
-def resample(mesh: Mesh, values: Float64) -> tuple[Int64, Float64, Float64]:
-    """Divisions (T,), elements (..., E', 3) and vertices (..., V, 3) of a solution, from values (..., E, 3)."""
+class Resampled(NamedTuple):
+    """Values of a mesh on the lattices of its finest elements.
+
+    divisions : (T,) of each triangle's lattice
+    elements  : (..., E', 3) of the lattices' elements
+    vertices  : (..., V, 3) of the lattices' vertices, interpolated within each element of the mesh
+    leaf_size : (E',) edge of the mesh's element that a lattice element is part of, in lattice elements
+    """
+
+    divisions: Int64
+    elements: Float64
+    vertices: Float64
+    leaf_size: Int64
+
+
+def resample(mesh: Mesh, values: Float64) -> Resampled:
+    """Resample the values (..., E, 3) of a mesh's elements on lattices."""
     sides = values.reshape(-1, *values.shape[-2:])
     corner_values = at_corners(mesh, sides)
     count = len(mesh.scene.triangles)
@@ -42,7 +59,10 @@ def resample(mesh: Mesh, values: Float64) -> tuple[Int64, Float64, Float64]:
     first_element = lattice.starts(lattice.element_count(divisions))
     first_vertex = lattice.starts(lattice.vertex_count(divisions))
     elements = np.zeros((len(sides), first_element[-1], 3))
-    elements[:, first_element[fine.triangle] + fine.index()] = sides[:, leaf]
+    number = first_element[fine.triangle] + fine.index()
+    elements[:, number] = sides[:, leaf]
+    leaf_size = np.ones(elements.shape[1], np.int64)
+    leaf_size[number] = fine.n // mesh.elements.n[leaf]
 
     corners = fine.corners()
     weights = _weights(corners, fine.n, mesh.elements[leaf])
@@ -54,7 +74,7 @@ def resample(mesh: Mesh, values: Float64) -> tuple[Int64, Float64, Float64]:
         if sides[side].any():
             vertices[side, at] = np.einsum("evc,ecx->evx", weights, corner_values[side, leaf])
     before = values.shape[:-2]
-    return divisions, elements.reshape(*before, -1, 3), vertices.reshape(*before, -1, 3)
+    return Resampled(divisions, elements.reshape(*before, -1, 3), vertices.reshape(*before, -1, 3), leaf_size)
 
 
 def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:

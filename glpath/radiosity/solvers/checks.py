@@ -50,9 +50,9 @@ def check_options(options: dict[str, object]) -> None:
         if value is not None and not above < float(str(value)) < max_value:
             bound = f"above {above:g}" + (f" and below {max_value:g}" if max_value < math.inf else " and finite")
             raise UsageError(f"solve_radiosity: {name} is {value}; must be {bound}.")
-    if o["adaptive"] and o["method"] != "progressive":
+    if o["adaptive"] and o["method"] == "matrix":
         raise UsageError(
-            f'solve_radiosity: adaptive subdivision is for method "progressive", not "{o["method"]}".',
+            'solve_radiosity: adaptive subdivision is for methods "progressive" and "monte-carlo", not "matrix".',
             "Leave it out, or take finer elements with splits.",
         )
 

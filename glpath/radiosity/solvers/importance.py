@@ -81,7 +81,7 @@ def _from_camera(
     lamps = Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
     flux = np.zeros((2, 2, len(cells), 3))
     none = np.zeros(BATCH, np.int64)
-    arrivals = Arrivals(flux, np.zeros((2, 0, BINS)) if came is None else came)
+    arrivals = Arrivals(flux, np.zeros((2, 0)), np.zeros((2, 0, BINS)) if came is None else came)
     for i in range(batches):
         random = np.random.default_rng([seed, i, 0])
         origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)

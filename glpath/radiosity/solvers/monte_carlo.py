@@ -7,6 +7,9 @@ continues from every surface in a direction by the cosine; it survives with the 
 S. Pattanaik, S. Mudur, "Computation of global illumination by Monte Carlo simulation of the particle model of
 light", 1992.
 
+With `adaptive`, particles are counted on a finer lattice, and elements are small where it shows that the light
+changes (`mesh.quadtree`).
+
 Cost:     a ray per bounce of a particle; memory for the elements alone.
 Poor at:  smooth pictures of fine meshes: an element with a hundred hits is off by a tenth.
 """
@@ -23,7 +26,16 @@ from numpy.typing import NDArray
 
 from glpath.radiosity.form_factors.light_choice import Chosen, LightChoice
 from glpath.radiosity.form_factors.lights import BINS, DirectLight, directions_in_bins, drawn_bins, guides_of
-from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, occluder_of_triangle
+from glpath.radiosity.lookup import near_lamps
+from glpath.radiosity.mesh.mesh import (
+    Elements,
+    Int64,
+    Mesh,
+    divisions_of_size,
+    occluder_of_triangle,
+    size_for_count,
+)
+from glpath.radiosity.mesh.quadtree import Detail, Quadtree
 from glpath.radiosity.mesh.sides import Sides, open_points
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
@@ -39,6 +51,12 @@ _START_RAYS = 4
 _CELL_RAYS, _FAR_RAYS = 16, 4
 #: So many of the most important sides of cells have so many: a window may be small.
 _CLOSER, _CLOSE_RAYS = 2048, 100
+#: Divisions of edges that a first look has, as a power of two, and that each further look adds.
+_FIRST_DEPTH, _DEEPER = 2, 2
+#: Elements that lattices have at most after a first look, and after all.
+_FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 17
+#: Share of the energy that may be misplaced within a triangle's finest elements.
+_UNRESOLVED = 0.001
 #: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
 _SPREAD, _UNHIT = 0.25, 0.2
 
@@ -74,15 +92,19 @@ class _Lit(NamedTuple):
 class Shooting:
     """Energy that has arrived, in batches of particles.
 
-    mesh      : each patch one element
+    mesh      : the coarse elements, each patch one
     seed      : another seed is another, independent solution
     for_camera: reflected light of punctual lights and the sky starts where it matters to what the camera sees
+    adaptive  : how often an element may be split in four
     particles : that were shot
+    tree      : lattices; particles are counted on the finest
     flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
-                reflected; at the elements' fronts and backs
+                reflected; at the fronts and backs of the tree's finest elements
+    square    : (2, E) sums of the squared energy of each arrival, mean of the channels
     hits      : of particles on surfaces
-    open_areas : (2, E) of what is not buried in solids, of both sides; all of an element that light cannot reach
-    lit        : (2, E, 3) irradiance by lights that are no patches, which no particle brings
+    open_areas : (2, E) area of the mesh's elements that is not buried in solids, of both sides; all of an element
+                 that light cannot reach
+    lit        : (2, E, 3) irradiance of the mesh's elements by lights that are no patches, which no particle brings
     view       : (2,) sums over batches of the mean radiance that their light adds to the camera's picture by a
                  gather, times `BATCH`, and of its square; of a solution for a camera
     whole      : false while sums change; a signal may end that in the middle
@@ -91,8 +113,10 @@ class Shooting:
     mesh: Mesh
     seed: int = 0
     for_camera: bool = False
+    adaptive: int = 0
     particles: int = 0
     hits: int = 0
+    tree: Quadtree = field(init=False)
     flux: Float64 = field(init=False)
     square: Float64 = field(init=False)
 
@@ -103,7 +127,7 @@ class Shooting:
         sides = Sides.of(scene, Elements.of_lattices(ones))
         used = np.zeros((2, count), bool)
         used[sides.back, sides.element] = True
-        self._used = used[:, self.mesh.elements.triangle]
+        self._used = used
         divisions = ones.copy()
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
         self._rays = rays_of(scene)
@@ -111,14 +135,64 @@ class Shooting:
         self.open_areas, self.lit = _open_and_lit(self.mesh, self._light)
         self._surfaces = Surfaces.of(scene, self._rays, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
-        self.flux = np.zeros((2, 2, len(self.mesh.elements), 3))
-        self.square = np.zeros(self.flux.shape[1:])
-        self.view = np.zeros(2)
         self._gathered: Float64 | None = None
         if self.for_camera:
             gathered = gathered_by_camera(scene, self._rays, self.mesh.elements, self.seed)
             self._gathered = gathered / self.open_areas[..., None]
+        self._nearness = np.ones(len(self.mesh.elements))
+        if self.for_camera and self.adaptive:
+            middles = self.mesh.elements.points(scene, np.full((1, 3), 1 / 3))[:, 0]
+            self._nearness = near_lamps(self._light.lighting, middles)
+        self._count_on(Quadtree(divisions, self._first_depth(divisions)))
+
+    def _first_depth(self, divisions: Int64) -> Int64:
+        """(T,) how often the lattices of a first look are halved: so that all elements are about as large."""
+        depth = np.zeros_like(divisions)
+        if self.adaptive:
+            scene, surface = self.mesh.scene, self.mesh.surface
+            size = size_for_count(scene, surface, _FIRST_ELEMENTS, by_size=True)
+            finer = divisions_of_size(scene, surface, size) / divisions
+            depth = np.asarray(np.ceil(np.log2(np.maximum(finer, 1.0))), np.int64)
+        return np.minimum(depth, min(self.adaptive, _FIRST_DEPTH))
+
+    def _count_on(self, tree: Quadtree) -> None:
+        """Begin with other lattices, and no particles."""
+        self.whole = False
+        self.tree, divisions = tree, tree.finest
+        self._surfaces = self._surfaces.on_lattices(divisions)
+        self.flux = np.zeros((2, 2, int((divisions**2).sum()), 3))
+        self.square = np.zeros(self.flux.shape[1:3])
+        self.view = np.zeros(2)
+        self.particles = self.hits = 0
+        self._seen = None
+        if self._gathered is not None:
+            self._seen = np.stack([tree.of_coarse(self._gathered[..., c]) for c in range(3)], axis=2)
         self.whole = True
+
+    def detail(self, threshold: float) -> Detail:
+        """Where the light so far changes within elements by more than this share of it.
+
+        For a camera it is the light that a gather looks up: without the direct light that it traces itself.
+        """
+        direct = self.tree.of_coarse(np.stack([self._nearness] * 2))[..., None]
+        light = self.flux[INDIRECT] + direct * self.flux[DIRECT]
+        return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, threshold)
+
+    def deepen(self, detail: Detail) -> bool:
+        """Begin anew on finer lattices where the light changes within the finest elements; False if none may be."""
+        depth, unresolved = self.tree.depth.copy(), detail.unresolved
+        size = (self.tree.coarse << depth) ** 2
+        room = max(_MAX_ELEMENTS, 2 * len(self.mesh.elements)) - int(size.sum())
+        for triangle in np.argsort(-unresolved, kind="stable")[: np.count_nonzero(unresolved > _UNRESOLVED)]:
+            steps = min(_DEEPER, self.adaptive - int(depth[triangle]))
+            while steps > 0 and int(size[triangle]) * (4**steps - 1) > room:
+                steps -= 1
+            room -= int(size[triangle]) * (4**steps - 1)
+            depth[triangle] += steps
+        if np.array_equal(depth, self.tree.depth):
+            return False
+        self._count_on(Quadtree(self.tree.coarse, depth))
+        return True
 
     def _find_lamps(self, sides: Sides) -> tuple[Lamps, _Lit, int]:
         """Triangles that emit; sides that reflect the light of what is no patch; particles of a batch for these."""
@@ -289,13 +363,13 @@ class Shooting:
         with ThreadPoolExecutor(threads) as pool:
             for start in range(first, first + batches, threads):
                 numbers = range(start, min(start + threads, first + batches))
-                for flux, hits in pool.map(self._batch, numbers):
+                for arrivals, hits in pool.map(self._batch, numbers):
                     self.whole = False
-                    self.flux += flux
-                    self.square += flux.sum(axis=0) ** 2
-                    if self._gathered is not None:
+                    self.flux += arrivals.flux
+                    self.square += arrivals.square
+                    if self._seen is not None:
                         # Direct light is found by other means where it is seen.
-                        seen = float((self._gathered * flux[INDIRECT]).sum()) / 3
+                        seen = float(np.vdot(self._seen, arrivals.flux[INDIRECT])) / 3
                         self.view += seen, seen * seen
                     self.hits += hits
                     self.particles += BATCH
@@ -305,10 +379,18 @@ class Shooting:
     def state(self) -> dict[str, NDArray[Any]]:
         """All that the solution depends on, for `restore`."""
         counts = np.array([self.particles, self.hits], np.int64)
-        return {"flux": self.flux, "square": self.square, "view": self.view, "counts": counts}
+        return {
+            "flux": self.flux,
+            "square": self.square,
+            "view": self.view,
+            "counts": counts,
+            "depth": self.tree.depth,
+        }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Resume from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        if state["depth"].shape == self.tree.depth.shape:
+            self._count_on(Quadtree(self.tree.coarse, np.array(state["depth"], np.int64)))
         for name in ("flux", "square", "view"):
             if state[name].shape != getattr(self, name).shape:
                 raise ValueError(
@@ -317,29 +399,21 @@ class Shooting:
             setattr(self, name, np.array(state[name]))
         self.particles, self.hits = map(int, state["counts"])
 
-    def _batch(self, number: int) -> tuple[Float64, int]:
-        flux = np.zeros_like(self.flux)
-        starts, arrivals = self._starts(number), Arrivals(flux, np.zeros((2, 0, BINS)))
+    def _batch(self, number: int) -> tuple[Arrivals, int]:
+        arrivals = Arrivals(np.zeros_like(self.flux), np.zeros_like(self.square), np.zeros((2, 0, BINS)))
+        starts = self._starts(number)
         hits = shoot_batch(
             number, self.seed, self._surfaces, self._lamps, starts, ENDLESS, arrivals, np.empty((4, 3))
         )
-        return flux, int(hits)
+        return arrivals, int(hits)
 
-    def irradiance(self) -> Float64:
-        """(2, 2, E, 3) W m^-2, the estimate so far: direct and indirect, as `flux`."""
-        found = self.flux / max(self.particles, 1) / self.open_areas[..., None]
-        found[DIRECT] += self.lit
-        return np.asarray(found)
-
-    def standard_error(self) -> Float64:
-        """(2, E, 3) of both parts of `irradiance` together, from how the batches differ; infinite while there are
-        less than two."""
-        batches = self.particles // BATCH
-        if batches < 2:
-            return np.full_like(self.square, np.inf)
-        mean = self.flux.sum(axis=0) / batches
-        variance = np.maximum(self.square / batches - mean**2, 0.0) / (batches - 1)
-        return np.asarray(np.sqrt(variance) / BATCH / self.open_areas[..., None])
+    def error_of_mean(self) -> float | None:
+        """Standard error of the irradiance of all surfaces, as a share of it; None if nothing arrived."""
+        power = (self.lit.mean(axis=2) * self.open_areas).sum()
+        power += self.flux.mean(axis=3).sum() / max(self.particles, 1)
+        if not (self.particles and power > 0):
+            return None
+        return float(np.sqrt(self.square.sum()) / self.particles / power)
 
     def view_error(self) -> tuple[float, float] | None:
         """Mean radiance, of the channels, that a gather of the camera's picture has of the solution, and its error.
@@ -352,9 +426,24 @@ class Shooting:
         mean, square = self.view / batches
         return float(mean) / BATCH, float(np.sqrt(max(square - mean * mean, 0.0) / (batches - 1))) / BATCH
 
-    def result(self) -> Float64:
-        """(2, 2, E, 3): irradiance of the elements; 0 where a side neither reflects nor emits."""
-        return np.asarray(self.irradiance() * self._used[..., None])
+    def result(self, detail: Detail) -> tuple[Mesh, Float64]:
+        """The mesh of the elements that the light needs, and their irradiance (2, 2, E, 3), W m^-2.
+
+        It is 0 where a side neither reflects nor emits.
+        """
+        mesh = detail.mesh(self.mesh)
+        whole = detail.leaves[0]
+        open_areas, lit = self.open_areas[:, whole], self.lit[:, whole]
+        if mesh is not self.mesh:
+            of = np.arange(int(whole.sum()), len(mesh.elements))
+            parts = Mesh(mesh.scene, mesh.surface, mesh.patches, mesh.elements[of], mesh.patch[of])
+            of_parts = _open_and_lit(parts, self._light)
+            open_areas, lit = (np.concatenate(pair, axis=1) for pair in zip((open_areas, lit), of_parts, strict=True))
+        levels = zip(self.tree.sums(self.flux), detail.leaves, strict=True)
+        flux = np.concatenate([sums[:, :, leaf] for sums, leaf in levels], axis=2)
+        found = flux / max(self.particles, 1) / open_areas[..., None]
+        found[DIRECT] += lit
+        return mesh, np.asarray(found * self._used[:, mesh.elements.triangle][..., None])
 
 
 def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:

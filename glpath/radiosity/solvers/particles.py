@@ -70,6 +70,10 @@ class Surfaces(NamedTuple):
             lattice.starts(lattice.element_count(divisions)),
         )
 
+    def on_lattices(self, divisions: Int64) -> Surfaces:
+        """The same surfaces with other lattices, of (T,) divisions."""
+        return self._replace(divisions=divisions, begin=lattice.starts(lattice.element_count(divisions)))
+
 
 class Lamps(NamedTuple):
     """Where particles start, the sums of the chances of that, and the energy of a particle from each.
@@ -100,13 +104,16 @@ class Starts(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """What arrives, which is added to.
+    """Sums that a batch adds to.
 
-    flux : (2, 2, E, 3)
-    came : (2, E, BINS), or (2, 0, BINS): what arrives after being reflected, by the bin that it came from
+    flux   : (2, 2, E, 3) energy, by part, side, element and channel
+    square : (2, E) sums of the squared energy of each arrival, mean of the channels; (2, 0) if not needed
+    came   : (2, E, BINS) energy that arrives after a reflection, by the bin of its direction; (2, 0, BINS) if not
+             needed
     """
 
     flux: Float64
+    square: Float64
     came: Float64
 
 
@@ -137,7 +144,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
     max_reflections : reflections after which a particle ends where it arrives
     """
     corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
-    flux, came = arrivals
+    flux, square, came = arrivals
     hits = 0
     if len(lamps.cdf) == 0 and len(starts.triangle) == 0:
         return hits
@@ -201,6 +208,8 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 continue
             if part == 1 and came.shape[1] > 0:
                 came[back, at, _bin(normals[triangle], d)] += (w[0] + w[1] + w[2]) / 3
+            if square.shape[1] > 0:
+                square[back, at] += ((w[0] + w[1] + w[2]) / 3) ** 2
             survival, reflected, across = 0.0, 0.0, 0.0
             for k in range(3):
                 flux[part, back, at, k] += w[k]

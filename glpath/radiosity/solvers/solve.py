@@ -126,12 +126,13 @@ class _Run:
         self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, self.elapsed_s))
 
     def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
-        divisions, elements, vertices = resample(mesh, irradiance)
+        divisions, elements, vertices, leaf_size = resample(mesh, irradiance)
         return RadiositySolution(
             scene_hash=self.scene.digest(camera=False),
             divisions=divisions.astype(np.int32),
             elements=elements.astype(np.float32),
             vertices=vertices.astype(np.float32),
+            leaf_size=leaf_size,
             method=self.method,
             settings=self.settings,
             statistics={
@@ -262,7 +263,8 @@ def solve_radiosity(
     compile_ahead(needed)
     with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
-            return _monte_carlo(run, mesh, particles, seed, for_camera, checkpoint)
+            shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive)
+            return _monte_carlo(run, shooting, particles, threshold, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
         transport = Transport(
             mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
@@ -356,9 +358,8 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
 
 
 def _monte_carlo(
-    run: _Run, mesh: Mesh, particles: int, seed: int, for_camera: bool, checkpoint: SolverCheckpoint | None
+    run: _Run, shooting: monte_carlo.Shooting, particles: int, threshold: float, checkpoint: SolverCheckpoint | None
 ) -> RadiositySolution:
-    shooting = monte_carlo.Shooting(mesh, seed, for_camera)
     if checkpoint is not None and checkpoint.begin(
         shooting, run.scene.digest(camera=False), run.method, run.settings
     ):
@@ -371,29 +372,33 @@ def _monte_carlo(
         if checkpoint is not None:
             checkpoint.step(shooting, shooting.particles // BATCH, run.elapsed_s)
         left = max(0.0, 1 - shooting.particles / (batches * BATCH))
-        run.report("particles", shooting.particles, left, 0.0, len(mesh.elements))
+        run.report("particles", shooting.particles, left, 0.0, len(shooting.tree.levels[-1]))
 
     def solution() -> RadiositySolution:
-        areas = shooting.open_areas[..., None]
-        mean = float((shooting.irradiance().sum(axis=0) * areas).sum())
-        noise = float((shooting.standard_error() ** 2 * areas**2).sum() ** 0.5)
-        error = noise / mean if mean > 0 and math.isfinite(noise) else None
+        mesh, irradiance = shooting.result(shooting.detail(threshold))
         view = shooting.view_error()
         return run.solution(
             mesh,
-            shooting.result(),
+            irradiance,
             particles=shooting.particles,
             hits=shooting.hits,
-            error_of_mean=error,
+            error_of_mean=shooting.error_of_mean(),
             **({} if view is None else {"view_mean": view[0], "view_error": view[1]}),
         )
 
     try:
         while True:
             shooting.shoot(batches - shooting.particles // BATCH, report)
+            # As many particles for each element, however many elements there are.
+            detail = shooting.detail(threshold)
+            elements = sum(int(leaf.sum()) for leaf in detail.leaves)
+            wanted = round(asked * elements / len(shooting.mesh.elements))
+            if shooting.deepen(detail):
+                batches = min(wanted, max(asked, _MAX_BATCHES))
+                continue
             view = shooting.view_error()
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
-            if enough or batches + asked > max(asked, _MAX_BATCHES):
+            if (enough and batches >= wanted) or batches + asked > max(asked, _MAX_BATCHES):
                 return solution()
             # At the same numbers, however many threads there are.
             batches += asked
@@ -412,6 +417,6 @@ def _settings(options: dict[str, object], size: float) -> dict[str, object]:
         "progressive": ("splits", "adaptive", "threshold", "unshot", "max_steps", "overshoot", "ambient",
                         "form_factors", "emitter_samples", "receiver_points"),
         "matrix": ("splits", "form_factors", "emitter_samples", "receiver_points"),
-        "monte-carlo": ("splits", "particles", "seed", "for_camera"),
+        "monte-carlo": ("splits", "adaptive", "threshold", "particles", "seed", "for_camera"),
     }  # fmt: skip
     return {"size": size} | {name: options[name] for name in of[str(options["method"])]}

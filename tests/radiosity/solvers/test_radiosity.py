@@ -173,8 +173,9 @@ def test_monte_carlo_says_how_far_it_is_off():
     shooting = Shooting(Mesh.uniform(scene, np.full(12, 2), surface), seed=1)
     shooting.shoot(32, lambda: None)
     assert shooting.particles == 32 * BATCH
-    irradiance, error = shooting.irradiance().sum(axis=0)[0], shooting.standard_error()[0]
-    off = (irradiance - 2 * np.pi) / error
+    mesh, irradiance = shooting.result(shooting.detail(0.25))
+    error = np.sqrt(shooting.square[0]) / shooting.particles / mesh.areas
+    off = (irradiance.sum(axis=0)[0] - 2 * np.pi) / error[:, None]
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     # Of equal numbers of hits; each survives by a half.
     assert shooting.hits == pytest.approx(2 * shooting.particles, rel=0.02)
@@ -295,7 +296,7 @@ def test_nothing_tears_where_small_elements_meet_large_ones(seed):
     for _ in range(3):
         mesh = mesh.refine(rng.random(len(mesh.elements)) < 0.25)
     values = rng.random((2, 2, len(mesh.elements), 3))
-    divisions, elements, vertices = resample(mesh, values)
+    divisions, elements, vertices, _ = resample(mesh, values)
     from glpath.radiosity.solution import RadiositySolution
 
     solution = RadiositySolution("", divisions, elements, vertices)
@@ -323,7 +324,7 @@ def test_vertices_take_up_a_gradient_to_the_border():
     mesh = Mesh.uniform(scene, np.full(2, 8), surfaces(scene))
     middles = mesh.elements.points(scene, np.full((1, 3), 1 / 3))[:, 0]
     slope = 1 + middles[:, [0, 0, 1]]
-    _, _, vertices = resample(mesh, np.stack([slope, slope]))
+    _, _, vertices, _ = resample(mesh, np.stack([slope, slope]))
     from glpath.radiosity.mesh import lattice
 
     corners = scene.triangles
