@@ -210,16 +210,11 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
             yield "  the error of the radiosity solution, which is not known, is not in the error"
         else:
             yield f"  of that error, {percent(of_solution)} is the radiosity solution's, whatever the path sets"
-    bias = film.bias()
-    if bias is not None:
-        by_block = percent(bias.blocks) if bias.blocks > 0 else f"below {percent(bias.blocks_error)}"
-        yield (
-            f"  bias of the gather: {percent(bias.mean)} of the light, plus or minus {percent(bias.mean_error)}; "
-            f"by block {by_block}"
-        )
+    yield from bias_lines(film)
     if picture.denoise:
         error = film.relative_error(denoised=True)
-        clean = ", which is clean" if m.stop_rule == CLEAN else ""
+        bias = film.bias()
+        clean = ", which is clean" if m.stop_rule == CLEAN and (bias is None or bias.is_small()) else ""
         then = "" if error is None else f", then error about {percent(error)}{clean}"
         yield f"  denoised by Open Image Denoise{then}"
     elif picture.missing:
@@ -246,6 +241,16 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
         yield f"wrote {path}{shown}"
 
 
+def bias_lines(film: Film) -> Iterator[str]:
+    """Say how large the bias of a gather is, or that it was too large and "path" was taken instead."""
+    bias, rejected = film.bias(), film.rejected_bias()
+    if bias is not None:
+        large = "" if bias.is_small() else ", which is too large; --integrator path has none"
+        yield f"  bias of the gather: {bias}{large}"
+    if rejected is not None:
+        yield f"  by path: the bias of the gather would be {rejected}"
+
+
 def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndRecord:
     """The last object of `--progress json`."""
     m = film.metadata
@@ -264,7 +269,7 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndReco
 
 
 def bias_as_json(film: Film) -> dict[str, float] | None:
-    """Of a gather, see `glpath.film.bias.Bias`."""
+    """Return the fields of `glpath.film.bias.Bias`; None if the film has none."""
     bias = film.bias()
     return None if bias is None else vars(bias)
 

@@ -1,9 +1,10 @@
-"""How far a picture with a bias, a gather's, is from the light that unbiased paths find: in the mean and by block.
+"""Bias of a gather: how far its light is from that of unbiased paths, in the mean and by block of the picture.
 
-A few path sets of unbiased paths, of a smaller picture, are kept as the means of its blocks, beside the film and
-not in it (`FilmMetadata.statistics["unbiased"]`): they add up when films merge.
+The gather and unbiased paths trace the same few path sets of a smaller picture. Both take the same first directions
+and light samples, so the difference of a set has little noise. Sums of the differences are kept beside the film
+(`FilmMetadata.statistics["bias_probe"]`).
 
-Poor at:  bias in a few pixels, a dark corner say: blocks are an eighth of the picture along a side.
+Poor at:  bias in a few pixels, such as a dark corner: blocks are an eighth of the picture along a side.
 """
 
 from __future__ import annotations
@@ -15,59 +16,95 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.noise import FLOOR, standard_error
+from glpath.film.noise import FLOOR
 
 Float64 = NDArray[np.float64]
 
-#: Under which name `FilmMetadata.statistics` has what unbiased paths find.
-UNBIASED = "unbiased"
+#: Name of the sums in `FilmMetadata.statistics`.
+BIAS_PROBE = "bias_probe"
+#: Name of the sums of a gather whose bias was too large, so that "path" rendered the film.
+REJECTED_GATHER = "rejected_gather"
 #: Blocks along each side of the picture.
 BLOCKS = 8
+#: Bias that a default picture may have: share of the light of the whole picture, and of its blocks.
+MAX_MEAN, MAX_BLOCKS = 0.01, 0.03
+#: Standard errors by which the mean has to be away from the limit for a sure decision, and for a final one.
+SURE, FINAL = 2.0, 1.0
+# Standard errors of one of many blocks that noise explains.
+_BLOCK_NOISE = 3.5
+# A block darker than this share of the picture's light counts as that bright.
+_DARK_BLOCK = 0.02
 
 
 @dataclass(frozen=True)
 class Bias:
     """The bias of a picture, as shares of its light.
 
-    mean         : of the whole picture: above 0 it is too bright
-    mean_error   : its standard error
-    blocks       : the root of the mean square over blocks, relative as in `compare.relative_mse`, without what
-                   noise explains: 0 where that explains all
-    blocks_error : what it would be by noise alone
+    mean         : of the whole picture; above 0 it is too bright
+    mean_error   : standard error of `mean`
+    blocks       : root mean square over blocks, relative as in `compare.relative_mse`, less the part that noise
+                   explains
+    blocks_error : root mean square over blocks that noise alone would give
+    worst_block  : largest bias of a block, less 3.5 standard errors
     """
 
     mean: float
     mean_error: float
     blocks: float
     blocks_error: float
+    worst_block: float
+
+    def is_small(self, errors: float = FINAL) -> bool:
+        """Return True if the bias is below 1 % in the mean and 3 % in blocks, by so many standard errors."""
+        spread = errors * self.blocks_error**2 * np.sqrt(2.0) / BLOCKS
+        return bool(
+            abs(self.mean) + errors * self.mean_error < MAX_MEAN
+            and np.sqrt(self.blocks**2 + spread) < MAX_BLOCKS
+            and self.worst_block < MAX_BLOCKS
+            and self.blocks_error < MAX_BLOCKS
+        )
+
+    def is_large(self, errors: float = SURE) -> bool:
+        """Return True if the bias is above the limit, in the mean or in blocks, by so many standard errors."""
+        return bool(
+            abs(self.mean) - errors * self.mean_error > MAX_MEAN
+            or self.blocks > MAX_BLOCKS + errors * self.blocks_error / BLOCKS
+            or self.worst_block > MAX_BLOCKS
+        )
+
+    def __str__(self) -> str:
+        blocks = max(self.blocks, self.blocks_error)
+        word = "up to " if self.blocks < self.blocks_error else ""
+        return (
+            f"{100 * self.mean:+.2g} % of the light, plus or minus {100 * self.mean_error:.1g}; "
+            f"in blocks {word}{100 * blocks:.2g} %"
+        )
 
 
-def block_means(picture: NDArray[np.floating[Any]], across: float = 1.0) -> Float64:
-    """(BLOCKS, BLOCKS), the mean of the channels of a picture (H, W, 3) in blocks of one size.
-
-    across : the blocks cover this share of its width, about the middle
-    """
+def block_means(picture: NDArray[np.floating[Any]]) -> Float64:
+    """(BLOCKS, BLOCKS), the mean of the channels of a picture (H, W, 3) in blocks of one size."""
     height, width = picture.shape[:2]
     sums = np.pad(picture.mean(axis=2, dtype=np.float64), ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     rows = np.linspace(0.0, height, BLOCKS + 1)
-    columns = 0.5 * width * (1.0 + across * np.linspace(-1.0, 1.0, BLOCKS + 1))
+    columns = np.linspace(0.0, width, BLOCKS + 1)
     at_columns = np.stack([np.interp(columns, np.arange(width + 1), row) for row in sums])
     at = np.stack([np.interp(rows, np.arange(height + 1), column) for column in at_columns.T], axis=1)
     of_blocks = np.diff(np.diff(at, axis=0), axis=1)
     return np.asarray(of_blocks / (np.diff(rows)[:, None] * np.diff(columns)))
 
 
-def summed(sets: Sequence[Float64], across: float) -> dict[str, Any]:
-    """The block means of path sets as `statistics["unbiased"]`: sums add up where films merge.
+def summed(biased: Sequence[Float64], unbiased: Sequence[Float64]) -> dict[str, Any]:
+    """Return the block means of path sets as `statistics["bias_probe"]`.
 
-    The last of each list is of the whole picture.
+    biased, unbiased : (BLOCKS, BLOCKS) of each path set, in pairs
+
+    The last entry of each list is of the whole picture.
     """
-    each = _with_the_whole(sets)
-    return {
-        "sets": len(sets),
-        "across_sum": across * len(sets),
-        "sum": [float(f"{one:.9g}") for one in each.sum(axis=0)],
-        "square": [float(f"{one:.9g}") for one in (each**2).sum(axis=0)],
+    light = _with_the_whole(unbiased)
+    difference = _with_the_whole(biased) - light
+    sums = {"light": light, "difference": difference, "square": difference**2}
+    return {"sets": len(light)} | {
+        name: [float(f"{one:.9g}") for one in each.sum(axis=0)] for name, each in sums.items()
     }
 
 
@@ -76,39 +113,36 @@ def _with_the_whole(sets: Sequence[Float64]) -> Float64:
     return np.stack([np.append(means, means.mean()) for means in sets])
 
 
-def check_unbiased(found: object) -> None:
-    """Raise ValueError for what `summed` has not made."""
-    if not isinstance(found, Mapping) or {*found} != {"sets", "across_sum", "sum", "square"}:
-        raise ValueError("its unbiased paths are not described by sets, across_sum, sum and square")
-    counts, lists = (found["sets"], found["across_sum"]), (found["sum"], found["square"])
+def check_probe(found: object) -> None:
+    """Raise ValueError for a value that `summed` cannot have made."""
+    if not isinstance(found, Mapping) or {*found} != {"sets", "light", "difference", "square"}:
+        raise ValueError("its bias probe does not consist of sets, light, difference and square")
+    lists = (found["light"], found["difference"], found["square"])
     if not all(isinstance(one, list) and len(one) == BLOCKS**2 + 1 for one in lists):
-        raise ValueError(f"its unbiased paths are not in {BLOCKS**2 + 1} blocks")
-    if not all(isinstance(one, int | float) and one > 0 for one in counts):
-        raise ValueError("its unbiased paths are no path sets")
+        raise ValueError(f"its bias probe is not in {BLOCKS**2 + 1} blocks")
+    if not (isinstance(found["sets"], int) and found["sets"] > 0):
+        raise ValueError("its bias probe has no path sets")
 
 
-def bias_of(radiance_sums: Float64, batch_counts: NDArray[np.int64], unbiased: Mapping[str, Any]) -> Bias | None:
-    """The bias of a film (B, H, W, 3) of so many path sets in each batch; None where too few sets show no error.
+def bias_of(probe: Mapping[str, Any]) -> Bias | None:
+    """Return the bias that a probe found; None if it has fewer than two path sets.
 
-    unbiased : what `summed` has made
+    probe : sums that `summed` has made
     """
-    count, used = int(unbiased["sets"]), np.flatnonzero(batch_counts)
-    if count < 2 or len(used) < 2:
+    count = int(probe["sets"])
+    if count < 2:
         return None
-    across = unbiased["across_sum"] / count
-    light = np.array(unbiased["sum"]) / count
-    spread = np.maximum(np.array(unbiased["square"]) / count - light**2, 0.0) / (count - 1)
-    whole = _with_the_whole([block_means(radiance_sums[batch], across) for batch in used])
-    found = whole.sum(axis=0) / batch_counts[used].sum()
-    variance = spread + standard_error(whole, batch_counts[used]) ** 2
-    difference = found - light
+    light, difference = np.array(probe["light"]) / count, np.array(probe["difference"]) / count
+    variance = np.maximum(np.array(probe["square"]) / count - difference**2, 0.0) / (count - 1)
+    whole = max(float(light[-1]), 1e-12)
     weight = 1.0 / (light[:-1] ** 2 + FLOOR)
     by_noise = float(np.mean(variance[:-1] * weight))
     square = float(np.mean(difference[:-1] ** 2 * weight)) - by_noise
-    middle = max(float(light[-1]), 1e-12)
+    excess = np.abs(difference[:-1]) - _BLOCK_NOISE * np.sqrt(variance[:-1])
     return Bias(
-        mean=float(difference[-1]) / middle,
-        mean_error=float(np.sqrt(variance[-1])) / middle,
+        mean=float(difference[-1]) / whole,
+        mean_error=float(np.sqrt(variance[-1])) / whole,
         blocks=float(np.sqrt(max(square, 0.0))),
         blocks_error=float(np.sqrt(by_noise)),
+        worst_block=max(0.0, float((excess / np.maximum(light[:-1], _DARK_BLOCK * whole)).max())),
     )

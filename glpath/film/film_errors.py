@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from glpath.errors import UsageError
 from glpath.film import denoise as open_image_denoise
 from glpath.film.batches import BLOCK
-from glpath.film.bias import UNBIASED, Bias, bias_of
+from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, Bias, bias_of
 from glpath.film.noise import MIN_BATCHES, error_bound
 from glpath.film.sums import FilmSums, mean_of
 
@@ -129,13 +129,17 @@ class FilmErrors(FilmSums):
         return error / whole * float(np.sqrt(np.mean(mean**2 / (mean**2 + 0.01)))) if whole > 0 else 0.0
 
     def bias(self) -> Bias | None:
-        """The bias of a gather's picture, beside unbiased paths: see `glpath.film.bias`.
+        """Return the bias of a gather, measured before it was rendered: see `glpath.film.bias`.
 
-        None where it is not known: of engines without bias, of a crop, of points, and of a part that a cluster's
-        worker has rendered.
+        None if it is not known: the engine has no bias, or the device had no room for the measurement.
         """
-        unbiased = self.metadata.statistics.get(UNBIASED)
-        return None if unbiased is None else bias_of(self.radiance_sums, self.batch_counts, unbiased)
+        probe = self.metadata.statistics.get(BIAS_PROBE)
+        return None if probe is None else bias_of(probe)
+
+    def rejected_bias(self) -> Bias | None:
+        """Return the bias of the gather that "path" replaced; None if no gather was rejected."""
+        probe = self.metadata.statistics.get(REJECTED_GATHER)
+        return None if probe is None else bias_of(probe)
 
     def denoised_noise(self) -> float | None:
         """The noise of `denoised`, as `relative_error` gives it, from two halves alone: a render that ends when it

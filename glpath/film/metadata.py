@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from glpath.errors import UsageError
 from glpath.film.aovs import AOVS, ID_AOVS, sums_of
-from glpath.film.bias import UNBIASED, check_unbiased
+from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, check_probe
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
@@ -65,8 +65,10 @@ class FilmMetadata:
     statistics      : counts, summed when merging: `paths_cast`; of scans of the path-buffer `paths_lost` (to the
                       roulette of a cell); `paths_cut` (at a length that chance should have ended before);
                       `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
-                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution; `unbiased`, of a
-                      gather's picture, the light that unbiased paths find, see `glpath.film.bias`
+                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution; `bias_probe`,
+                      of a gather, sums of its difference to unbiased paths, see `glpath.film.bias`;
+                      `rejected_gather`, the same of a gather whose bias was too large, so that "path" rendered
+                      the film
     aovs            : names out of AOVS that the film holds as well
     shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
     material_names  : of its materials, likewise
@@ -169,8 +171,9 @@ def metadata_of(text: str) -> FilmMetadata:
     texts = all(isinstance(version, str) for version in metadata.versions.values())
     if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
         raise ValueError("its statistics or versions are of no type that adds up")
-    if UNBIASED in metadata.statistics:
-        check_unbiased(metadata.statistics[UNBIASED])
+    for name in (BIAS_PROBE, REJECTED_GATHER):
+        if name in metadata.statistics:
+            check_probe(metadata.statistics[name])
     _check_names(metadata)
     origin = metadata.position_origin
     if origin is not None and not (len(origin) == 3 and all(isinstance(x, int | float) for x in origin)):
@@ -215,7 +218,8 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
     """Numbers are added, also those of lists; texts that differ are both named, mappings go down a level."""
     merged = dict(ours)
     for key, value in theirs.items():
-        if key not in ours:
+        # Parts of a render have the same probes.
+        if key not in ours or (key in (BIAS_PROBE, REJECTED_GATHER) and value == ours[key]):
             merged[key] = value
         elif isinstance(value, Mapping) and isinstance(ours[key], Mapping):
             merged[key] = merged_values(ours[key], value)

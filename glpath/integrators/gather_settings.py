@@ -41,7 +41,7 @@ _OF_PATH_BUFFER = (
     "geometry_budget",
 )
 # Of these the film has the digest of the solution, or they decide nothing.
-_NOT_RECORDED = ("radiosity", "radiosity_lookup", "geometry_budget")
+_NOT_RECORDED = ("radiosity", "radiosity_lookup", "geometry_budget", "or_path", "refined")
 
 
 class Solution(Protocol):
@@ -56,6 +56,9 @@ class GatherSettings(SharedDirections, PathSetSettings):
     """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
 
     With cast "path-buffer" it is the paper's local pass; its `directions` are a setting for experiments.
+
+    or_path : take "path" instead if the measured bias is too large, as `auto` does
+    refined : the solution has finer elements than by default, because the bias was too large with those
     """
 
     integrator = "gather"
@@ -129,6 +132,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
     ] = 2
 
     geometry_budget: GeometryBudget = GEOMETRY_BUDGET
+    or_path: bool = False
+    refined: bool = False
 
     @property
     def path_length(self) -> int:
@@ -159,7 +164,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
         unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
         if not self.interleaved:
             unused = (*unused, "interleave")
-        return {k: v for k, v in super().recorded().items() if k not in (*_NOT_RECORDED, *unused)}
+        recorded = {k: v for k, v in super().recorded().items() if k not in (*_NOT_RECORDED, *unused)}
+        return recorded | ({"refined": True} if self.refined else {})
 
     def check_together(self, given: Mapping[str, Any]) -> None:
         cast = given.get("cast", self.cast)

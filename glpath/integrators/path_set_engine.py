@@ -99,8 +99,11 @@ class PathSetEngine(Engine):
             scene.stream.reserve()
         return self
 
-    def share(self, other: PathSetEngine) -> None:
-        """Before `prepare`: take the tree of an engine of the same scene, and what else depends on no view."""
+    def share(self, other: PathSetEngine, *, solution: bool = True) -> None:
+        """Before `prepare`, take the tree of an engine of the same scene, and what else depends on no view.
+
+        solution : both have the same radiosity solution
+        """
         self._bvh = other._bvh
 
     def _seen_in_mirrors(self) -> RayBvh | None:

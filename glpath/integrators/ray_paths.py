@@ -156,10 +156,10 @@ class RayPathEngine(PathSetEngine):
         self._bvh = self._bvh or RayBvh(self.gl, self.scene)
         return self._bvh
 
-    def share(self, other: PathSetEngine) -> None:
-        """And the guides, which are of the same solution."""
+    def share(self, other: PathSetEngine, *, solution: bool = True) -> None:
+        """Take the guides as well, which are of the solution."""
         super().share(other)
-        if isinstance(other, RayPathEngine):
+        if isinstance(other, RayPathEngine) and solution:
             self.guide = other.guide
 
     @property

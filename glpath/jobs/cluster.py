@@ -31,17 +31,20 @@ from typing import Any
 
 from glpath.errors import ContextError, GlpathError, UsageError, warn
 from glpath.film.batches import BLOCK
+from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
 from glpath.film.choices import INTERRUPTED_RULE
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
 from glpath.jobs.connection import Connection, quiet
 from glpath.jobs.worker import Part, Shared, render_part, this_version
+from glpath.rendering.bias import SIDE, BiasCheck
+from glpath.rendering.factory import Plan, sensor_in
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, missing
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.session import begin, checked_plan, prepare
+from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
@@ -91,16 +94,45 @@ class Cluster(Connection):
         RenderInterrupted : on Ctrl-C, with what was merged
         """
         started = time.perf_counter()
-        plan = checked_plan(job, scene)
+        plan = checked_plan(job, scene).resumed(options.film)
         clock = begin(job, plan, scene, options, None, started=started, prepared=False)
         if clock.ended_before():
             return clock.film
-        plan = prepare(job, plan, scene, plan.traceable(scene), clock)
+        traced = plan.traceable(scene)
+        plan = prepare(job, plan, scene, traced, clock)
+        plan = _with_small_bias(plan, job, scene, traced, options, clock)
         shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
         for text in plan.remarks(clock.film):
             warn(text)
         return clock.film
+
+
+def _with_small_bias(
+    plan: Plan, job: RenderJob, scene: Scene, traced: Scene, options: RunOptions, clock: Clock
+) -> Plan:
+    """Return the prepared plan, or another if its bias is too large: measured here, once for all workers."""
+    if clock.film.metadata.statistics.keys() & {BIAS_PROBE, REJECTED_GATHER} or not plan.settings.biased:
+        return plan
+    sensor = sensor_in(traced, job.sensor, scene).reduced(SIDE)
+    window = (0, 0, *sensor.resolution)
+    try:
+        context = options.context()
+        with interrupt_as_flag() as interrupted, context.rendering():
+            check = BiasCheck(context, traced, sensor, window, options.timings, clock.report, interrupted)
+            with context:
+                engine = plan.engine(context, traced, sensor, window, options.timings).prepare()
+            plan, engine = check.settle(plan, engine)
+            with context:
+                engine.close()
+    except KeyboardInterrupt:
+        raise RenderInterrupted(clock.film) from None
+    except ContextError as error:
+        log.warning("the bias of the gather cannot be measured here: %s", error.message)
+        return plan.without_bias() or plan
+    clock.statistics |= check.statistics or {}
+    describe_plan(clock.film, metadata_of(job, plan, scene, None))
+    return plan
 
 
 @dataclass(frozen=True)

@@ -288,7 +288,9 @@ class RadiositySolution:
                 divisions=stored.read("divisions", "iu", (None,)),
                 elements=stored.read("elements", "f", (2, 2, None, 3)),
                 vertices=stored.read("vertices", "f", (2, 2, None, 3)),
-                leaf_size=stored.read("leaf_size", "u", (None,)) if "leaf_size" in stored else np.zeros(0, np.uint16),
+                leaf_size=stored.read("leaf_size", "u", (None,))
+                if "leaf_size" in stored
+                else np.zeros(0, np.uint16),
                 **{name: made_by[name] for name in names},
             )
         if scene is not None:

@@ -1,9 +1,10 @@
 """What "auto" is: the integrator that shows a scene clean soonest, and its options that were left open.
 
 The gather, where the scene can have a radiosity solution in time that is worth it, nothing is asked for that a
-gather has not, and the picture is no thumbnail; else paths. Streams of triangles, which fit into no memory, take
-the path-buffer, which has all their light without bias, and planes without end the T-buffer, as no other knows
-them; so does an option that no other has.
+gather has not, and the picture is no thumbnail; else paths. A gather whose measured bias is too large is replaced
+by paths later (`glpath.rendering.bias`). Streams of triangles, which fit into no memory, take the path-buffer,
+which has all their light without bias, and planes without end the T-buffer, as no other knows them; so does an
+option that no other has.
 
 The scene and the options decide alone, so that a job is the same on every machine: never how fast that is, or what
 is installed on it.
@@ -15,6 +16,7 @@ import functools
 import math
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,7 +62,17 @@ def chosen(
         given = {**given, "max_depth": _DEPTH_WITH_AMBIENT}
     if kind is GatherSettings and scene.shapes.streams and "cast" not in given:
         given = {**given, "cast": "path-buffer"}  # no BVH has streamed triangles
-    return settings_of(name, given).completed(solvable)
+    settings = settings_of(name, given).completed(solvable)
+    if integrator == AUTO and isinstance(settings, GatherSettings) and settings.cast == "bvh":
+        only_gather = any(option in given for option in _gather_alone())
+        return replace(settings, or_path=not only_gather)
+    return settings
+
+
+def _gather_alone() -> set[str]:
+    """Options of the gather that "path" does not have."""
+    path = PathSettings.integrator
+    return {name for name, option in options().items() if path not in option.settings}
 
 
 def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]) -> str:

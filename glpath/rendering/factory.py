@@ -13,6 +13,7 @@ import numpy as np
 
 from glpath.errors import SceneError
 from glpath.film.aovs import guides_denoiser
+from glpath.film.bias import REJECTED_GATHER
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
@@ -64,15 +65,19 @@ GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1
 _STARTING_EVERYWHERE = 4
 #: How often an element is split in four where the light changes: to a hundredth of the width of a coarse one.
 GATHER_ADAPTIVE = 6
+#: How many times as many patches and particles a refined solution has.
+_REFINED = 8
 _COARSE_PIXELS = 1 << 16  # of a picture, for which that is enough
 
 
 def solve_for_gather(
-    scene: Scene, on_progress: Callable[[RadiosityProgress], None] | None = None
+    scene: Scene, on_progress: Callable[[RadiosityProgress], None] | None = None, *, refined: bool = False
 ) -> RadiositySolution:
-    """The radiosity solution of guided paths, and of a gather that is given none: coarse, by particles.
+    """Solve the radiosity for guided paths, and for a gather that is given no solution: coarsely, by particles.
 
     A large picture of few triangles has more elements: finer guides are worth more than they cost there.
+
+    refined : with more and finer elements, as the bias with the usual ones is too large
     """
     from glpath.radiosity.solvers.solve import solve_radiosity  # slow to import
 
@@ -81,11 +86,12 @@ def solve_for_gather(
     wanted = max(_PARTICLES_PER_TRIANGLE * len(scene.triangles), round(_MIN_PARTICLES * finer))
     if scene.sky is not None or scene.lights:
         wanted *= _STARTING_EVERYWHERE
+    more = _REFINED if refined else 1
     return solve_radiosity(
         scene,
         method="monte-carlo",
-        patches=round(GATHER_PATCHES * finer),
-        particles=min(wanted, _MAX_PARTICLES),
+        patches=more * round(GATHER_PATCHES * finer),
+        particles=min(more * wanted, _MAX_PARTICLES),
         adaptive=GATHER_ADAPTIVE,
         for_camera=True,
         on_progress=on_progress,
@@ -125,18 +131,44 @@ class Plan(ABC):
         return self
 
     @abstractmethod
-    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
+    def engine(
+        self,
+        context: Context,
+        scene: Scene,
+        sensor: Sensor,
+        window: Window,
+        timings: bool,
+        device: DeviceScene | None = None,
+    ) -> Engine:
         """The engine for a traceable scene, which has the sensor's camera; it is not prepared, the plan is.
 
+        device : the scene as another engine of the same plan has it on the device
         sensor : relative to the scene's origin, as those that the engine looks from later, see `sensor_in`
         """
 
-    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> Engine | None:
-        """Of a plan whose pictures have a bias, an engine without one for what its own engine has on the device.
+    def bias_probe(
+        self, engine: Engine, context: Context, scene: Scene, sensor: Sensor
+    ) -> tuple[PathSetEngine, PathSetEngine] | None:
+        """Return an engine with the plan's bias and one without, which trace the same paths; neither is prepared.
 
-        It is not prepared, and looks at all of the sensor. None: there is none, or its pictures have no bias.
+        None if the plan has no bias that can be measured.
+
+        engine : of the plan; what it has on the device is shared
+        sensor : all of which both engines look at
         """
         return None
+
+    def refined(self, scene: Scene, say: Say) -> Plan | None:
+        """Return the prepared plan with a finer radiosity solution; None if it has no finer one."""
+        return None
+
+    def without_bias(self) -> Plan | None:
+        """Return the prepared plan of an integrator without bias, where the job leaves the choice; else None."""
+        return None
+
+    def resumed(self, film: Film | None) -> Plan:
+        """Return the plan that a film was begun with: its integrator and solution may have been replaced."""
+        return self
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
         """Continue with another scene, traceable and with a camera of its own. Raises SceneError."""
@@ -167,10 +199,12 @@ class _Paths(Plan):
 
     solution : of the prepared plan, where paths are guided. It is not recorded: pictures by any one add up, as
                paths are unbiased
+    is_refined : the solution is the fine one of a gather that was rejected
     """
 
     settings: PathSettings
     solution: RadiositySolution | None = None
+    is_refined: bool = False
 
     def traceable(self, scene: Scene) -> Scene:
         if self.settings.needs_solution:
@@ -181,10 +215,18 @@ class _Paths(Plan):
         if not self.settings.guided or self.solution is not None:
             return self
         # Guides may be of any moment: paths stay unbiased.
-        return _Paths(self.settings, _solved(scene.still(), say))
+        return replace(self, solution=_solved(scene.still(), say, refined=self.is_refined))
 
-    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
-        return _engine_with_solution(self, context, scene, sensor, window, timings)
+    def engine(
+        self,
+        context: Context,
+        scene: Scene,
+        sensor: Sensor,
+        window: Window,
+        timings: bool,
+        device: DeviceScene | None = None,
+    ) -> Engine:
+        return _engine_with_solution(self, context, scene, sensor, window, timings, device)
 
     def remarks(self, film: Film) -> list[str]:
         return _cut(film)
@@ -209,7 +251,15 @@ class _PathBuffer(Plan):
     def prepared(self, scene: Scene, say: Say) -> Plan:
         return replace(self, settings=_interleaved(self.settings, scene))
 
-    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
+    def engine(
+        self,
+        context: Context,
+        scene: Scene,
+        sensor: Sensor,
+        window: Window,
+        timings: bool,
+        device: DeviceScene | None = None,
+    ) -> Engine:
         make = partial(Interleaved, make=path_engine) if self.settings.interleaved else path_engine
         return make(
             context.gl,
@@ -235,7 +285,13 @@ def _interleaved(settings: _Shared, scene: Scene) -> _Shared:
 
 
 def _engine_with_solution(
-    plan: _Paths | _Gathering, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+    plan: _Paths | _Gathering,
+    context: Context,
+    scene: Scene,
+    sensor: Sensor,
+    window: Window,
+    timings: bool,
+    device: DeviceScene | None,
 ) -> Engine:
     """The engine, with the plan's radiosity solution where there is one."""
     solution, settings = plan.solution, plan.settings
@@ -248,7 +304,7 @@ def _engine_with_solution(
     each = partial(path_engine, radiosity=radiosity)
     make = partial(Interleaved, make=each) if settings.interleaved else each
     budget = settings.geometry_budget if isinstance(settings, GatherSettings) else None
-    device = DeviceScene(context.gl, parted or scene, geometry_budget=budget)
+    device = device or DeviceScene(context.gl, parted or scene, geometry_budget=budget)
     return make(context.gl, device, settings, window, sensor=sensor, timings=timings)
 
 
@@ -286,13 +342,13 @@ def _proxies(scene: Scene, say: Say) -> Proxies:
     return proxies
 
 
-def _solved(scene: Scene, say: Say) -> RadiositySolution:
+def _solved(scene: Scene, say: Say, *, refined: bool = False) -> RadiositySolution:
     def report(progress: RadiosityProgress) -> None:
         unshot = "" if progress.unshot is None else f", {float(f'{100 * progress.unshot:.1g}'):g} % unshot"
         say(f"solving radiosity: {progress.stage}{unshot}" if progress.elements else progress.stage)
 
     say("solving radiosity")
-    return solve_for_gather(scene, report)
+    return solve_for_gather(scene, report, refined=refined) if refined else solve_for_gather(scene, report)
 
 
 def _move_camera(engine: Engine, scene: Scene) -> None:
@@ -386,7 +442,7 @@ class _Gathering(Plan):
         given, proxies = self.settings.radiosity, _proxies(scene, say) if scene.shapes.streams else None
         solved = scene if proxies is None else proxies.scene
         if given is None:
-            solution = _solved(solved, say)
+            solution = _solved(solved, say, refined=self.settings.refined)
         elif isinstance(given, Path):
             solution = RadiositySolution.load(given)
         else:
@@ -395,22 +451,63 @@ class _Gathering(Plan):
         solution.check_scene(solved)
         return _Gathering(_interleaved(self.settings, scene), solution, proxies)
 
-    def engine(self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool) -> Engine:
+    def engine(
+        self,
+        context: Context,
+        scene: Scene,
+        sensor: Sensor,
+        window: Window,
+        timings: bool,
+        device: DeviceScene | None = None,
+    ) -> Engine:
         assert self.solution is not None, "the plan is not prepared"
-        return _engine_with_solution(self, context, scene, sensor, window, timings)
+        return _engine_with_solution(self, context, scene, sensor, window, timings, device)
 
-    def unbiased(self, engine: Engine, context: Context, scene: Scene, sensor: Sensor) -> PathSetEngine | None:
-        if self.settings.by_path_buffer or self.solution is None:
-            return None
-        assert isinstance(engine, PathSetEngine), f"an engine of another plan: {engine!r}"
-        settings = PathSettings(seed=self.settings.seed, guide="solution").completed(lambda: True)
+    def bias_probe(
+        self, engine: Engine, context: Context, scene: Scene, sensor: Sensor
+    ) -> tuple[PathSetEngine, PathSetEngine] | None:
+        if self.solution is None or self.proxies is not None:
+            return None  # no BVH has streamed triangles
         width, height = sensor.resolution
-        radiosity = device_radiosity(context.gl, scene, self.solution, settings)
-        found = path_engine(
-            context.gl, engine.scene, settings, (0, 0, width, height), sensor=sensor, radiosity=radiosity
+        gather = GatherSettings(
+            lookup_depth=self.settings.lookup_depth,
+            lookup_distance=self.settings.lookup_distance,
+            radiosity_lookup=self.settings.radiosity_lookup,
+            direct_light=self.settings.direct_light,
         )
-        found.share(engine)
-        return found
+        path = PathSettings(guide="solution").completed(lambda: True)
+        engines: list[PathSetEngine] = []
+        for settings in (gather, path):
+            radiosity = device_radiosity(context.gl, scene, self.solution, settings)
+            engines.append(
+                path_engine(
+                    context.gl, engine.scene, settings, (0, 0, width, height), sensor=sensor, radiosity=radiosity
+                )
+            )
+        return engines[0], engines[1]
+
+    def refined(self, scene: Scene, say: Say) -> Plan | None:
+        if self.settings.refined or self.settings.radiosity is not None or self.proxies is not None:
+            return None
+        settings = replace(self.settings, refined=True)
+        return replace(self, settings=settings, solution=None).prepared(scene, say)
+
+    def without_bias(self) -> Plan | None:
+        settings = self.settings
+        if not settings.or_path:
+            return None
+        path = PathSettings(
+            seed=settings.seed, aovs=settings.aovs, sampling=settings.sampling, guide=settings.guide
+        ).completed(lambda: True)
+        return _Paths(path, self.solution, settings.refined)
+
+    def resumed(self, film: Film | None) -> Plan:
+        if film is None:
+            return self
+        refined = replace(self, settings=replace(self.settings, refined=True))
+        if REJECTED_GATHER in film.metadata.statistics:
+            return refined.without_bias() or self
+        return refined if film.metadata.settings.get("refined") else self
 
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film)
@@ -471,7 +568,13 @@ class _Whitted(Plan):
         return _posed(scene).centred
 
     def engine(
-        self, context: Context, scene: Scene, sensor: Sensor, window: Window, timings: bool
+        self,
+        context: Context,
+        scene: Scene,
+        sensor: Sensor,
+        window: Window,
+        timings: bool,
+        device: DeviceScene | None = None,
     ) -> WhittedTracer:
         from glpath.integrators.whitted import WhittedTracer  # with numba, which is slow to import
 

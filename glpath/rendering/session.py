@@ -7,16 +7,16 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import ContextError, SceneError, UsageError, warn
+from glpath.errors import ContextError, UsageError, warn
 from glpath.film.aovs import DENOISER_AOVS, ID_AOVS, guides_denoiser
-from glpath.film.bias import UNBIASED
+from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
 from glpath.film.denoise import require_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
-from glpath.rendering.bias import measured_bias
+from glpath.rendering.bias import BiasCheck, BiasProbe
 from glpath.rendering.factory import Plan, plan_of, sensor_in
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
@@ -40,7 +40,7 @@ class Session:
 
     options : of which the device and `timings` hold for all jobs
     context : that is there already
-    plan    : of the job's integrator, where somebody has prepared it already
+    plan    : of the job's integrator, where somebody has prepared it and checked its bias already
     """
 
     def __init__(
@@ -54,6 +54,8 @@ class Session:
     ) -> None:
         self._job = job
         self._plan = checked_plan(job, scene) if plan is None else plan
+        self._checks_bias = plan is None  # else it was checked before
+        self._probe: BiasProbe | None = None
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
@@ -68,7 +70,7 @@ class Session:
 
     def close(self) -> None:
         """Free what is on the device, and give its memory back. The next render begins with a new engine."""
-        engine, self._engine = self._engine, None
+        engine, self._engine, self._probe = self._engine, None, None
         if engine is not None:
             # Where another thread keeps the context, it will do so: no reason to lose a film.
             with suppress(ContextError), self._context:
@@ -89,6 +91,8 @@ class Session:
         context = self._context
         context.check()
         prepared = self._engine is not None
+        if not prepared:
+            self._plan = self._plan.resumed(options.film)
         clock = begin(job, self._plan, scene, options, context, started=started, prepared=prepared)
         if clock.ended_before():
             return clock.film
@@ -109,25 +113,34 @@ class Session:
                 with context:
                     self._continue_with(self._engine, job, scene)
             self._job = job
+            self._check_bias(self._engine, clock, job, scene)
             trace(self._engine, context, self._tiles, clock, job.path_sets)
-            if not prepared and isinstance(job.sensor, CameraSensor):
-                self._measure_bias(self._engine, clock.film, job.sensor, scene)
         return clock.film
 
-    def _measure_bias(self, engine: Engine, film: Film, sensor: CameraSensor, scene: Scene) -> None:
-        """Of a first picture; further ones of the scene hardly differ in it."""
-        if UNBIASED in film.metadata.statistics:
+    def _check_bias(self, engine: Engine, clock: Clock, job: RenderJob, scene: Scene) -> None:
+        """Replace the plan and its engine if their bias is too large, unless it was measured before."""
+        known = {BIAS_PROBE, REJECTED_GATHER} & {*clock.film.metadata.statistics}
+        if known or not (self._checks_bias and self._plan.settings.biased):
             return
-        seen = sensor_in(self._traced, sensor, scene)
-        assert isinstance(seen, CameraSensor), "of the same kind"
-        found: dict[str, Any] = {}
+        sensor = sensor_in(self._traced, job.sensor, scene)
         with interrupt_as_flag() as interrupted:
-            # The film is whole: where there is no room beside it, its bias is not known.
-            with suppress(ContextError, SceneError, MemoryError, KeyboardInterrupt):
-                found = measured_bias(film, self._plan, engine, self._context, self._traced, seen, interrupted)
-            film.metadata = replace(film.metadata, statistics={**film.metadata.statistics, **found})
-        if interrupted:
-            raise RenderInterrupted(film, interrupted.signal)
+            check = BiasCheck(
+                self._context,
+                self._traced,
+                sensor,
+                self._tiles[0].window,
+                self._timings,
+                clock.report,
+                interrupted,
+                probe=self._probe,
+            )
+            try:
+                self._plan, self._engine = check.settle(self._plan, engine)
+            except KeyboardInterrupt:
+                raise RenderInterrupted(clock.film, interrupted.signal) from None
+            self._probe = check.probe
+        clock.statistics |= check.statistics or {}
+        describe_plan(clock.film, metadata_of(job, self._plan, scene, None))
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
         """Whether the engine can continue with this job, of the same integrator; the scene has its camera."""
@@ -229,8 +242,20 @@ def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Cloc
             job.path_sets,
             set(),
         )
-    film.metadata = replace(film.metadata, settings=metadata.settings, solution_error=metadata.solution_error)
+    describe_plan(film, metadata)
     return prepared
+
+
+def describe_plan(film: Film, metadata: FilmMetadata) -> None:
+    """Bring a film's metadata up to date with those of the plan that renders it."""
+    film.metadata = replace(
+        film.metadata,
+        integrator=metadata.integrator,
+        max_depth=metadata.max_depth,
+        settings=metadata.settings,
+        biased=metadata.biased,
+        solution_error=metadata.solution_error,
+    )
 
 
 def _name_both(film: Film, context: Context) -> None:
@@ -265,14 +290,14 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
     return FilmMetadata(
         scene=scene.name,
         scene_hash=scene.digest(),
-        integrator=job.integrator.integrator,
-        seed=job.integrator.seed,
+        integrator=plan.settings.integrator,
+        seed=plan.settings.seed,
         max_depth=plan.recorded().get("max_depth"),
         settings=_recorded(job, plan),
         full_resolution=job.sensor.resolution,
         window=job.window,
-        noisy=job.integrator.noisy,
-        biased=job.integrator.biased,
+        noisy=plan.settings.noisy,
+        biased=plan.settings.biased,
         exposure=scene.exposure,
         transparent=is_transparent(job, scene),
         unit=scene.unit,

@@ -102,6 +102,12 @@ class CameraSensor:
         """The scene as this sensor sees it: with its camera."""
         return scene.with_camera(**vars(self.camera))
 
+    def reduced(self, side: int) -> CameraSensor:
+        """Return a sensor of the same view whose longer side has so many pixels."""
+        width, height = self.resolution
+        scale = side / max(width, height)
+        return replace(self, resolution=(max(1, round(scale * width)), max(1, round(scale * height))))
+
     def as_json(self) -> dict[str, Any]:
         """Its fields, as JSON has them, without those that say nothing: a pinhole's are as they always were."""
         changed = {f.name for f in fields(self) if getattr(self, f.name) != f.default}
@@ -252,6 +258,30 @@ class PointSensor:
         if points is not None:
             points = replace(points, origin=_plain(np.array(points.origin) - origin))
         return replace(self, middle=_plain(np.array(self.middle) - origin), points=points)
+
+    def reduced(self, side: int) -> PointSensor:
+        """Return a sensor of side * side / 2 points, spread evenly over these in their order; they may repeat.
+
+        side : a multiple of 16. Neighbours are in one of 8 x 8 blocks, as `glpath.film.bias` compares them.
+        """
+        points = self.given(None).points
+        assert points is not None, "`given` has checked it"
+        valid = np.flatnonzero(points.valid)
+        count = side * side // 2
+        blocks = valid[np.arange(count) * len(valid) // count].reshape(8, 8, side // 16, side // 8)
+        chosen = blocks.transpose(0, 2, 1, 3).reshape(side // 2, side)
+
+        def some(table: Float32) -> Float32:
+            return np.ascontiguousarray(table.reshape(len(table), -1, 3)[:, chosen])
+
+        few = PointTables(
+            some(points.positions),
+            some(points.normals),
+            np.ones(chosen.shape, bool),
+            None if points.shading is None else some(points.shading),
+            points.origin,
+        )
+        return replace(self, resolution=(side, side // 2), sha256=few.digest, count=count, points=few)
 
     def seen(self, scene: Scene) -> Scene:
         """The scene as this sensor has it: with a camera amid the points instead of its own, which says nothing.

@@ -11,10 +11,12 @@ import pytest
 import glpath
 from glpath.compare.picture import Picture
 from glpath.compare.statistical import stat
-from glpath.errors import ContextError, ImageError
-from glpath.film.bias import BLOCKS, UNBIASED, bias_of, block_means, summed
+from glpath.errors import ContextError, ImageError, SceneWarning
+from glpath.film.bias import BIAS_PROBE, BLOCKS, SURE, bias_of, block_means, summed
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
+from glpath.rendering import factory
+from glpath.sensors.sensor import PointSensor
 
 GATHER = {"integrator": "gather", "spp": 16, "resolution": (40, 30)}
 
@@ -23,89 +25,190 @@ def test_block_means_are_those_of_the_pixels() -> None:
     picture = np.random.default_rng(1).random((24, 48, 3))
     whole = picture.reshape(BLOCKS, 3, BLOCKS, 6, 3).mean(axis=(1, 3, 4))
     assert np.allclose(block_means(picture), whole)
-    assert np.allclose(block_means(picture, 0.5), picture[:, 12:36].reshape(8, 3, 8, 3, 3).mean(axis=(1, 3, 4)))
     ramp = np.broadcast_to((np.arange(10) + 0.5)[None, :, None], (7, 10, 3))
     fine = np.repeat(ramp[0, :, 0], 4).reshape(BLOCKS, 5).mean(axis=1)
     assert np.allclose(block_means(ramp)[0], fine), "a pixel in two blocks counts in both by its parts"
 
 
-def test_a_known_bias_is_found_and_noise_is_none() -> None:
+def paired_sets(factor: float, count: int = 32) -> dict[str, object]:
+    """Sums of sets whose two engines share most of their noise; the first is brighter by a factor."""
     random = np.random.default_rng(2)
     light = 0.5 + random.random((40, 40, 3))
+    pairs = []
+    for _ in range(count):
+        common = light + 0.3 * random.standard_normal(light.shape)
+        own = 0.05 * random.standard_normal((2, *light.shape))
+        pairs.append((block_means(factor * common + own[0]), block_means(common + own[1])))
+    return summed([pair[0] for pair in pairs], [pair[1] for pair in pairs])
 
-    def noisy(count: int) -> np.ndarray:
-        return count * light + np.sqrt(count) * 0.3 * random.standard_normal(light.shape)
 
-    unbiased = summed([block_means(noisy(1)) for _ in range(32)], 1.0)
-    counts = np.full(8, 8)
-    sums = np.stack([noisy(8) for _ in counts])
-    right = bias_of(sums, counts, unbiased)
-    wrong = bias_of(1.05 * sums, counts, unbiased)
+def test_a_known_bias_is_found_and_noise_is_none() -> None:
+    right, wrong = bias_of(paired_sets(1.0)), bias_of(paired_sets(1.05))
     assert right is not None
     assert wrong is not None
-    assert abs(right.mean) < 4 * right.mean_error < 0.02
-    assert right.blocks < 0.02
+    assert abs(right.mean) < 4 * right.mean_error < 0.004
+    assert right.blocks < 0.01
+    assert right.worst_block == 0.0
+    assert right.is_small(SURE)
+    assert not right.is_large()
     assert wrong.mean == pytest.approx(0.05, abs=4 * wrong.mean_error)
     assert wrong.blocks == pytest.approx(0.05, rel=0.3)
+    assert wrong.is_large(SURE)
+    assert not wrong.is_small()
 
 
-def test_a_film_of_a_gather_keeps_what_unbiased_paths_found(tmp_path) -> None:
+def test_one_wrong_block_of_64_is_a_large_bias() -> None:
+    probe = paired_sets(1.0)
+    probe["difference"][9] += 0.2 * probe["light"][9]
+    probe["square"][9] += 32 * (0.2 * probe["light"][9] / 32) ** 2
+    bias = bias_of(probe)
+    assert bias is not None
+    assert bias.worst_block == pytest.approx(0.2, abs=0.05)
+    assert bias.is_large(SURE)
+
+
+def test_a_film_of_a_gather_keeps_its_bias_probe(tmp_path) -> None:
     film = glpath.render("cornell-box-36", **GATHER)
     bias = film.bias()
     assert bias is not None
     assert abs(bias.mean) < 4 * bias.mean_error
-    assert bias.mean_error < 0.02
+    assert bias.mean_error < 0.005
     film.save(tmp_path / "a.npz")
     assert Film.load(tmp_path / "a.npz").bias() == bias
     more = glpath.render("cornell-box-36", first_path_set=16, **GATHER)
-    merged = film.merge(more)
-    assert merged.metadata.statistics[UNBIASED]["sets"] == 32
-    assert merged.bias().mean_error < bias.mean_error
+    assert film.merge(more).bias() == bias, "parts of one render share one probe"
 
 
-def test_a_solution_that_is_wrong_is_a_bias() -> None:
-    """Beside unbiased paths, which take it as their guide, and whose mean it does not move."""
+def doubled(solution):
+    """The solution of a world that is twice as bright."""
+    return replace(solution, elements=2.0 * solution.elements, vertices=2.0 * solution.vertices)
+
+
+def coarse_solution(scene):
+    return glpath.solve_radiosity(scene, method="monte-carlo", patches=200, particles=1 << 15)
+
+
+def test_a_solution_that_is_wrong_is_a_bias_and_a_warning() -> None:
+    """Unbiased paths take it as their guide, and their mean does not move."""
     scene = glpath.load_scene("cornell-box-36")
-    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=200, particles=1 << 15)
-    twice = replace(solution, elements=2.0 * solution.elements, vertices=2.0 * solution.vertices)
-    bias = glpath.render(scene, radiosity=twice, **GATHER).bias()
+    with pytest.warns(SceneWarning, match=r"the bias of the gather is \+[1-9]\d"):
+        bias = glpath.render(scene, radiosity=doubled(coarse_solution(scene)), **GATHER).bias()
     assert bias is not None
     assert bias.mean > 0.1 > 5 * bias.mean_error
     assert bias.blocks > 0.1
 
 
+AUTO = {"spp": 16, "resolution": (128, 96)}
+
+
+def test_auto_takes_path_where_even_a_refined_solution_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    solve, refinements = factory.solve_for_gather, []
+
+    def wrong(scene, on_progress=None, *, refined=False):
+        refinements.append(refined)
+        return doubled(solve(scene, on_progress))
+
+    monkeypatch.setattr(factory, "solve_for_gather", wrong)
+    film = glpath.render("cornell-box-36", **AUTO)
+    assert film.metadata.integrator == "path"
+    assert not film.metadata.biased
+    assert film.bias() is None
+    assert film.rejected_bias().mean > 0.1
+    assert refinements == [False, True]
+    half = glpath.render("cornell-box-36", **(AUTO | {"spp": 8}))
+    half.save(tmp_path / "half.npz")
+    resumed = glpath.render("cornell-box-36", film=Film.load(tmp_path / "half.npz"), **AUTO)
+    assert np.array_equal(resumed.mean, film.mean)
+    assert resumed.rejected_bias() == film.rejected_bias()
+
+
+def test_auto_refines_a_solution_that_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    solve = factory.solve_for_gather
+
+    def wrong_at_first(scene, on_progress=None, *, refined=False):
+        found = solve(scene, on_progress)
+        return found if refined else doubled(found)
+
+    monkeypatch.setattr(factory, "solve_for_gather", wrong_at_first)
+    film = glpath.render("cornell-box-36", **AUTO)
+    assert film.metadata.integrator == "gather"
+    assert film.metadata.settings["refined"] is True
+    assert film.bias().is_small()
+    half = glpath.render("cornell-box-36", **(AUTO | {"spp": 8}))
+    half.save(tmp_path / "half.npz")
+    resumed = glpath.render("cornell-box-36", film=Film.load(tmp_path / "half.npz"), **AUTO)
+    assert np.array_equal(resumed.mean, film.mean)
+
+
+@pytest.mark.parametrize("side", [(160, 120), (640, 480)])
+def test_the_bias_does_not_depend_on_the_resolution(side) -> None:
+    found = glpath.render("cornell-box-36", **(GATHER | {"spp": 1, "resolution": side})).bias()
+    assert found.mean_error < 0.005
+    assert abs(found.mean) < 0.005
+
+
+def test_the_bias_of_light_at_points_is_measured() -> None:
+    points, normals = np.array([[0.0, 0.5, 0.9], [-0.5, 0.3, 0.7]]), np.array([0.0, 1.0, 0.0])
+    scene = glpath.load_scene("cornell-box-36")
+    right = glpath.irradiance(scene, points, normals, integrator="gather", spp=16).film.bias()
+    assert abs(right.mean) < 0.01
+    with pytest.warns(SceneWarning, match="the bias of the gather"):
+        wrong = glpath.irradiance(
+            scene, points, normals, integrator="gather", radiosity=doubled(coarse_solution(scene)), spp=16
+        )
+    assert wrong.film.bias().mean > 0.05
+
+
+def test_a_reduced_sensor_has_the_same_points() -> None:
+    random = np.random.default_rng(3)
+    positions, valid = random.random((2, 10, 30, 3)).astype(np.float32), random.random((10, 30)) < 0.7
+    normals = np.broadcast_to(np.float32([0, 0, 1]), positions.shape)
+    sensor = PointSensor.of(positions, normals, valid).reduced(32)
+    assert sensor.resolution == (32, 16)
+    known = {tuple(row) for row in np.hstack([*positions[:, valid]]).tolist()}
+    rows = sensor.points.positions.reshape(2, -1, 3)
+    assert {tuple(row) for row in np.hstack([*rows]).tolist()} == known, "each valid one, and pairs of tables kept"
+    # One block of 8 x 8 has points that are neighbours in their order.
+    first = sensor.points.positions[0, :2, :4].reshape(-1, 3)
+    order = [positions[0][valid].tolist().index(row) for row in first.tolist()]
+    assert max(order) - min(order) < 8
+
+
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"integrator": "path", "max_depth": 3},
-        {"integrator": "gather", "crop": (0, 0, 20, 30)},
-        {"integrator": "gather", "cast": "path-buffer"},
-        {"integrator": "gather", "spp": 8},
-    ],
+    "options", [{"integrator": "path", "max_depth": 3}, {"integrator": "path-buffer", "max_depth": 2}]
 )
-def test_where_there_is_none_or_it_is_not_known(options) -> None:
+def test_an_engine_without_bias_has_no_probe(options) -> None:
     assert glpath.render("cornell-box-36", **{**GATHER, **options}).bias() is None
+
+
+@pytest.mark.parametrize("options", [{"crop": (0, 0, 20, 30)}, {"cast": "path-buffer"}, {"spp": 1}])
+def test_the_bias_of_crops_scans_and_single_sets_is_measured(options) -> None:
+    bias = glpath.render("cornell-box-36", **{**GATHER, **options}).bias()
+    assert bias is not None
+    assert bias.is_small()
 
 
 def test_lists_of_statistics_add_up() -> None:
     assert merged_values({"a": [1, 2.5]}, {"a": [3, 4]}) == {"a": [4, 6.5]}
 
 
-@pytest.mark.parametrize("wrong", [3, {"sets": 1}, {"sets": 2, "across_sum": 2, "sum": [1.0], "square": [1.0]}])
+@pytest.mark.parametrize(
+    "wrong", [3, {"sets": 1}, {"sets": 2, "light": [1.0], "difference": [1.0], "square": [1.0]}]
+)
 def test_a_file_with_another_description_is_refused(tmp_path, wrong) -> None:
     film = glpath.render("cornell-box-36", **GATHER)
-    object.__setattr__(film.metadata, "statistics", {UNBIASED: wrong})
+    object.__setattr__(film.metadata, "statistics", {BIAS_PROBE: wrong})
     film.save(tmp_path / "a.npz")
-    with pytest.raises(ImageError, match="unbiased paths are"):
+    with pytest.raises(ImageError, match="its bias probe"):
         Film.load(tmp_path / "a.npz")
 
 
 def test_a_comparison_by_noise_names_the_bias_of_a_gather() -> None:
     """Two engines may differ by it alone; a failed comparison says how much that is."""
     scene = glpath.load_scene("cornell-box-36")
-    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=200, particles=1 << 15)
-    twice = replace(solution, elements=2.0 * solution.elements, vertices=2.0 * solution.vertices)
-    gathered = Picture.of_film(glpath.render(scene, radiosity=twice, **{**GATHER, "spp": 64}))
+    with pytest.warns(SceneWarning, match="the bias of the gather"):
+        film = glpath.render(scene, radiosity=doubled(coarse_solution(scene)), **{**GATHER, "spp": 64})
+    gathered = Picture.of_film(film)
     traced = Picture.of_film(glpath.render(scene, **{**GATHER, "spp": 64, "integrator": "path"}))
     verdict = stat(gathered, traced)
     assert not verdict.passed
@@ -113,18 +216,14 @@ def test_a_comparison_by_noise_names_the_bias_of_a_gather() -> None:
     assert "has a bias" not in stat(traced, traced).summary
 
 
-def test_an_interrupt_while_the_bias_is_measured_leaves_the_whole_film(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr("glpath.rendering.bias.block_means", interrupted)
+def test_an_interrupt_while_the_bias_is_measured_ends_the_render(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.rendering.bias.block_means", lambda _: signal.raise_signal(signal.SIGINT))
     with pytest.raises(glpath.rendering.RenderInterrupted) as caught:
         glpath.render("cornell-box-36", **GATHER)
-    assert caught.value.film.path_sets == 16
-    assert caught.value.film.bias() is None
+    assert caught.value.film.path_sets == 0
 
 
-def test_where_there_is_no_room_beside_the_film_its_bias_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_there_is_no_room_for_the_probe_the_bias_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise ContextError("no room")
 

@@ -79,7 +79,7 @@ class Quadtree:
             rows = found[0].reshape(-1, *found[0].shape[-2:])
             parent, count = self.parents[level - 1], len(self.levels[level - 1])
             summed = [np.stack([np.bincount(parent, c, count) for c in row.T], axis=1) for row in rows]
-            found.insert(0, np.stack(summed).reshape(*values.shape[:-2], count, -1))
+            found.insert(0, np.asarray(np.stack(summed).reshape(*values.shape[:-2], count, -1), np.float64))
         return found
 
     def of_coarse(self, values: Float64) -> Float64:
@@ -149,7 +149,7 @@ class Detail:
         return found
 
     def mesh(self, base: Mesh) -> Mesh:
-        """The mesh of all leaves, level after level, with the patches of `base`; `base` itself if none is divided."""
+        """The mesh of all leaves, level by level, with the patches of `base`; `base` itself if none is divided."""
         if not any(split.any() for split in self.split):
             return base
         elements, patches = self.tree.levels[0][self.leaves[0]], [np.flatnonzero(self.leaves[0])]

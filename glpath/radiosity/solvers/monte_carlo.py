@@ -437,8 +437,9 @@ class Shooting:
         if mesh is not self.mesh:
             of = np.arange(int(whole.sum()), len(mesh.elements))
             parts = Mesh(mesh.scene, mesh.surface, mesh.patches, mesh.elements[of], mesh.patch[of])
-            of_parts = _open_and_lit(parts, self._light)
-            open_areas, lit = (np.concatenate(pair, axis=1) for pair in zip((open_areas, lit), of_parts, strict=True))
+            open_parts, lit_parts = _open_and_lit(parts, self._light)
+            open_areas = np.concatenate([open_areas, open_parts], axis=1)
+            lit = np.concatenate([lit, lit_parts], axis=1)
         levels = zip(self.tree.sums(self.flux), detail.leaves, strict=True)
         flux = np.concatenate([sums[:, :, leaf] for sums, leaf in levels], axis=2)
         found = flux / max(self.particles, 1) / open_areas[..., None]

@@ -132,7 +132,7 @@ class _Run:
             divisions=divisions.astype(np.int32),
             elements=elements.astype(np.float32),
             vertices=vertices.astype(np.float32),
-            leaf_size=leaf_size,
+            leaf_size=leaf_size.astype(np.uint16),
             method=self.method,
             settings=self.settings,
             statistics={
