@@ -178,8 +178,14 @@ def _parts(
     return made
 
 
-def radiance_of(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Pages of what surfaces send out, (P, h, w, 3), W sr^-1 m^-2, and of their opacity, (P, h, w, 1)."""
+def radiance_of(
+    baked: Lightmap, irradiance: NDArray[np.float32] | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return pages of exitant radiance, (P, h, w, 3), W sr^-1 m^-2, and of opacity, (P, h, w, 1).
+
+    irradiance : (P, h, w, 3) instead of the lightmap's own
+    """
+    irradiance = baked.irradiance if irradiance is None else irradiance
     surfaces = baked.surfaces
     texels, atlas = surfaces.texels, surfaces.atlas
     samples = np.unique(np.linspace(0, len(texels.face) - 1, _COLOUR_SAMPLES).round().astype(int))
@@ -189,7 +195,7 @@ def radiance_of(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float3
         sums += reflected(surfaces.scene, atlas.triangle[face], atlas.side[face], texels.b[sample])
     nothing = np.zeros(len(texels.row), np.bool_)
     pages, _ = pages_of(atlas, texels, sums / len(samples), nothing)
-    return pages[..., :3] * baked.irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
+    return pages[..., :3] * irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
 
 
 def _unlit(file: Glb, page: int, mode: str, cutoff: float, two_sided: bool) -> gltf_json.Material:
