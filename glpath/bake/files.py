@@ -76,7 +76,14 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
             primitives.append(gltf_json.Primitive(attributes=attributes, indices=indices, material=materials[key]))
         if primitives:
             file.add_node(shape.name, mesh=file.add_mesh(shape.name, primitives))
-    file.save(path, exposure_stops=exposure, scene_hash=baked.film.metadata.scene_hash, spp=baked.film.path_sets)
+    film = baked.film
+    file.save(
+        path,
+        exposure_stops=exposure,
+        scene_hash=film.metadata.scene_hash,
+        spp=film.path_sets,
+        **baked.quality(),
+    )
     return [path]
 
 
@@ -121,9 +128,11 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
             "unit": symbol(scene.unit, "irradiance"),
             "primaries": "linear Rec. 709",
         }
-        write_exr(path.with_name(f"{stem}.exr"), light, header | {"texCoord": "1", "page": str(page)})
+        about_page = {"texCoord": "1", "page": str(page), "denoised": str(baked.denoised).lower()}
+        write_exr(path.with_name(f"{stem}.exr"), light, header | about_page)
         write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
         about = header | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
+        about |= baked.quality()
         about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
         write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
         written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]

@@ -221,7 +221,7 @@ class Lightmap:
         A denoiser spreads a little light to texels that have none. It is taken away again in `unlit_regions`.
         """
         pages, baked = surfaces.pages(film)
-        lit = (pages > 0).any(axis=-1)
+        lit = np.asarray((pages > 0).any(axis=-1))
         if denoise:
             pages = np.stack([denoised_lightmap(page) for page in pages])
             pages[unlit_regions(surfaces.atlas, surfaces.texels, lit)] = 0.0
@@ -252,11 +252,16 @@ class Lightmap:
         """Return `irradiance`, zero where the rendered light is zero: what statistics of light are made of."""
         return np.where(self.lit[..., None], self.irradiance, np.float32(0.0))
 
+    def quality(self) -> dict[str, Any]:
+        """Return JSON for the files: `denoised`, and `bias` as in `glpath.film.bias.Bias` if it is known."""
+        bias = self.film.bias()
+        return {"denoised": self.denoised} | ({} if bias is None else {"bias": vars(bias)})
+
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
         """Return the stops of an exposure: those of a picture from the scene's camera, as `glpath.render` has it.
 
-        exposure : stops; "auto": the camera's view to middle grey, as `auto_exposure` does it for a picture; None: as
-                   the scene says, or "auto"
+        exposure : stops; "auto": the camera's view to middle grey, by `auto_exposure`; None: as the scene says, or
+                   else "auto"
 
         The camera of a scene without one is that of `glpath.render`. Streamed triangles do not count. If the camera
         sees no light, all texels with light count.
@@ -276,7 +281,7 @@ class Lightmap:
         view = seen_by_camera(self).reshape(-1, 3)
         view = view[np.isfinite(view).all(axis=1)]
         if not (view > 0).any():
-            view = radiance_of(self, self.lit_irradiance)[0][self.baked]
+            return auto_exposure(radiance_of(self, self.lit_irradiance)[0][self.baked][None])
         return auto_exposure(view[None])
 
     def __repr__(self) -> str:

@@ -65,12 +65,12 @@ def unlit_regions(atlas: Atlas, texels: Texels, lit: Bools) -> Bools:
 def _grown(marked: Bools, chart: NDArray[np.int64]) -> Bools:
     """Return (P, h, w) marked texels and their neighbours on the same chart."""
     _, height, width = marked.shape
+    frame = (0, 0), (1, 1), (1, 1)
+    beside, chart_beside = np.pad(marked, frame), np.pad(chart, frame, constant_values=-1)
     result = marked.copy()
     for down, right in _NEIGHBOURS:
-        to_row, to_column = (slice(max(step, 0), size + min(step, 0)) for step, size in ((down, height), (right, width)))
-        row, column = (slice(max(-step, 0), size + min(-step, 0)) for step, size in ((down, height), (right, width)))
-        same = chart[:, row, column] == chart[:, to_row, to_column]
-        result[:, to_row, to_column] |= marked[:, row, column] & same
+        at = slice(None), slice(1 + down, 1 + down + height), slice(1 + right, 1 + right + width)
+        result |= beside[at] & (chart_beside[at] == chart)
     return result
 
 

@@ -102,8 +102,8 @@ class Seams:
         number = number.reshape(index.shape)
         rows = np.broadcast_to(np.arange(len(self))[None, :, None], index.shape)
         before = pages.reshape(-1, 3)[used].astype(np.float64)
-        lit = (pages > 0).any(axis=-1) if lit is None else lit
-        lit_values = pages[lit_texels(lit, baked)].astype(np.float64)
+        with_light = np.asarray((pages > 0).any(axis=-1)) if lit is None else lit
+        lit_values = pages[lit_texels(with_light, baked)].astype(np.float64)
         mean = max(float(lit_values.mean()), 1e-12)
         dark = DARK * max(float(luminance(lit_values).mean()), 1e-12)
 

@@ -80,7 +80,8 @@ def seen_by_camera(baked: Lightmap) -> Float64:
         left = left[through]
         if not len(left):
             break
-    return found.reshape(height, _RAYS_PER_SIDE, width, _RAYS_PER_SIDE, 3).mean(axis=(1, 3))
+    pixels = found.reshape(height, _RAYS_PER_SIDE, width, _RAYS_PER_SIDE, 3)
+    return np.asarray(pixels.mean(axis=(1, 3)))
 
 
 def _looked_up(baked: Lightmap, triangle: Int64, side: Int64, b: Float64) -> Float64:

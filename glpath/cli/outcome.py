@@ -210,13 +210,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
             yield "  the error of the radiosity solution, which is not known, is not in the error"
         else:
             yield f"  of that error, {percent(of_solution)} is the radiosity solution's, whatever the path sets"
-    bias = film.bias()
-    if bias is not None:
-        by_block = percent(bias.blocks) if bias.blocks > 0 else f"below {percent(bias.blocks_error)}"
-        yield (
-            f"  bias of the gather: {percent(bias.mean)} of the light, plus or minus {percent(bias.mean_error)}; "
-            f"by block {by_block}"
-        )
+    yield from bias_lines(film)
     if picture.denoise:
         error = film.relative_error(denoised=True)
         clean = ", which is clean" if m.stop_rule == CLEAN else ""
@@ -261,6 +255,18 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndReco
         "statistics": m.statistics,
         "files": [str(path) for path in written],
     }
+
+
+def bias_lines(film: Film) -> Iterator[str]:
+    """Yield the line about the bias of a film, of pixels or of points; none if the bias is not known."""
+    bias = film.bias()
+    if bias is None:
+        return
+    by_block = percent(bias.blocks) if bias.blocks > 0 else f"below {percent(bias.blocks_error)}"
+    yield (
+        f"  bias of the gather: {percent(bias.mean)} of the light, plus or minus {percent(bias.mean_error)}; "
+        f"by block {by_block}"
+    )
 
 
 def bias_as_json(film: Film) -> dict[str, float] | None:
