@@ -76,7 +76,14 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
             primitives.append(gltf_json.Primitive(attributes=attributes, indices=indices, material=materials[key]))
         if primitives:
             file.add_node(shape.name, mesh=file.add_mesh(shape.name, primitives))
-    file.save(path, exposure_stops=exposure, scene_hash=baked.film.metadata.scene_hash, spp=baked.film.path_sets)
+    film = baked.film
+    file.save(
+        path,
+        exposure_stops=exposure,
+        scene_hash=film.metadata.scene_hash,
+        spp=film.path_sets,
+        **baked.quality(),
+    )
     return [path]
 
 
@@ -121,9 +128,11 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
             "unit": symbol(scene.unit, "irradiance"),
             "primaries": "linear Rec. 709",
         }
-        write_exr(path.with_name(f"{stem}.exr"), light, header | {"texCoord": "1", "page": str(page)})
+        about_page = {"texCoord": "1", "page": str(page), "denoised": str(baked.denoised).lower()}
+        write_exr(path.with_name(f"{stem}.exr"), light, header | about_page)
         write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
         about = header | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
+        about |= baked.quality()
         about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
         write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
         written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]
@@ -178,8 +187,14 @@ def _parts(
     return made
 
 
-def radiance_of(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Pages of what surfaces send out, (P, h, w, 3), W sr^-1 m^-2, and of their opacity, (P, h, w, 1)."""
+def radiance_of(
+    baked: Lightmap, irradiance: NDArray[np.float32] | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return pages of exitant radiance, (P, h, w, 3), W sr^-1 m^-2, and of opacity, (P, h, w, 1).
+
+    irradiance : (P, h, w, 3) instead of the lightmap's own
+    """
+    irradiance = baked.irradiance if irradiance is None else irradiance
     surfaces = baked.surfaces
     texels, atlas = surfaces.texels, surfaces.atlas
     samples = np.unique(np.linspace(0, len(texels.face) - 1, _COLOUR_SAMPLES).round().astype(int))
@@ -189,7 +204,7 @@ def radiance_of(baked: Lightmap) -> tuple[NDArray[np.float32], NDArray[np.float3
         sums += reflected(surfaces.scene, atlas.triangle[face], atlas.side[face], texels.b[sample])
     nothing = np.zeros(len(texels.row), np.bool_)
     pages, _ = pages_of(atlas, texels, sums / len(samples), nothing)
-    return pages[..., :3] * baked.irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
+    return pages[..., :3] * irradiance / np.float32(np.pi) + pages[..., 3:6], pages[..., 6:]
 
 
 def _unlit(file: Glb, page: int, mode: str, cutoff: float, two_sided: bool) -> gltf_json.Material:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed, require_xatlas
 from glpath.bake.outside import outside
-from glpath.bake.pages import pages_of
+from glpath.bake.pages import pages_of, unlit_regions
 from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.streamed import Covered, StreamedRays, budget_for, in_memory
@@ -201,23 +201,32 @@ class Lightmap:
     irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
                  each page; gutters are filled
     baked      : (P, h, w) bool, where it was rendered and not only continued
+    lit        : (P, h, w) bool, where the rendered light is above zero, before the denoiser and the seams change it
     seams      : points where charts meet
+    denoised   : True if the pages are denoised; the film never is
     """
 
     surfaces: Surfaces
     film: Film
     irradiance: Float32
     baked: Bools
+    lit: Bools
     seams: Seams
+    denoised: bool
 
     @classmethod
     def of(cls, surfaces: Surfaces, film: Film, denoise: bool = False) -> Lightmap:
-        """The lightmap of a film of the texels; stitched at seams."""
+        """Return the lightmap of a film of the texels, stitched at seams.
+
+        A denoiser spreads a little light to texels that have none. It is taken away again in `unlit_regions`.
+        """
         pages, baked = surfaces.pages(film)
+        lit = np.asarray((pages > 0).any(axis=-1))
         if denoise:
             pages = np.stack([denoised_lightmap(page) for page in pages])
+            pages[unlit_regions(surfaces.atlas, surfaces.texels, lit)] = 0.0
         seams = Seams.of(surfaces.scene, surfaces.atlas)
-        return cls(surfaces, film, seams.stitched(pages, baked), baked, seams)
+        return cls(surfaces, film, seams.stitched(pages, baked, lit), baked, lit, seams, denoise)
 
     @property
     def scene(self) -> Scene:
@@ -234,15 +243,28 @@ class Lightmap:
         Where that is darker than a hundredth of the mean of all texels with light, as a share of the latter.
         """
         a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
-        lit = self.irradiance[lit_texels(self.irradiance, self.baked)].astype(np.float64)
+        lit = self.irradiance[lit_texels(self.lit, self.baked)].astype(np.float64)
         dark = DARK * float(luminance(lit).mean())
         return np.asarray(np.abs(a - b) / np.maximum(0.5 * (a + b), max(dark, 1e-12)))
 
-    def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
-        """The stops that an exposure means: those of a picture from the scene's camera, as `glpath.render` has it.
+    @property
+    def lit_irradiance(self) -> Float32:
+        """Return `irradiance`, zero where the rendered light is zero: what statistics of light are made of."""
+        return np.where(self.lit[..., None], self.irradiance, np.float32(0.0))
 
-        exposure : stops; "auto": middle grey, of what the camera sees of the light, streamed triangles left out;
-                   None: as the scene says, or "auto"
+    def quality(self) -> dict[str, Any]:
+        """Return JSON for the files: `denoised`, and `bias` as in `glpath.film.bias.Bias` if it is known."""
+        bias = self.film.bias()
+        return {"denoised": self.denoised} | ({} if bias is None else {"bias": vars(bias)})
+
+    def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
+        """Return the stops of an exposure: those of a picture from the scene's camera, as `glpath.render` has it.
+
+        exposure : stops; "auto": the camera's view to middle grey, by `auto_exposure`; None: as the scene says, or
+                   else "auto"
+
+        The camera of a scene without one is that of `glpath.render`. Streamed triangles do not count. If the camera
+        sees no light, all texels with light count.
 
         Raises UsageError for another one.
         """
@@ -252,13 +274,15 @@ class Lightmap:
 
     @cached_property
     def _auto_stops(self) -> float:
-        """Of what the camera sees, streamed triangles left out; of all texels where it sees those alone."""
+        """Stops of the camera's view; of all texels if the camera sees streamed triangles or no light alone."""
         from glpath.bake.files import radiance_of
         from glpath.bake.view import seen_by_camera
 
-        seen = seen_by_camera(self).reshape(-1, 3)
-        known = seen[np.isfinite(seen).all(axis=1)]
-        return auto_exposure((known if len(known) else radiance_of(self)[0][self.baked])[None])
+        view = seen_by_camera(self).reshape(-1, 3)
+        view = view[np.isfinite(view).all(axis=1)]
+        if not (view > 0).any():
+            return auto_exposure(radiance_of(self, self.lit_irradiance)[0][self.baked][None])
+        return auto_exposure(view[None])
 
     def __repr__(self) -> str:
         atlas, film = self.atlas, self.film

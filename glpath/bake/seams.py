@@ -29,6 +29,7 @@ from glpath.scene.model import Float64
 
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 #: Cosine between the normals on both sides above which a surface is smooth.
 _SMOOTH = 0.995
@@ -83,10 +84,11 @@ class Seams:
         flat = pages.reshape(-1, pages.shape[-1])
         return np.asarray(np.einsum("skt,sktc->skc", weights, flat[index].astype(np.float64)))
 
-    def stitched(self, pages: Float32, baked: NDArray[np.bool_]) -> Float32:
+    def stitched(self, pages: Float32, baked: Bools, lit: Bools | None = None) -> Float32:
         """The pages (P, h, w, 3) whose steps are below `LIMIT`, of which texels are changed the least.
 
         baked : (P, h, w), where light was computed, not only continued
+        lit   : (P, h, w), where the rendered light is above zero; None if that of `pages` is as it was rendered
 
         Steps weigh little at first; those that are still above the limit weigh more in each round. No light is
         below zero: texels that would be are held there, as long as they would be.
@@ -100,9 +102,10 @@ class Seams:
         number = number.reshape(index.shape)
         rows = np.broadcast_to(np.arange(len(self))[None, :, None], index.shape)
         before = pages.reshape(-1, 3)[used].astype(np.float64)
-        lit = pages[lit_texels(pages, baked)].astype(np.float64)
-        mean = max(float(lit.mean()), 1e-12)
-        dark = DARK * max(float(luminance(lit).mean()), 1e-12)
+        with_light = np.asarray((pages > 0).any(axis=-1)) if lit is None else lit
+        lit_values = pages[lit_texels(with_light, baked)].astype(np.float64)
+        mean = max(float(lit_values.mean()), 1e-12)
+        dark = DARK * max(float(luminance(lit_values).mean()), 1e-12)
 
         def per_texel(values: Float64) -> Any:
             return coo_array((values.ravel(), (rows.ravel(), number.ravel())), shape=(len(self), len(used))).tocsr()
@@ -145,13 +148,15 @@ class Seams:
         return np.stack(index, axis=-1), np.stack(weights, axis=-1)
 
 
-def lit_texels(pages: Float32, baked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(P, h, w): those that are baked and have any light; all that are baked where none has.
+def lit_texels(lit: Bools, baked: Bools) -> Bools:
+    """Return (P, h, w) the texels that statistics count: baked ones with light; all baked ones if none has light.
 
-    How much there is of what no light gets to, such as undersides of floors, says nothing of how dark the rest is.
+    lit : (P, h, w), where the rendered light is above zero, before a denoiser that leaves remnants on dark texels
+
+    The area of surfaces that no light reaches, such as undersides of floors, says nothing of how dark the rest is.
     """
-    lit = baked & (pages > 0).any(axis=-1)
-    return np.asarray(lit if lit.any() else baked)
+    counted = baked & lit
+    return np.asarray(counted if counted.any() else baked)
 
 
 def _minimise(

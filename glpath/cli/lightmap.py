@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
+from glpath.cli.outcome import bias_lines
 from glpath.cli.point_options import POINT_INTEGRATORS
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
@@ -208,15 +209,24 @@ def lightmap(
 
         def lines(written: list[Path]) -> Iterator[str]:
             if written:
-                yield from _summary(made[0], None if materials == "keep" else exposure_stops[0], bake.denoise)
+                yield from _summary(made[0], None if materials == "keep" else exposure_stops[0], denoise)
                 yield f"  {light_of(loaded)}"
             yield from (f"wrote {path}" for path in written)
 
-        outcome.leave(write, lines, lambda _: f"light of {film.path_sets} path sets is in {out}")
+        outcome.leave(
+            write,
+            lines,
+            lambda _: f"light of {film.path_sets} path sets is in {out}",
+            lambda: {"denoised": bake.denoise},
+        )
 
 
-def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[str]:
-    """stops: of exposure, where the file has light that is exposed."""
+def _summary(baked: Lightmap, stops: float | None, denoise: bool | None) -> Iterator[str]:
+    """Yield the lines about a bake.
+
+    stops   : exposure of the file's colours; None if the file holds irradiance
+    denoise : value of --denoise; None if it was not given
+    """
     atlas, film = baked.atlas, baked.film
     texels, inside = len(baked.surfaces.inside), int(baked.surfaces.inside.sum())
     density = f", {atlas.texels:.3g} texels per scene unit" if atlas.texels else ""
@@ -228,12 +238,27 @@ def _summary(baked: Lightmap, stops: float | None, denoised: bool) -> Iterator[s
     resident = "" if baked.surfaces.streamed is None else " in memory"
     yield f"  all {len(baked.scene.triangles):,} triangles{resident} are in it{left_out}"
     error = film.relative_error()
-    noise = "" if error is None else f", error about {percent(error)}"
+    before = " before denoising" if baked.denoised else ""
+    noise = "" if error is None else f", error about {percent(error)}{before}"
     yield f"  {film.path_sets} path sets in {duration(film.metadata.elapsed_s)}{noise}"
-    if error is not None and error > _NOISY and not denoised:
+    yield f"  {_denoising(baked.denoised, denoise)}"
+    if error is not None and error > _NOISY and not baked.denoised:
         more = film.path_sets * math.ceil((error / _CLEAN) ** 2)
-        yield f"  for less noise: pip install 'glpath[denoise]', or --noise {_CLEAN:g} (some {more:,} path sets)"
+        remedy = "leave out --no-denoise" if denoise is False else "pip install 'glpath[denoise]'"
+        yield f"  for less noise: {remedy}, or --noise {_CLEAN:g} (some {more:,} path sets)"
+    yield from bias_lines(film)
     if stops is not None:
         yield f"  exposure {stops:+g} stops"
     if len(baked.seams):
         yield f"  largest step across a seam {percent(float(baked.steps().max()))}"
+
+
+def _denoising(denoised: bool, denoise: bool | None) -> str:
+    """Return whether a bake is denoised, and why if it is not; denoise: value of --denoise, or None."""
+    if denoised:
+        return "denoised by Open Image Denoise"
+    return (
+        "not denoised (--no-denoise)"
+        if denoise is False
+        else "not denoised: pyoidn is missing (pip install 'glpath[denoise]')"
+    )

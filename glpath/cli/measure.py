@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
+from glpath.cli.outcome import bias_lines
 from glpath.cli.point_figures import figures
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
@@ -255,6 +256,7 @@ def _summary(found: Irradiance) -> Iterator[str]:
         yield "  no light comes to any of the points: they are inside of solids, or in a closed room without a lamp"
     if found.film.path_sets >= 16:
         yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
+    yield from bias_lines(found.film)
     wanted = spread.asks_for(found.film.path_sets)
     if wanted is not None:
         plain = spread.minimum.plain / spread.mean.value

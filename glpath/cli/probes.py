@@ -10,6 +10,7 @@ import typer
 
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
+from glpath.cli.outcome import bias_lines
 from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
@@ -138,6 +139,7 @@ def _summary(found: Probes) -> Iterator[str]:
         f"{x} x {y} x {z} probes, {film.path_sets:,} paths for each of 50 normals, "
         f"{duration(film.metadata.elapsed_s)}"
     )
+    yield from bias_lines(film)
     if found.repaired:
         probes = "1 probe" if found.repaired == 1 else f"{found.repaired} probes"
         yield f"  {probes} inside solids: repaired by the mean of valid neighbours"

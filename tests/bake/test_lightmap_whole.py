@@ -244,7 +244,7 @@ def test_the_command_says_what_it_did_and_what_helps(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     told = " ".join(done.stderr.split())
     assert "all 32 triangles are in it" in told
-    assert "for less noise: pip install 'glpath[denoise]', or --noise 0.02 (some " in told
+    assert "for less noise: leave out --no-denoise, or --noise 0.02 (some " in told
     assert "exposure +" in told
 
 
