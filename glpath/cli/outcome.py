@@ -268,18 +268,6 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndReco
     }
 
 
-def bias_lines(film: Film) -> Iterator[str]:
-    """Yield the line about the bias of a film, of pixels or of points; none if the bias is not known."""
-    bias = film.bias()
-    if bias is None:
-        return
-    by_block = percent(bias.blocks) if bias.blocks > 0 else f"below {percent(bias.blocks_error)}"
-    yield (
-        f"  bias of the gather: {percent(bias.mean)} of the light, plus or minus {percent(bias.mean_error)}; "
-        f"by block {by_block}"
-    )
-
-
 def bias_as_json(film: Film) -> dict[str, float] | None:
     """Return the fields of `glpath.film.bias.Bias`; None if the film has none."""
     bias = film.bias()
