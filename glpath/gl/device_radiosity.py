@@ -4,7 +4,7 @@ Each triangle of the scene has its own lattice of elements, see `glpath.radiosit
 in it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of
 its element or three of the vertices around.
 
-Cost:     48 bytes a triangle, 48 bytes an element or vertex, 80 with all light.
+Cost:     48 bytes a triangle, 80 bytes an element or vertex, 112 with all light.
 """
 
 from __future__ import annotations
@@ -27,7 +27,13 @@ LAYOUT: dict[str, dict[str, str]] = {
         "Y": "the same for y",
         "RANGE": "n; number of the first of its values; 0; number of its first element",
     },
-    "element": {"MIN_DISTANCE": "from which on its front and its back may be looked up, scene units"},
+    "element": {
+        "LOOKUP": "distance from which on its front and its back may be looked up, scene units; whether values are "
+        "not interpolated there, 1 or 0"
+    },
+    "element_value": {
+        "IRRADIANCE": "W m^-2; front and back of an element in turns; how much of direct light is in it"
+    },
     "radiosity": {
         "IRRADIANCE": "W m^-2; front and back of an element or vertex in turns; how much of direct light is in it"
     },
@@ -51,6 +57,9 @@ class Values(Protocol):
     starts       : (T,) number of each triangle's first value
     all_light    : as `values`, with all light
     min_distance : (2, E) from which on the elements' fronts and backs may be looked up, scene units
+    constant     : (2, E) bool, `elements` are looked up there instead of values between vertices
+    elements     : (2, E, 3) irradiance of elements, W m^-2
+    element_share : (E,) how much of the direct light is in `elements`, 0 to 1
     """
 
     @property
@@ -67,6 +76,15 @@ class Values(Protocol):
 
     @property
     def min_distance(self) -> Float64: ...
+
+    @property
+    def constant(self) -> NDArray[np.bool_]: ...
+
+    @property
+    def elements(self) -> Float64: ...
+
+    @property
+    def element_share(self) -> Float64: ...
 
 
 class DeviceRadiosity:
@@ -108,7 +126,7 @@ class DeviceRadiosity:
         count, given = len(corners), values.shape[1]
         assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
-        max_rows = max(0, min(_MAX_ROWS, limit // (5 if all_light else 3)))
+        max_rows = max(0, min(_MAX_ROWS, limit // (7 if all_light else 5)))
         elements = divisions.astype(np.int64) ** 2
         # In a fine lattice these are twice as many as its vertices, and guides have their numbers.
         numbered = int(elements.sum()) if all_light else 0
@@ -128,9 +146,16 @@ class DeviceRadiosity:
         everything = _sides_in_turns(table.all_light, np.ones(given)) if all_light else np.zeros((0, 1, 4))
         max_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
         self.max_radiance = float((reflectance * max_of_triangle).max(initial=0.0)) / np.pi
-        distance = np.zeros((table.min_distance.shape[1], 1, 4))
-        distance[:, 0, :2] = table.min_distance.T
-        tables = {"lattice": lattice, "element": distance, "radiosity": irradiance, "all_light": everything}
+        lookup = np.zeros((table.min_distance.shape[1], 1, 4))
+        lookup[:, 0, :2], lookup[:, 0, 2:] = table.min_distance.T, table.constant.T
+        of_elements = _sides_in_turns(table.elements, table.element_share) if interpolated else lookup[:0]
+        tables = {
+            "lattice": lattice,
+            "element": lookup,
+            "element_value": of_elements,
+            "radiosity": irradiance,
+            "all_light": everything,
+        }
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
         self.divisions, self.has_all_light = divisions, all_light
         self.textures = {"radiosity": texture}

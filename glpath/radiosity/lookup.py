@@ -6,8 +6,9 @@ in the picture. So a point has a share of direct light in its table, from 0 to 1
 is traced.
 
 An element holds a mean. A path that comes from nearer than the element is wide sees only a part of it, and where
-irradiance changes abruptly even a distant path may see only its dark or its bright part. Such paths continue
-instead (`min_distance`).
+irradiance changes within an element even a distant path may see only its dark or its bright part. Such paths
+continue instead (`min_distance`). Between elements that differ much, interpolation would spread light around
+edges, so they are looked up as they are (`constant`).
 """
 
 from __future__ import annotations
@@ -31,9 +32,8 @@ from glpath.scene.model import Float64, Scene
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
 _CHUNK = 4096  # of points at once, 16 MB
-# Irradiance is abrupt if it differs between neighbouring elements by more than this share of the larger one, plus a
-# share of the scene's mean.
-_ABRUPT, _ABRUPT_IN_THE_DARK = 0.6, 0.1
+# Irradiance is abrupt if it differs between neighbouring elements by more than this share of the larger one.
+_ABRUPT = 0.6
 #: Minimum distance of a look-up that no path has.
 NEVER = 1e30
 
@@ -47,6 +47,9 @@ class LookupTable(NamedTuple):
     all_light    : as `values`, with all of the direct light in them
     min_distance : (2, E) float64, distance in scene units from which on an element's front and back may be looked
                    up, in the order of the lattices: the width of the solver's element, or `NEVER`
+    constant     : (2, E) bool, values are not interpolated in the element's front and back
+    elements     : (2, E, 3) float64, as `values`, of the elements
+    element_share : (E,) float64, as `direct_share`, of the elements
     """
 
     values: Float64
@@ -54,6 +57,9 @@ class LookupTable(NamedTuple):
     starts: NDArray[np.int64]
     all_light: Float64
     min_distance: Float64
+    constant: NDArray[np.bool_]
+    elements: Float64
+    element_share: Float64
 
 
 def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool) -> LookupTable:
@@ -67,8 +73,15 @@ def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, t
     direct = parts[DIRECT].astype(np.float64)
     values = parts[INDIRECT] + share[:, None] * direct
     starts = lattice.starts(count(solution.divisions))[:-1]
-    distance = np.where(_abrupt(scene, solution, share), NEVER, _widths(scene, solution))
-    return LookupTable(values, share, starts, parts[INDIRECT] + direct, distance)
+    all_light = parts[INDIRECT] + direct
+    distance = np.where(solution.unresolved, NEVER, _widths(scene, solution))
+    elements, of_elements, constant = values, share, np.zeros(values.shape[:2], np.bool_)
+    if interpolated:
+        corners = _vertices_of_elements(solution.divisions.astype(np.int64))
+        of_elements = share[corners].mean(axis=1)
+        elements = solution.elements[INDIRECT] + of_elements[:, None] * solution.elements[DIRECT]
+        constant = _abrupt(elements.mean(axis=2), corners, values.shape[1])
+    return LookupTable(values, share, starts, all_light, np.stack([distance] * 2), constant, elements, of_elements)
 
 
 def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
@@ -77,29 +90,19 @@ def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
     return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
 
 
-def _abrupt(scene: Scene, solution: RadiositySolution, share: Float64) -> NDArray[np.bool_]:
-    """(2, E): whether irradiance differs much between an element and those that it shares a vertex with.
+def _abrupt(light: Float64, corners: NDArray[np.int64], vertices: int) -> NDArray[np.bool_]:
+    """(2, E): whether light differs much between an element and those that it shares a vertex with.
 
-    share : (N,) of the direct light that is looked up, at the vertices of the lattices or in the elements
+    light   : (2, E) of the fronts and backs of elements
+    corners : (E, 3) their vertices
     """
-    n = solution.divisions.astype(np.int64)
-    corners = _vertices_of_elements(n)
-    if len(share) != len(corners):
-        share = share[corners].mean(axis=1)
-    light = (solution.elements[INDIRECT] + share[:, None] * solution.elements[DIRECT]).mean(axis=2)
-    least, most = (np.full((2, int(solution.first_vertex[-1])), fill) for fill in (np.inf, -np.inf))
+    least, most = (np.full((2, vertices), fill) for fill in (np.inf, -np.inf))
     for corner in corners.T:
         for side in range(2):
             np.minimum.at(least[side], corner, light[side])
             np.maximum.at(most[side], corner, light[side])
     lower, upper = least[:, corners].min(axis=2), most[:, corners].max(axis=2)
-    areas = np.repeat(scene.areas / n**2, n**2)
-    lit = (light > 0) * areas
-    mean = float((lit * light).sum() / max(float(lit.sum()), np.finfo(float).tiny))
-    abrupt = upper - lower > _ABRUPT * upper + _ABRUPT_IN_THE_DARK * mean
-    # On the solver's coarse elements it is a gradient, which interpolation follows.
-    largest = np.maximum.reduceat(solution.leaf_size, solution.first_element[:-1]) if len(n) else n
-    return np.asarray(abrupt & (solution.leaf_size < np.repeat(largest, n**2)))
+    return np.asarray(upper - lower > _ABRUPT * upper)
 
 
 def _vertices_of_elements(divisions: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -47,8 +47,8 @@ int element_in(LatticePosition p)
 // Distance from which on a path may look up the element at this position, on the triangle's front or back.
 float min_lookup_distance(LatticePosition p, bool front)
 {
-    vec2 distance = element_texel(p.first_element + element_in(p), ELEMENT_MIN_DISTANCE).rg;
-    return front ? distance.r : distance.g;
+    vec4 lookup = element_texel(p.first_element + element_in(p), ELEMENT_LOOKUP);
+    return front ? lookup.r : lookup.g;
 }
 
 // Irradiance on the triangle's front or back.
@@ -56,6 +56,11 @@ vec4 irradiance_at(LatticePosition p, bool front)
 {
     int first = p.first_value, back = int(!front);
 #ifdef INTERPOLATED
+#ifndef ALL_LIGHT
+    int element = p.first_element + element_in(p);
+    vec4 lookup = element_texel(element, ELEMENT_LOOKUP);
+    if ((front ? lookup.b : lookup.a) > 0.0) return element_value_texel(2 * element + back, ELEMENT_VALUE_IRRADIANCE);
+#endif
     vec2 f = p.f;
     if (!p.upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);
     // Rows j and j + 1 of vertices; the three around the point, the one off the diagonal first.

@@ -96,12 +96,12 @@ class Detail:
 
     tree       : of the lattices
     split      : for each level, (E,) bool: the element has to be divided
-    unresolved : (T,) of the energy that arrived, the share that is misplaced within each triangle's finest elements
+    misplaced  : (T,) share of the energy that arrived which is misplaced within each triangle's finest elements
     """
 
     tree: Quadtree
     split: list[Bools]
-    unresolved: Float64
+    misplaced: Float64
 
     @classmethod
     def of(cls, tree: Quadtree, flux: Float64, square: Float64, areas: Float64, threshold: float) -> Detail:
@@ -147,6 +147,14 @@ class Detail:
             if level < self.tree.height:
                 exists = (exists & ~found[-1])[self.tree.parents[level]]
         return found
+
+    def unresolved(self) -> Bools:
+        """Return (E,) bool for the leaves, level by level: True if the leaf differs but cannot be split."""
+        found = [np.zeros(int(self.leaves[0].sum()), bool)]
+        for level, leaf in enumerate(self.leaves[1:], 1):
+            last = self.tree.depth[self.tree.levels[level].triangle] == level
+            found.append((last & self.split[level - 1][self.tree.parents[level - 1]])[leaf])
+        return np.concatenate(found)
 
     def mesh(self, base: Mesh) -> Mesh:
         """The mesh of all leaves, level by level, with the patches of `base`; `base` itself if none is divided."""

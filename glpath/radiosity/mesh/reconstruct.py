@@ -33,13 +33,13 @@ class Resampled(NamedTuple):
     divisions : (T,) of each triangle's lattice
     elements  : (..., E', 3) of the lattices' elements
     vertices  : (..., V, 3) of the lattices' vertices, interpolated within each element of the mesh
-    leaf_size : (E',) edge of the mesh's element that a lattice element is part of, in lattice elements
+    leaf      : (E',) the mesh's element that a lattice element is part of
     """
 
     divisions: Int64
     elements: Float64
     vertices: Float64
-    leaf_size: Int64
+    leaf: Int64
 
 
 def resample(mesh: Mesh, values: Float64) -> Resampled:
@@ -61,8 +61,8 @@ def resample(mesh: Mesh, values: Float64) -> Resampled:
     elements = np.zeros((len(sides), first_element[-1], 3))
     number = first_element[fine.triangle] + fine.index()
     elements[:, number] = sides[:, leaf]
-    leaf_size = np.ones(elements.shape[1], np.int64)
-    leaf_size[number] = fine.n // mesh.elements.n[leaf]
+    leaf_of = np.zeros(elements.shape[1], np.int64)
+    leaf_of[number] = leaf
 
     corners = fine.corners()
     weights = _weights(corners, fine.n, mesh.elements[leaf])
@@ -74,7 +74,7 @@ def resample(mesh: Mesh, values: Float64) -> Resampled:
         if sides[side].any():
             vertices[side, at] = np.einsum("evc,ecx->evx", weights, corner_values[side, leaf])
     before = values.shape[:-2]
-    return Resampled(divisions, elements.reshape(*before, -1, 3), vertices.reshape(*before, -1, 3), leaf_size)
+    return Resampled(divisions, elements.reshape(*before, -1, 3), vertices.reshape(*before, -1, 3), leaf_of)
 
 
 def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:

@@ -55,8 +55,9 @@ _CLOSER, _CLOSE_RAYS = 2048, 100
 _FIRST_DEPTH, _DEEPER = 2, 2
 #: Elements that lattices have at most after a first look, and after all.
 _FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 17
-#: Share of the energy that may be misplaced within a triangle's finest elements.
-_UNRESOLVED = 0.001
+#: Energy that may be misplaced within the finest elements of all triangles, and of one; 1 is the mean energy of a
+#: coarse element.
+_MISPLACED, _MISPLACED_IN_ONE = 10.0, 0.5
 #: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
 _SPREAD, _UNHIT = 0.25, 0.2
 
@@ -180,10 +181,14 @@ class Shooting:
 
     def deepen(self, detail: Detail) -> bool:
         """Begin anew on finer lattices where the light changes within the finest elements; False if none may be."""
-        depth, unresolved = self.tree.depth.copy(), detail.unresolved
+        depth = self.tree.depth.copy()
+        misplaced = detail.misplaced * (self.mesh.areas.sum() / self.mesh.areas.max())
+        if misplaced.sum() < _MISPLACED:
+            return False
         size = (self.tree.coarse << depth) ** 2
         room = max(_MAX_ELEMENTS, 2 * len(self.mesh.elements)) - int(size.sum())
-        for triangle in np.argsort(-unresolved, kind="stable")[: np.count_nonzero(unresolved > _UNRESOLVED)]:
+        largest_first = np.argsort(-misplaced, kind="stable")
+        for triangle in largest_first[: np.count_nonzero(misplaced > _MISPLACED_IN_ONE)]:
             steps = min(_DEEPER, self.adaptive - int(depth[triangle]))
             while steps > 0 and int(size[triangle]) * (4**steps - 1) > room:
                 steps -= 1

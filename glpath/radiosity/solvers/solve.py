@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.errors import UsageError, kept_in
 from glpath.io import AnyScene, load_scene
@@ -125,14 +126,18 @@ class _Run:
         heartbeat.beat()
         self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, self.elapsed_s))
 
-    def solution(self, mesh: Mesh, irradiance: Float64, **statistics: object) -> RadiositySolution:
-        divisions, elements, vertices, leaf_size = resample(mesh, irradiance)
+    def solution(
+        self, mesh: Mesh, irradiance: Float64, unresolved: NDArray[np.bool_] | None = None, **statistics: object
+    ) -> RadiositySolution:
+        divisions, elements, vertices, leaf = resample(mesh, irradiance)
+        size = divisions[mesh.elements.triangle] // mesh.elements.n
         return RadiositySolution(
             scene_hash=self.scene.digest(camera=False),
             divisions=divisions.astype(np.int32),
             elements=elements.astype(np.float32),
             vertices=vertices.astype(np.float32),
-            leaf_size=leaf_size.astype(np.uint16),
+            leaf_size=size[leaf].astype(np.uint16),
+            unresolved=np.zeros(len(leaf), bool) if unresolved is None else unresolved[leaf],
             method=self.method,
             settings=self.settings,
             statistics={
@@ -375,11 +380,13 @@ def _monte_carlo(
         run.report("particles", shooting.particles, left, 0.0, len(shooting.tree.levels[-1]))
 
     def solution() -> RadiositySolution:
-        mesh, irradiance = shooting.result(shooting.detail(threshold))
+        detail = shooting.detail(threshold)
+        mesh, irradiance = shooting.result(detail)
         view = shooting.view_error()
         return run.solution(
             mesh,
             irradiance,
+            detail.unresolved(),
             particles=shooting.particles,
             hits=shooting.hits,
             error_of_mean=shooting.error_of_mean(),
