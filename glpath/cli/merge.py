@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from glpath.cli.help import command_help
 from glpath.cli.options import with_options
-from glpath.cli.picture import DenoiseOption, ExposureOption, Picture, TonemapOption
+from glpath.cli.picture import NO_DENOISER, DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import RunRequest
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warn
 from glpath.film.aovs import guides_denoiser
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import percent
 from glpath.system.terminal import say
+
+if TYPE_CHECKING:
+    from glpath.film.film import Film
+    from glpath.film.metadata import FilmMetadata
+
+# The remedy for films that cannot be denoised.
+_HOW_TO_GUIDE = "Render shards without --no-denoise; a job made in Python has to ask for these AOVs."
 
 
 def register(app: typer.Typer) -> None:
@@ -49,14 +58,14 @@ def merge(
 ) -> None:
     """Add up films of one render: every path set counts the same, and once.
 
-    A shard is what `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job writes. In any order they
-    are bit-identical to an uninterrupted render, where they come from one kind of device. A file that is named
-    twice, or a copy of one, counts once. Shards that share path sets, and those of another scene or setting, are
-    refused. So it is with shards of `glpath daylight --shard K/N`, each of which has sensors of its own.
+    A shard is what `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job writes. Shards of one kind
+    of device give the picture and the layers of an uninterrupted render, bit for bit and in any order. A file that
+    is named twice, or a copy of one, counts once. Shards that share path sets, and shards of another scene or
+    setting, are refused. The same holds for shards of `glpath daylight --shard K/N`, whose sensors are different.
     """
     from glpath.daylight.merging import is_coefficients
     from glpath.film.film import check_suffix
-    from glpath.jobs.shards import merge_shards
+    from glpath.jobs.shards import UnguidedShardError, merge_shards
 
     for path in out:
         check_suffix(path)
@@ -65,7 +74,12 @@ def merge(
         _merge_coefficients(films, out, run, pictured=exposure is not None or denoise is not None)
         return
     picture = Picture.of_options(exposure, tonemap, denoise)
-    film, repeated = merge_shards(films)
+    try:
+        film, repeated = merge_shards(films)
+    except UnguidedShardError as unguided:
+        unguided.remedy = _HOW_TO_GUIDE
+        raise
+    _check_denoisable(film.metadata, films[0], out, picture.denoise)
     picture = picture.of_film(film.metadata.noisy and guides_denoiser(film.metadata.aovs), out)
     saves = picture.saves(film, out, film.exposure_stops(picture.exposure))
     written, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
@@ -76,10 +90,59 @@ def merge(
         noise = "" if error is None else f", error about {percent(error)}"
         ranges = ", ".join(f"{start}:{stop}" for start, stop in film.ranges)
         say(f"{film.path_sets} path sets ({ranges}) of {len(films) - len(repeated)} films{noise}", err=True)
+        for line in _notes(film, picture):
+            say(f"  {line}", err=True)
         for path in written:
             say(f"wrote {path}", err=True)
     if failure is not None:
         raise failure
+
+
+def _check_denoisable(metadata: FilmMetadata, first: Path, out: list[Path], denoise: bool | None) -> None:
+    """Raise UsageError if --denoise is impossible; warn if pictures stay noisy that `glpath render` would denoise.
+
+    metadata : of the merged film
+    first    : the first of the merged files; all of them have the same AOVs
+    denoise  : as typed; None: if possible
+    """
+    from glpath.jobs.shards import WITHOUT_GUIDES
+
+    if not metadata.noisy:
+        if denoise:
+            raise UsageError(
+                f"--denoise: {first} is by {metadata.integrator}, which has no noise for a denoiser to remove.",
+                "Leave --denoise out.",
+            )
+        return
+    pictures = [path for path in out if path.suffix.lower() != ".npz"]
+    if guides_denoiser(metadata.aovs) or denoise is False or not pictures:
+        return
+    if denoise:
+        raise UsageError(f"--denoise: {first} {WITHOUT_GUIDES}.", _HOW_TO_GUIDE)
+    warn(
+        f"{pictures[0]}: is not denoised, because {first} {WITHOUT_GUIDES}. {_HOW_TO_GUIDE} "
+        "With --no-denoise, `merge` does not warn."
+    )
+
+
+def _notes(film: Film, picture: Picture) -> Iterator[str]:
+    """Yield what distinguishes the merged film from an uninterrupted render, and whether pictures are denoised."""
+    gaps = [f"{start}:{stop}" for (_, start), (stop, _) in pairwise(film.ranges)]
+    if gaps:
+        yield f"no film holds path sets {', '.join(gaps)}"
+    versions = film.metadata.versions
+    origins = {
+        "devices": film.metadata.device,
+        "drivers": versions.get("driver", ""),
+        "versions of glpath": versions.get("glpath", ""),
+    }
+    for name, origin in origins.items():
+        if " + " in origin:
+            yield f"rendered by several {name} ({origin}): the last bits may differ from those of one render"
+    if picture.denoise:
+        yield "denoised by Open Image Denoise"
+    elif picture.missing:
+        yield NO_DENOISER
 
 
 def _merge_coefficients(shards: list[Path], out: list[Path], run: RunRequest, pictured: bool) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from glpath.cli.picture import Picture
+from glpath.cli.picture import NO_DENOISER, Picture
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
 from glpath.film.choices import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
@@ -218,7 +218,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
         then = "" if error is None else f", then error about {percent(error)}{clean}"
         yield f"  denoised by Open Image Denoise{then}"
     elif picture.missing:
-        yield "  not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
+        yield f"  {NO_DENOISER}"
     cast, lost = m.statistics.get("paths_cast", 0), m.statistics.get("paths_lost")
     if cast and lost is not None:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"

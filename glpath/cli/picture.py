@@ -45,12 +45,14 @@ DenoiseOption = Annotated[
     typer.Option(
         "--denoise/--no-denoise",
         help="Denoise a .png by Open Image Denoise, with the AOVs albedo and normal; an .exr has the result as the "
-        "layer denoised, an .npz holds the film as it is. By default where the denoiser is installed (pip install "
-        "'glpath[denoise]') and the film has noise.",
+        "layer denoised, an .npz holds the noisy film and these AOVs. By default where the denoiser is installed "
+        "(pip install 'glpath[denoise]') and the film has noise.",
         show_default=False,
         rich_help_panel=IMAGE,
     ),
 ]
+#: The note beside a noisy picture that would have been denoised.
+NO_DENOISER = "not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
 _FOR_EYES = (".png", ".exr", "")
 # Of 8 bits, what is as good as black and white, and the share of pixels that makes a picture so.
 _BLACK, _WHITE, _NEARLY_ALL = 6, 254, 0.985

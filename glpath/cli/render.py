@@ -198,6 +198,8 @@ def render(
         loaded = scenes.at(many.first) if frames is not None and many is not None else scenes.at()
         options = {"integrator": integrator, "spp": run.options().spp(spp), **first, **options}
         asked = running.job_of_scene(loaded, None if crop is None else read_crop(crop), options)
+        # A film on disk may be merged into a denoised picture, or be resumed on a machine that has a denoiser.
+        holds_guides = asked.integrator.noisy and picture.denoise is not False
         picture = picture.of_film(asked.integrator.noisy, out)
         if (picture.denoise or run.clean is not None) and not asked.integrator.noisy:
             raise UsageError(
@@ -205,8 +207,8 @@ def render(
                 f"{asked.integrator.integrator}: it has no noise for a denoiser to remove.",
                 "Render more path sets, or take --integrator path, path-buffer or gather.",
             )
-        if picture.denoise or picture.missing or run.clean is not None:
-            asked = running.denoisable(asked)  # without a denoiser, too: another machine may resume it
+        if holds_guides or run.clean is not None:
+            asked = running.denoisable(asked)
         if spp is None and not run.ends_by_rule:
             run = run.until_clean(asked.integrator.noisy, picture)
             spp = None if run.ends_by_rule else asked.spp

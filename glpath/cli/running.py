@@ -16,7 +16,7 @@ from glpath.cli.signals import hold, interrupted, result_of
 from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
-from glpath.film.aovs import DENOISER_AOVS
+from glpath.film.aovs import with_guides
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
@@ -76,8 +76,7 @@ def of_file(job: RenderJob) -> Start:
 
 def denoisable(job: RenderJob) -> RenderJob:
     """The job with the AOVs that a denoiser goes by."""
-    aovs = tuple(dict.fromkeys((*job.integrator.aovs, *DENOISER_AOVS)))
-    return replace(job, integrator=replace(job.integrator, aovs=aovs))
+    return replace(job, integrator=replace(job.integrator, aovs=with_guides(job.integrator.aovs)))
 
 
 @contextmanager

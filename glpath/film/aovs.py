@@ -64,6 +64,11 @@ def guides_denoiser(aovs: Collection[str]) -> bool:
     return set(DENOISER_AOVS) <= set(aovs)
 
 
+def with_guides(aovs: Collection[str]) -> tuple[Aov, ...]:
+    """Return the AOVs together with those that guide a denoiser, in the order of `AOVS`, as film files need it."""
+    return tuple(name for name in AOVS if name in aovs or name in DENOISER_AOVS)
+
+
 #: Those made from counts of the shapes that samples have hit.
 ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 

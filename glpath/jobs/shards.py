@@ -11,14 +11,24 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from glpath.errors import UsageError
+from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.film.film import Film
-from glpath.film.metadata import differences
+from glpath.film.metadata import FilmMetadata, differences
+
+#: What is wrong with a film that cannot be denoised, after its name.
+WITHOUT_GUIDES = f"has no AOVs {' and '.join(DENOISER_AOVS)}, by which pictures are denoised"
+# What may differ between shards with and without these AOVs: a path-buffer is interleaved for the denoiser.
+_OF_GUIDES = {"aovs", "settings.interleave"}
+
+
+class UnguidedShardError(UsageError):
+    """One of two shards lacks the AOVs for a denoiser, so that the shards do not merge."""
 
 
 def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
@@ -41,8 +51,7 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
         film = Film.load(path)
         if merged is not None and (found := differences(merged.metadata, film.metadata)):
             first = next(iter(ranges))
-            words = "; ".join(f"{what} is {theirs}, in {first} {ours}" for what, ours, theirs in found)
-            raise UsageError(f"{path}: of another render than {first}: {words}.", "Merge shards of one render.")
+            raise _another_render({first: merged.metadata, path: film.metadata}, found)
         content = (film.ranges, hashlib.sha256(np.ascontiguousarray(film.radiance_sums).data).digest())
         if content in seen:
             repeated.append(path)
@@ -62,6 +71,24 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
     if merged is None:
         raise UsageError("merge: no film is named.", "Name the files of those that are to be added up.")
     return merged, repeated
+
+
+def _another_render(metadata: Mapping[Path, FilmMetadata], found: Sequence[tuple[str, str, str]]) -> UsageError:
+    """Return the error for two films that do not merge; it names the film that alone lacks a denoiser's AOVs.
+
+    metadata : metadata of both films, by file
+    found    : their `differences`
+    """
+    first, path = metadata
+    words = "; ".join(f"{what} is {theirs}, in {first} {ours}" for what, ours, theirs in found)
+    message = f"{path}: of another render than {first}: {words}."
+    lacking = [file for file, each in metadata.items() if not guides_denoiser(each.aovs)]
+    if len(lacking) == 1 and {what for what, _, _ in found} <= _OF_GUIDES:
+        return UnguidedShardError(
+            f"{message} {lacking[0]} {WITHOUT_GUIDES}.", f"Render every shard with aovs={DENOISER_AOVS!r}."
+        )
+    same_aovs = "" if metadata[first].aovs == metadata[path].aovs else ", all with the same AOVs"
+    return UsageError(message, f"Merge shards of one render{same_aovs}.")
 
 
 def _shared(ours: tuple[tuple[int, int], ...], theirs: tuple[tuple[int, int], ...]) -> tuple[int, int] | None:

@@ -401,7 +401,7 @@ def test_render_hands_on_what_a_ray_tracer_was_asked_for(renderer: Renderer, tmp
 def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Renderer, tmp_path: Path) -> None:
     run("render", "furnace", "-o", tmp_path / "a.npz")
     ((job, _, options),) = renderer.calls
-    expected = RenderJob.of("furnace")
+    expected = RenderJob.of("furnace", aovs=DENOISER_AOVS)
     assert replace(job, scene=expected.scene) == expected  # but for where it is from
     assert replace(options, on_progress=None) == RunOptions(progress="auto")
 
