@@ -37,6 +37,8 @@ from tests.support.repository import ROOT
 from tests.support.rooms import room_with_a_ball
 
 Float64 = NDArray[np.float64]
+#: Solutions here are made up, or coarse on purpose.
+pytestmark = pytest.mark.filterwarnings("ignore:.*the bias of the gather:glpath.SceneWarning")
 BOX = "cornell-box-36"
 
 
@@ -160,8 +162,11 @@ def gathered(scene: Scene, solution: RadiositySolution, lookup: Any, index: int,
 
 @pytest.mark.parametrize("widths", [0.0, 2.0])
 @pytest.mark.parametrize("lookup", ["interpolated", "constant"])
-def test_each_path_brings_home_what_the_solution_says_where_it_ends(lookup: Any, widths: float) -> None:
+def test_each_path_brings_home_what_the_solution_says_where_it_ends(
+    monkeypatch: pytest.MonkeyPatch, lookup: Any, widths: float
+) -> None:
     """In the dark, with a solution of random values, on both sides of everything and meshes of any fineness."""
+    monkeypatch.setattr("glpath.radiosity.lookup._ABRUPT", 1.0)
     scene = flat(path_traceable(room()))
     solution = solution_of(scene, np.random.default_rng(2).integers(1, 9, len(scene.triangles)))
     gl = get_context().gl

@@ -89,6 +89,7 @@ def test_a_film_of_another_render_is_refused_with_all_that_differs() -> None:
         assert words in str(caught.value)
 
 
+@pytest.mark.filterwarnings("ignore:.*the bias of the gather:glpath.SceneWarning")
 def test_the_film_of_a_gather_goes_by_its_solution() -> None:
     coarse, fine = (glpath.solve_radiosity(BOX, method="monte-carlo", particles=4096, patches=n) for n in (40, 80))
     film = glpath.render(BOX, integrator="gather", radiosity=coarse, spp=2, resolution=(24, 16))

@@ -200,6 +200,9 @@ class Faulty:
     def prepared(self, scene: Any, say: Any) -> Faulty:
         return self
 
+    def resumed(self, film: Any) -> Faulty:
+        return self
+
     def engine(self, *arguments: Any) -> Any:
         engine, at, how = self.plan.engine(*arguments), self.at, self.how
         trace = engine.trace_path_set

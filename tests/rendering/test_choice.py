@@ -38,6 +38,7 @@ SMALLEST = (97, 96)
 SHINY = {"type": "phong", "reflectance": 0.5, "specular": 0.2, "exponent": 20}
 POINT = {"type": "point", "position": [0, 2, 0], "intensity": 1}
 #: Paths of all bounces: guided where the scene can be solved.
+GATHERED = GatherSettings(or_path=True)
 UNGUIDED, GUIDED = (PathSettings(guide=guide, roulette=4) for guide in ("cosine", "solution"))
 
 
@@ -60,7 +61,7 @@ def of(scene: Any, **options: Any) -> IntegratorSettings:
 @pytest.mark.parametrize("shipped", ["cornell-box", BOX, "room"])
 def test_a_scene_that_can_be_solved_is_gathered(shipped: str) -> None:
     job = RenderJob.of(shipped)
-    assert job.integrator == GatherSettings()
+    assert job.integrator == GATHERED
     assert job.path_sets == (0, GatherSettings.default_spp) == (0, 64)
 
 
@@ -76,7 +77,7 @@ def test_a_scene_that_can_be_solved_is_gathered(shipped: str) -> None:
 @pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
 def test_other_scenes_are_path_traced(shapes: tuple[dict[str, Any], ...], more: dict[str, Any]) -> None:
     assert of(scene(*shapes, **more)) == UNGUIDED
-    assert of(scene()) == GatherSettings(), "the same but for that"
+    assert of(scene()) == GATHERED, "the same but for that"
 
 
 @pytest.mark.parametrize(("camera", "free"), [([0, 2, 6], True), ([0, 1, 0], False)])
@@ -111,14 +112,14 @@ def test_the_light_of_a_plate_on_the_box_around_it() -> None:
 def test_what_moves_while_the_shutter_is_open_is_path_traced() -> None:
     motion = [{"time": 0.0}, {"time": 1.0, "transform": [{"translate": [1, 0, 0]}]}]
     moving = scene(LAMP, {**FLOOR, "motion": motion})
-    assert of(moving) == GatherSettings()
+    assert of(moving) == GATHERED
     assert of(moving, camera={"shutter": (0.0, 1.0)}) == GUIDED  # by the solution of one moment
 
 
 def test_a_scene_of_too_many_triangles_is_path_traced(monkeypatch: pytest.MonkeyPatch) -> None:
     box = scene()
     monkeypatch.setattr(choice, "MAX_TRIANGLES", 4)
-    assert of(box) == GatherSettings()
+    assert of(box) == GATHERED
     monkeypatch.setattr(choice, "MAX_TRIANGLES", 3)
     # The solver and its libraries are not imported for it.
     monkeypatch.setitem(sys.modules, "glpath.radiosity.solvers.checks", None)
@@ -171,20 +172,23 @@ def test_streams_and_planes_have_the_one_engine_that_knows_them() -> None:
         ({"bounce_lod": 0.5}, PathBufferSettings(bounce_lod=0.5, roulette=4)),
         ({"shadows": "cube"}, TBufferSettings(shadows="cube")),
         ({"count_tests": True}, TBufferSettings(count_tests=True)),
-        ({"count_tests": False}, GatherSettings()),
-        ({"seed": 3, "guide": "cosine", "aovs": "depth"}, GatherSettings(seed=3, guide="cosine", aovs=("depth",))),
+        ({"count_tests": False}, GATHERED),
+        (
+            {"seed": 3, "guide": "cosine", "aovs": "depth"},
+            replace(GATHERED, seed=3, guide="cosine", aovs=("depth",)),
+        ),
     ],
 )
 def test_an_option_that_one_integrator_has_chooses_it(options: Any, expected: IntegratorSettings) -> None:
     assert of(BOX, **options) == expected
 
 
-@pytest.mark.parametrize(("resolution", "expected"), [((96, 96), UNGUIDED), (SMALLEST, GatherSettings())])
+@pytest.mark.parametrize(("resolution", "expected"), [((96, 96), UNGUIDED), (SMALLEST, GATHERED)])
 def test_a_thumbnail_is_there_before_a_solver_is_loaded(
     resolution: tuple[int, int], expected: IntegratorSettings
 ) -> None:
     assert of(BOX, resolution=resolution) == expected
-    assert of(BOX, resolution=(512, 512), crop=(0, 0, 8, 8)) == GatherSettings(), "a part of a picture"
+    assert of(BOX, resolution=(512, 512), crop=(0, 0, 8, 8)) == GATHERED, "a part of a picture"
     assert of(BOX, resolution=resolution, lookup_depth=3) == GatherSettings(lookup_depth=3)
 
 
@@ -224,7 +228,7 @@ def test_paths_of_all_bounces_are_guided_where_the_scene_can_be_solved() -> None
 
 def test_points_are_lit_by_what_is_chosen_likewise() -> None:
     sensor = PointSensor.of(np.zeros((1, 1, 3)), np.array([[[0.0, 1.0, 0.0]]]))
-    assert of(BOX, sensor=sensor) == GatherSettings()
+    assert of(BOX, sensor=sensor) == GATHERED
     assert of(BOX, sensor=sensor, max_depth=2) == PathSettings(max_depth=2, guide="cosine")
 
 
