@@ -75,9 +75,10 @@ class Bias:
     def __str__(self) -> str:
         blocks = max(self.blocks, self.blocks_error)
         word = "up to " if self.blocks < self.blocks_error else ""
+        worst = f", {100 * self.worst_block:.2g} % in the worst" if self.worst_block > MAX_BLOCKS else ""
         return (
             f"{100 * self.mean:+.2g} % of the light, plus or minus {100 * self.mean_error:.1g}; "
-            f"in blocks {word}{100 * blocks:.2g} %"
+            f"in blocks {word}{100 * blocks:.2g} %{worst}"
         )
 
 

@@ -64,15 +64,15 @@ def chosen(
         given = {**given, "cast": "path-buffer"}  # no BVH has streamed triangles
     settings = settings_of(name, given).completed(solvable)
     if integrator == AUTO and isinstance(settings, GatherSettings) and settings.cast == "bvh":
-        only_gather = any(option in given for option in _gather_alone())
-        return replace(settings, or_path=not only_gather)
+        return replace(settings, or_path=PathSettings in _owners(given))
     return settings
 
 
-def _gather_alone() -> set[str]:
-    """Options of the gather that "path" does not have."""
-    path = PathSettings.integrator
-    return {name for name, option in options().items() if path not in option.settings}
+def _owners(given: Mapping[str, Any]) -> list[type[IntegratorSettings]]:
+    """The integrators that have all of the options, in the order of preference; unset flags do not count."""
+    known = options()
+    owners = [known[name].settings for name, value in given.items() if value is not False and name in known]
+    return [kind for kind in _IN_THIS_ORDER if all(kind.integrator in names for names in owners)]
 
 
 def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]) -> str:
@@ -81,9 +81,7 @@ def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]
     if scene.shapes.streams:
         return PathBufferSettings.integrator
     asked = {name: value for name, value in given.items() if value is not False}  # an unset flag says nothing
-    known = options()
-    owners = [known[name].settings for name in asked if name in known]
-    having = [kind for kind in _IN_THIS_ORDER if all(kind.integrator in names for names in owners)]
+    having = _owners(asked)
     kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # which says what is wrong
     if kinds[0] is GatherSettings and len(kinds) > 1:
         solved = not (_has_ambient(scene) or scene.moving_shapes) and solvable()
