@@ -55,9 +55,11 @@ _CLOSER, _CLOSE_RAYS = 2048, 100
 _FIRST_DEPTH, _DEEPER = 2, 2
 #: Elements that lattices have at most after a first look, and after all.
 _FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 17
-#: Energy that may be misplaced within the finest elements of all triangles, and of one; 1 is the mean energy of a
-#: coarse element.
+#: Energy that may be misplaced within the finest elements of all triangles, and of one, in the mean energies of a
+#: patch.
 _MISPLACED, _MISPLACED_IN_ONE = 10.0, 0.5
+#: Memory for the sums of batches that threads trace without waiting for each other.
+_SCRATCH_BYTES = 1 << 23
 #: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
 _SPREAD, _UNHIT = 0.25, 0.2
 
@@ -97,6 +99,7 @@ class Shooting:
     seed      : another seed is another, independent solution
     for_camera: reflected light of punctual lights and the sky starts where it matters to what the camera sees
     adaptive  : how often an element may be split in four
+    patches   : how many patches were asked for; a multiple allows a smaller share of the energy to be misplaced
     particles : that were shot
     tree      : lattices; particles are counted on the finest
     flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
@@ -115,6 +118,7 @@ class Shooting:
     seed: int = 0
     for_camera: bool = False
     adaptive: int = 0
+    patches: int = 1000
     particles: int = 0
     hits: int = 0
     tree: Quadtree = field(init=False)
@@ -163,6 +167,7 @@ class Shooting:
         self._surfaces = self._surfaces.on_lattices(divisions)
         self.flux = np.zeros((2, 2, int((divisions**2).sum()), 3))
         self.square = np.zeros(self.flux.shape[1:3])
+        self._scratch: list[Arrivals] = []
         self.view = np.zeros(2)
         self.particles = self.hits = 0
         self._seen = None
@@ -182,7 +187,7 @@ class Shooting:
     def deepen(self, detail: Detail) -> bool:
         """Begin anew on finer lattices where the light changes within the finest elements; False if none may be."""
         depth = self.tree.depth.copy()
-        misplaced = detail.misplaced * (self.mesh.areas.sum() / self.mesh.areas.max())
+        misplaced = detail.misplaced * self.patches
         if misplaced.sum() < _MISPLACED:
             return False
         size = (self.tree.coarse << depth) ** 2
@@ -365,16 +370,21 @@ class Shooting:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
         first = self.particles // BATCH
         threads = core_count()
+        # Fresh memory for each batch, or a thread that waits for its turn, would take as long as the particles.
+        together = min(batches, max(threads, _SCRATCH_BYTES // self.flux.nbytes))
+        for _ in range(together - len(self._scratch)):
+            empty = np.zeros((2, 0, BINS))
+            self._scratch.append(Arrivals(np.zeros_like(self.flux), np.zeros_like(self.square), empty))
         with ThreadPoolExecutor(threads) as pool:
-            for start in range(first, first + batches, threads):
-                numbers = range(start, min(start + threads, first + batches))
-                for arrivals, hits in pool.map(self._batch, numbers):
+            for start in range(first, first + batches, together):
+                numbers = range(start, min(start + together, first + batches))
+                for arrivals, hits in pool.map(self._batch, numbers, self._scratch):
                     self.whole = False
                     self.flux += arrivals.flux
                     self.square += arrivals.square
                     if self._seen is not None:
                         # Direct light is found by other means where it is seen.
-                        seen = float(np.vdot(self._seen, arrivals.flux[INDIRECT])) / 3
+                        seen = float(np.einsum("sec,sec->", self._seen, arrivals.flux[INDIRECT])) / 3
                         self.view += seen, seen * seen
                     self.hits += hits
                     self.particles += BATCH
@@ -404,8 +414,9 @@ class Shooting:
             setattr(self, name, np.array(state[name]))
         self.particles, self.hits = map(int, state["counts"])
 
-    def _batch(self, number: int) -> tuple[Arrivals, int]:
-        arrivals = Arrivals(np.zeros_like(self.flux), np.zeros_like(self.square), np.zeros((2, 0, BINS)))
+    def _batch(self, number: int, arrivals: Arrivals) -> tuple[Arrivals, int]:
+        arrivals.flux.fill(0.0)
+        arrivals.square.fill(0.0)
         starts = self._starts(number)
         hits = shoot_batch(
             number, self.seed, self._surfaces, self._lamps, starts, ENDLESS, arrivals, np.empty((4, 3))

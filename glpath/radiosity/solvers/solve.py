@@ -268,7 +268,7 @@ def solve_radiosity(
     compile_ahead(needed)
     with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
-            shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive)
+            shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, patches or DEFAULT_PATCHES)
             return _monte_carlo(run, shooting, particles, threshold, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
         transport = Transport(
