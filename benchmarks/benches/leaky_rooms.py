@@ -59,7 +59,7 @@ FLOOR = 0.02
 #: Path sets of the pictures that are measured.
 SETS = 64
 #: Path sets of a reference: at first, and at most; doubled until it is as good as `ENOUGH`.
-FIRST_SETS, MOST_SETS = 512, 8192
+FIRST_SETS, MAX_SETS = 512, 8192
 #: Standard errors of a reference: of its mean, and of its noisiest block.
 ENOUGH = (0.0015, 0.01)
 #: Samples per pixel of each of Mitsuba's pictures, how many pictures, and the length of their paths.
@@ -106,12 +106,17 @@ class Estimate:
             float(standard_error(whole, counts)),
         )
 
+    @property
+    def scale(self) -> Float64:
+        """(K,) radiance that differences of groups are relative to: not below a share of the mean."""
+        return np.maximum(self.groups, FLOOR * self.mean)
+
 
 def compared(found: Estimate, reference: Estimate) -> Row:
     """Return the columns of a row that compare two estimates."""
-    at_least = np.maximum(reference.groups, FLOOR * reference.mean)
-    off = (found.groups - reference.groups) / at_least
-    error = np.hypot(found.errors, reference.errors) / at_least
+    scale = reference.scale
+    off = (found.groups - reference.groups) / scale
+    error = np.hypot(found.errors, reference.errors) / scale
     beyond = np.maximum(np.abs(off) - SIGMAS * error, 0.0)
     worst = int(np.argmax(np.abs(off)))
     return {
@@ -123,7 +128,7 @@ def compared(found: Estimate, reference: Estimate) -> Row:
         "rms": float(np.sqrt(np.mean(off**2))),
         "reference_mean": reference.mean,
         "reference_error": reference.mean_error / reference.mean,
-        "reference_block_error": float(np.max(reference.errors / at_least)),
+        "reference_block_error": float(np.max(reference.errors / scale)),
     }
 
 
@@ -135,22 +140,21 @@ def blocks(width: int, height: int) -> Ints:
 
 def enough(estimate: Estimate) -> bool:
     """Return True if a reference is converged."""
-    at_least = np.maximum(estimate.groups, FLOOR * estimate.mean)
-    block = float(np.max(estimate.errors / at_least))
+    block = float(np.max(estimate.errors / estimate.scale))
     return estimate.mean_error <= ENOUGH[0] * estimate.mean and block <= ENOUGH[1]
 
 
 # Pictures
 
 
-def reference_film(scene: Scene, most: int, say: Say) -> Film:
-    """Return the picture by unbiased paths, of `most` path sets at most, kept in the user's cache folder."""
+def reference_film(scene: Scene, max_sets: int, say: Say) -> Film:
+    """Return the picture by unbiased paths, of up to `max_sets` path sets, kept in the user's cache folder."""
     group = blocks(*RESOLUTION)
     path = reference_folder() / "leaky-rooms" / f"{scene.digest()[:24]}.npz"
     film = Film.load(path) if path.exists() else None
-    sets = min(FIRST_SETS, most)
-    while film is None or (film.path_sets < most and not enough(Estimate.of(film, group))):
-        sets = sets if film is None else min(2 * film.path_sets, most)
+    sets = min(FIRST_SETS, max_sets)
+    while film is None or (film.path_sets < max_sets and not enough(Estimate.of(film, group))):
+        sets = sets if film is None else min(2 * film.path_sets, max_sets)
         film = glpath.render(scene, integrator="path", spp=sets, seed=1_000_000, film=film)
         path.parent.mkdir(parents=True, exist_ok=True)
         film.save(path)
@@ -172,7 +176,7 @@ def picture_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
     """Return a row for `auto` and a row for `gather`."""
     seen = scene.with_camera(resolution=RESOLUTION)
     group = blocks(*RESOLUTION)
-    film = reference_film(seen, max(SETS, round(MOST_SETS * scale)), say)
+    film = reference_film(seen, max(SETS, round(MAX_SETS * scale)), say)
     reference = Estimate.of(film, group)
     peer, peer_error = mitsuba_mean(seen)
     rows = []
