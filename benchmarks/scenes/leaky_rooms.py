@@ -196,7 +196,7 @@ def lamp_below_ceiling(interior: Interior = STANDARD, gap: float = 0.01, size: f
     """
     y = interior.height - gap
     without = () if gap else ("+y",)
-    lamp = box((-size, y - 0.06, -size), (size, y, size), "wall", without, radiance=12.0)
+    lamp = box((-size, y - 0.06, -size), (size, y, size), "default", without, radiance=12.0)
     return scene("lamp", interior, [lamp])
 
 
