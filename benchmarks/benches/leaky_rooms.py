@@ -66,8 +66,8 @@ ENOUGH = (0.0015, 0.01)
 MITSUBA_SPP, MITSUBA_SEEDS, DEPTH = 256, 4, 64
 #: Points on surfaces; path sets of the references of points, texels and probes.
 POINTS, POINT_SETS = 300, 1024
-#: Texels along the side of a lightmap.
-TEXELS = 128
+#: Texels along the side of a lightmap: the charts of the books fit on no smaller page.
+TEXELS = 256
 GRID = (4, 2, 4)
 #: Standard errors of noise that are no bias.
 SIGMAS = 2.0
