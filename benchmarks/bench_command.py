@@ -102,6 +102,10 @@ BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
         "lightmaps of the room at 512 and 1024 texels: time to an error, beside Cycles' bake",
         ("--scale",),
     ),
+    "leaky-rooms": (
+        "bias of the defaults in rooms whose light passes narrow gaps, beside unbiased paths and Mitsuba 3",
+        ("--parts", "--scale"),
+    ),
     "jobs": (
         "one render by 1, 2 and 4 worker processes: speed-up, cost of merging",
         ("--rounds", "--scale"),
@@ -170,13 +174,17 @@ def bench(
         typer.Option(
             metavar="S",
             help="path-sets, gather, materials, luminaires, defaults, t-buffer, textures, shafts, viewfactors, "
-            "measure, cie171, lightmap, jobs, parallel-rays, daylight, height-field, streamed-field, "
+            "measure, cie171, lightmap, leaky-rooms, jobs, parallel-rays, daylight, height-field, streamed-field, "
             "standard-scenes: below 1, less work; 1.",
         ),
     ] = None,
     folder: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="standard-scenes: where the scenes are, such as Bitterli's collection."),
+    ] = None,
+    parts: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="leaky-rooms: of pictures, solution, lightmap, probes; all."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")
@@ -206,6 +214,7 @@ def bench(
         "--rounds": rounds,
         "--scale": scale,
         "--folder": folder,
+        "--parts": parts,
     }
     allowed = BENCHES[name][1]
     for option, value in given.items():
@@ -226,9 +235,12 @@ def bench(
     if scene is not None or resolution is not None:
         size = None if resolution is None else read_resolution(resolution)
         measured = seen(read_scene(scene or "cornell-box-36", []), size, {})
-    report = result_of(
-        lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0, target, folder)
-    )
+    if name == "leaky-rooms":
+        report = result_of(lambda: _leaky_rooms(parts, scale or 1.0))
+    else:
+        report = result_of(
+            lambda: _measure(name, measured, seeds or 3, reference, rounds or 7, scale or 1.0, target, folder)
+        )
     _show(report, output)
     if report.faults:
         raise GlpathError(
@@ -236,6 +248,13 @@ def bench(
             + "\n".join(report.faults),
             "One of them is wrong, unless a small --scale left them too few samples or pixels to tell.",
         )
+
+
+def _leaky_rooms(parts: str | None, scale: float) -> Report:
+    from benchmarks.benches.leaky_rooms import PARTS, bench_leaky_rooms
+
+    chosen = PARTS if parts is None else tuple(part.strip() for part in parts.split(","))
+    return bench_leaky_rooms(chosen, scale, partial(say, err=True))
 
 
 def _measure(

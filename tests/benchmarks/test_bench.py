@@ -82,6 +82,7 @@ def test_list_names_every_bench() -> None:
         "height-field",
         "streamed-field",
         "lightmap",
+        "leaky-rooms",
         "jobs",
         "standard-scenes",
         "image-tests",
@@ -124,7 +125,8 @@ def test_a_bench_of_another_scene_or_size_gets_the_scene(calls) -> None:
             [],
             "no name; allowed are path-buffer, path-sets, gather, denoise, textures, materials, luminaires, "
             "defaults, t-buffer, shaft, shaft-options, viewfactors, measure, parallel-rays, daylight, cie171, "
-            "height-field, streamed-field, lightmap, jobs, standard-scenes, image-tests, start-up, footprint",
+            "height-field, streamed-field, lightmap, leaky-rooms, jobs, standard-scenes, image-tests, start-up, "
+            "footprint",
         ),
         (
             ["z-buffer"],
