@@ -30,7 +30,7 @@ from glpath.daylight.receivers import Receiver
 from glpath.film.image import LUMINANCE
 from glpath.gl.constants import RAY_ROUNDING
 from glpath.radiosity.mesh.mesh import Elements, divisions_of_size, occluder_of_triangle, size_for_count, surfaces
-from glpath.radiosity.mesh.sides import Sides, open_points
+from glpath.radiosity.mesh.sides import Sides, Solids
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
 from glpath.radiosity.solvers.particles import Surfaces
@@ -72,7 +72,7 @@ class ReflectingSides:
         self._number = number.ravel()  # twice the element and its back
         occluders = Occluders.of_scene(scene)
         solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
-        points, _ = open_points(scene, solid, made, sides, POINTS, seed)
+        points, _ = Solids.of(scene, solid).open_points(made, sides, POINTS, seed)
         lower, upper = scene.bounds
         self.lift = RAY_ROUNDING * float(np.abs([lower, upper]).max() + np.linalg.norm(upper - lower))
         self.normals = np.repeat(sides.normal, POINTS, axis=0)

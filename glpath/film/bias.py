@@ -28,8 +28,8 @@ REJECTED_GATHER = "rejected_gather"
 BLOCKS = 8
 #: Bias that a default picture may have: share of the light of the whole picture, and of its blocks.
 MAX_MEAN, MAX_BLOCKS = 0.01, 0.03
-#: Standard errors by which the mean has to be away from the limit for a sure decision, and for a final one.
-SURE, FINAL = 2.0, 1.0
+#: Standard errors by which the mean has to be away from the limit for a sure decision (95 %), and for a final one.
+SURE, FINAL = 1.645, 1.0
 # Standard errors of one of many blocks that noise explains.
 _BLOCK_NOISE = 3.5
 # A block darker than this share of the picture's light counts as that bright.

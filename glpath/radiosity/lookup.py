@@ -26,12 +26,12 @@ from glpath.radiosity.solution import DIRECT, INDIRECT, Lookup, RadiositySolutio
 from glpath.sampling.points import owen_scrambled
 from glpath.sampling.sobol import sobol_points
 from glpath.scene.model import Float64, Scene
+from glpath.system.kernels import kernel
 
 # What a light sample sends to a point, in units of what a surface gets under a sky of the lamp's radiance: from the
 # first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
-_CHUNK = 4096  # of points at once, 16 MB
 # Irradiance is abrupt if it differs between neighbouring elements by more than this share of the larger one.
 _ABRUPT = 0.6
 #: Minimum distance of a look-up that no path has.
@@ -123,16 +123,21 @@ def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
     points, scale = samples.position[on_shapes], np.pi * samples.density[on_shapes]
     if not len(points):
         return closeness
-    # |r - p|^2 as a product of matrices, which is quicker; from the middle of the lamps, for its last digits.
-    middle = points.mean(axis=0)
-    p, r = points - middle, receivers - middle
-    of_points = np.concatenate([-2.0 * p, np.einsum("pi,pi->p", p, p)[:, None], np.ones((len(p), 1))], axis=1)
-    of_points *= scale[:, None]
-    of_receivers = np.concatenate([r, np.ones((len(r), 1)), np.einsum("ni,ni->n", r, r)[:, None]], axis=1)
-    for start in range(0, len(receivers), _CHUNK):
-        square = (of_receivers[start : start + _CHUNK] @ of_points.T).min(axis=1)
-        closeness[start : start + _CHUNK] = 1.0 / np.maximum(square, 1e-9)
+    # Not as a product of matrices: the threads of a BLAS keep the processor for a while after it.
+    _closest(np.ascontiguousarray(receivers), np.ascontiguousarray(points), 1.0 / scale, closeness)
     return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
+
+
+@kernel
+def _closest(receivers, points, weight, closeness):  # type: ignore[no-untyped-def]
+    """Fill closeness (N,) with the largest of weight (P,) over the squared distance of points (P, 3)."""
+    for r in range(len(receivers)):
+        x, y, z = receivers[r, 0], receivers[r, 1], receivers[r, 2]
+        found = 0.0
+        for p in range(len(points)):
+            dx, dy, dz = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
+            found = max(found, weight[p] / max(dx * dx + dy * dy + dz * dz, 1e-18))
+        closeness[r] = found
 
 
 def _lattice_points(scene: Scene, divisions: NDArray[np.int32], interpolated: bool) -> Float64:

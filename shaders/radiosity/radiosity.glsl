@@ -44,22 +44,26 @@ int element_in(LatticePosition p)
     return p.j * (2 * (p.last + 1) - p.j) + 2 * p.i + int(p.upper);
 }
 
-// Distance from which on a path may look up the element at this position, on the triangle's front or back.
-float min_lookup_distance(LatticePosition p, bool front)
+// How the element at a position is looked up, on the triangle's front or back.
+struct ElementLookup
+{
+    float min_distance;  // from which on a path may look it up
+    bool constant;       // values are not interpolated
+};
+
+ElementLookup element_lookup(LatticePosition p, bool front)
 {
     vec4 lookup = element_texel(p.first_element + element_in(p), ELEMENT_LOOKUP);
-    return front ? lookup.r : lookup.g;
+    return ElementLookup(front ? lookup.r : lookup.g, (front ? lookup.b : lookup.a) > 0.0);
 }
 
 // Irradiance on the triangle's front or back.
-vec4 irradiance_at(LatticePosition p, bool front)
+vec4 irradiance_at(LatticePosition p, bool front, bool constant)
 {
     int first = p.first_value, back = int(!front);
 #ifdef INTERPOLATED
 #ifndef ALL_LIGHT
-    int element = p.first_element + element_in(p);
-    vec4 lookup = element_texel(element, ELEMENT_LOOKUP);
-    if ((front ? lookup.b : lookup.a) > 0.0) return element_value_texel(2 * element + back, ELEMENT_VALUE_IRRADIANCE);
+    if (constant) return element_value_texel(2 * (p.first_element + element_in(p)) + back, ELEMENT_VALUE_IRRADIANCE);
 #endif
     vec2 f = p.f;
     if (!p.upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);

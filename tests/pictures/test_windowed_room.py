@@ -17,7 +17,7 @@ from glpath.film.noise import standard_error
 from glpath.io import load_scene
 from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.mesh.mesh import Elements, occluder_of_triangle
-from glpath.radiosity.mesh.sides import Sides, open_points
+from glpath.radiosity.mesh.sides import Sides, Solids
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene import Scene, path_traceable
@@ -146,7 +146,7 @@ def open_sides(scene: Scene, elements: Elements) -> tuple[Sides, Float64, Float6
     sides = Sides.of(scene, elements)
     occluders = Occluders.of_scene(scene)
     solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
-    points, share = open_points(scene, solid, elements, sides, 4)
+    points, share = Solids.of(scene, solid).open_points(elements, sides, 4)
     return sides, points, share * (scene.areas[elements.triangle] / elements.n**2)[sides.element]
 
 

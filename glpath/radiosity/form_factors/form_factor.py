@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.mesh.mesh import Elements, Int64, occluder_of_triangle
-from glpath.radiosity.mesh.sides import Sides, open_points, sub_triangles
+from glpath.radiosity.mesh.sides import Sides, Solids, sub_triangles
 from glpath.radiosity.shafts.ends import Emitter, Receivers
 from glpath.radiosity.shafts.options import Statistics
 from glpath.radiosity.shafts.visibility import Prepared, Visibility
@@ -96,7 +96,7 @@ class FormFactors:
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
         """Sides of elements as points, for `of_batch`."""
         solid = self.visibility.occluders.solid[self._polygon]
-        points, is_open = open_points(self.scene, solid, elements, sides, self.points)
+        points, is_open = Solids.of(self.scene, solid).open_points(elements, sides, self.points)
         each = points.shape[1]
         polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
         # A receiver for shafts is one side of one polygon.

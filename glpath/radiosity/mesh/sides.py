@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.mesh.mesh import Elements, Int64
-from glpath.radiosity.shafts.rays import nearest, rays_of
+from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
@@ -109,48 +109,62 @@ def random_in_parts(k: int, count: int, seed: int) -> Float64:
     return np.asarray(middles + np.where(upper, -off, off) / k)
 
 
-def open_points(
-    scene: Scene,
-    solid: NDArray[np.bool_],
-    elements: Elements,
-    sides: Sides,
-    count: int,
-    seed: int | None = None,
-) -> tuple[Float64, Float64]:
-    """(R, count, 3) points of each side, of its part that is not buried in a solid, and (R,) how large that is.
+@dataclass(frozen=True)
+class Solids:
+    """The closed surfaces of a scene in which parts of other surfaces may be buried, such as a floor under a box.
 
-    solid : (T,) which triangles belong to closed surfaces; those that the camera or a light is in are rooms, no
-            solids, whichever side their fronts are
-    count : 1, 4, 9, ...
-    seed  : of points at random in equal parts of an element; None takes the middles of these, which never come
-            close to the element's edge: of a blind behind a window they see too much of the window
+    scene : in triangles
+    solid : (T,) bool, the triangle belongs to a closed surface that nothing looks out of
+    rays  : of the scene
     """
-    solid = solid & ~_inhabited(scene)[scene.triangle_shape]
-    k = round(count**0.5)
-    parts = sub_triangles(k) if seed is None else random_in_parts(k, len(elements), seed)
-    points = elements.points(scene, parts)[sides.element]
-    is_open = np.ones(len(sides))
-    if not (solid.any() and len(sides)):
+
+    scene: Scene
+    solid: NDArray[np.bool_]
+    rays: Rays
+
+    @classmethod
+    def of(cls, scene: Scene, closed: NDArray[np.bool_], rays: Rays | None = None) -> Solids:
+        """Return those of the closed surfaces that are no rooms: no camera and no light is in them.
+
+        closed : (T,) bool, the triangle belongs to a closed surface, whichever side its fronts are
+        """
+        return cls(scene, closed & ~_inhabited(scene)[scene.triangle_shape], rays or rays_of(scene))
+
+    def open_points(
+        self, elements: Elements, sides: Sides, count: int, seed: int | None = None
+    ) -> tuple[Float64, Float64]:
+        """Return (R, count, 3) points of each side, of its part that is not buried, and (R,) how large that is.
+
+        count : 1, 4, 9, ...
+        seed  : of points at random in equal parts of an element; None takes the middles of these, which never
+                come close to the element's edge: of a blind behind a window they see too much of the window
+        """
+        k = round(count**0.5)
+        parts = sub_triangles(k) if seed is None else random_in_parts(k, len(elements), seed)
+        points = elements.points(self.scene, parts)[sides.element]
+        is_open = np.ones(len(sides))
+        if not (self.solid.any() and len(sides)):
+            return points, is_open
+        # A closer look at triangles of which something is buried.
+        triangle = elements.triangle[sides.element]
+        buried = ~self._free(points, sides.normal).all(axis=1)
+        near = np.flatnonzero(np.isin(triangle, triangle[buried]))
+        fine = elements[sides.element[near]].points(self.scene, sub_triangles(_FINE))
+        is_free = self._free(fine, sides.normal[near])
+        free_ones = is_free.sum(axis=1)
+        is_open[near] = free_ones / _FINE**2
+        some = (free_ones > 0) & (free_ones < _FINE**2)
+        order = np.argsort(~is_free[some], axis=1, kind="stable")
+        spread = ((np.arange(count) + 0.5) / count * free_ones[some, None]).astype(np.int64)
+        chosen = np.take_along_axis(order, spread, axis=1)
+        points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
         return points, is_open
 
-    def free(tested: Float64, normal: Float64) -> NDArray[np.bool_]:
+    def _free(self, tested: Float64, normal: Float64) -> NDArray[np.bool_]:
+        """(R, k) bool: which of the points (R, k, 3) of sides with normals (R, 3) are not buried."""
         normals = np.repeat(normal, tested.shape[1], axis=0)
-        return in_the_open(scene, solid, tested.reshape(-1, 3), normals).reshape(tested.shape[:2])
-
-    # A closer look at triangles of which something is buried.
-    triangle = elements.triangle[sides.element]
-    buried = ~free(points, sides.normal).all(axis=1)
-    near = np.flatnonzero(np.isin(triangle, triangle[buried]))
-    fine = elements[sides.element[near]].points(scene, sub_triangles(_FINE))
-    is_free = free(fine, sides.normal[near])
-    free_ones = is_free.sum(axis=1)
-    is_open[near] = free_ones / _FINE**2
-    some = (free_ones > 0) & (free_ones < _FINE**2)
-    order = np.argsort(~is_free[some], axis=1, kind="stable")
-    spread = ((np.arange(count) + 0.5) / count * free_ones[some, None]).astype(np.int64)
-    chosen = np.take_along_axis(order, spread, axis=1)
-    points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
-    return points, is_open
+        found = in_the_open(self.scene, self.solid, tested.reshape(-1, 3), normals, self.rays)
+        return found.reshape(tested.shape[:2])
 
 
 def _inhabited(scene: Scene) -> NDArray[np.bool_]:
@@ -178,7 +192,9 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
     return inside
 
 
-def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64) -> NDArray[np.bool_]:
+def in_the_open(
+    scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64, rays: Rays | None = None
+) -> NDArray[np.bool_]:
     """(P,) bool: False for points of surfaces that are buried in a solid, such as a floor under a box.
 
     solid           : (T,) which triangles belong to closed surfaces
@@ -192,7 +208,8 @@ def in_the_open(scene: Scene, solid: NDArray[np.bool_], points: Float64, normals
     of_solid, room = np.ascontiguousarray(solid), np.empty((3, 3))
     extent = float(np.ptp(scene.triangles.reshape(-1, 3), axis=0).max(initial=0.0))
     off = _OFF * (np.abs(points).max(axis=1, initial=0.0) + 0.01 * extent)
-    _in_the_open(rays_of(scene), of_solid, scene.normals, points + off[:, None] * normals, normals, off, room, free)
+    rays = rays or rays_of(scene)
+    _in_the_open(rays, of_solid, scene.normals, points + off[:, None] * normals, normals, off, room, free)
     return free
 
 

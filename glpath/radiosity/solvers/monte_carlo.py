@@ -36,7 +36,7 @@ from glpath.radiosity.mesh.mesh import (
     size_for_count,
 )
 from glpath.radiosity.mesh.quadtree import Detail, Quadtree
-from glpath.radiosity.mesh.sides import Sides, open_points
+from glpath.radiosity.mesh.sides import Sides, Solids
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
 from glpath.radiosity.solution import DIRECT, INDIRECT
@@ -58,8 +58,6 @@ _FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 17
 #: Energy that may be misplaced within the finest elements of all triangles, and of one, in the mean energies of a
 #: patch.
 _MISPLACED, _MISPLACED_IN_ONE = 10.0, 0.5
-#: Memory for the sums of batches that threads trace without waiting for each other.
-_SCRATCH_BYTES = 1 << 23
 #: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
 _SPREAD, _UNHIT = 0.25, 0.2
 
@@ -137,7 +135,10 @@ class Shooting:
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
         self._rays = rays_of(scene)
         self._light = DirectLight(scene)
-        self.open_areas, self.lit = _open_and_lit(self.mesh, self._light)
+        occluders = Occluders.of_scene(scene)
+        closed = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
+        self._solids = Solids.of(scene, closed, self._rays)
+        self.open_areas, self.lit = self._open_and_lit(self.mesh.elements)
         self._surfaces = Surfaces.of(scene, self._rays, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         self._gathered: Float64 | None = None
@@ -167,7 +168,6 @@ class Shooting:
         self._surfaces = self._surfaces.on_lattices(divisions)
         self.flux = np.zeros((2, 2, int((divisions**2).sum()), 3))
         self.square = np.zeros(self.flux.shape[1:3])
-        self._scratch: list[Arrivals] = []
         self.view = np.zeros(2)
         self.particles = self.hits = 0
         self._seen = None
@@ -370,21 +370,16 @@ class Shooting:
         """So many batches more, shared between threads; sums come in order, so that they are always the same."""
         first = self.particles // BATCH
         threads = core_count()
-        # Fresh memory for each batch, or a thread that waits for its turn, would take as long as the particles.
-        together = min(batches, max(threads, _SCRATCH_BYTES // self.flux.nbytes))
-        for _ in range(together - len(self._scratch)):
-            empty = np.zeros((2, 0, BINS))
-            self._scratch.append(Arrivals(np.zeros_like(self.flux), np.zeros_like(self.square), empty))
         with ThreadPoolExecutor(threads) as pool:
-            for start in range(first, first + batches, together):
-                numbers = range(start, min(start + together, first + batches))
-                for arrivals, hits in pool.map(self._batch, numbers, self._scratch):
+            for start in range(first, first + batches, threads):
+                numbers = range(start, min(start + threads, first + batches))
+                for arrivals, hits in pool.map(self._batch, numbers):
                     self.whole = False
                     self.flux += arrivals.flux
                     self.square += arrivals.square
                     if self._seen is not None:
                         # Direct light is found by other means where it is seen.
-                        seen = float(np.einsum("sec,sec->", self._seen, arrivals.flux[INDIRECT])) / 3
+                        seen = float((self._seen * arrivals.flux[INDIRECT]).sum()) / 3
                         self.view += seen, seen * seen
                     self.hits += hits
                     self.particles += BATCH
@@ -414,9 +409,8 @@ class Shooting:
             setattr(self, name, np.array(state[name]))
         self.particles, self.hits = map(int, state["counts"])
 
-    def _batch(self, number: int, arrivals: Arrivals) -> tuple[Arrivals, int]:
-        arrivals.flux.fill(0.0)
-        arrivals.square.fill(0.0)
+    def _batch(self, number: int) -> tuple[Arrivals, int]:
+        arrivals = Arrivals(np.zeros_like(self.flux), np.zeros_like(self.square), np.zeros((2, 0, BINS)))
         starts = self._starts(number)
         hits = shoot_batch(
             number, self.seed, self._surfaces, self._lamps, starts, ENDLESS, arrivals, np.empty((4, 3))
@@ -442,6 +436,24 @@ class Shooting:
         mean, square = self.view / batches
         return float(mean) / BATCH, float(np.sqrt(max(square - mean * mean, 0.0) / (batches - 1))) / BATCH
 
+    def _open_and_lit(self, elements: Elements) -> tuple[Float64, Float64]:
+        """`open_areas` and `lit` of elements of the scene."""
+        scene = self.mesh.scene
+        sides = Sides.of(scene, elements)
+        points, is_open = self._solids.open_points(elements, sides, 4)
+        areas = np.stack([scene.areas[elements.triangle] / elements.n**2] * 2)
+        areas[sides.back, sides.element] *= np.where(is_open > 0, is_open, 1.0)
+        lit = np.zeros((2, len(elements), 3))
+        each = points.shape[1]
+        lit[sides.back, sides.element] = self._light.of_sides(
+            sides,
+            elements.triangle[sides.element],
+            points.reshape(-1, 3),
+            np.repeat(np.arange(len(sides)), each),
+            each,
+        )
+        return areas, lit
+
     def result(self, detail: Detail) -> tuple[Mesh, Float64]:
         """The mesh of the elements that the light needs, and their irradiance (2, 2, E, 3), W m^-2.
 
@@ -452,8 +464,7 @@ class Shooting:
         open_areas, lit = self.open_areas[:, whole], self.lit[:, whole]
         if mesh is not self.mesh:
             of = np.arange(int(whole.sum()), len(mesh.elements))
-            parts = Mesh(mesh.scene, mesh.surface, mesh.patches, mesh.elements[of], mesh.patch[of])
-            open_parts, lit_parts = _open_and_lit(parts, self._light)
+            open_parts, lit_parts = self._open_and_lit(mesh.elements[of])
             open_areas = np.concatenate([open_areas, open_parts], axis=1)
             lit = np.concatenate([lit, lit_parts], axis=1)
         levels = zip(self.tree.sums(self.flux), detail.leaves, strict=True)
@@ -461,22 +472,3 @@ class Shooting:
         found = flux / max(self.particles, 1) / open_areas[..., None]
         found[DIRECT] += lit
         return mesh, np.asarray(found * self._used[:, mesh.elements.triangle][..., None])
-
-
-def _open_and_lit(mesh: Mesh, light: DirectLight) -> tuple[Float64, Float64]:
-    occluders = Occluders.of_scene(mesh.scene)
-    sides = Sides.of(mesh.scene, mesh.elements)
-    solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
-    points, is_open = open_points(mesh.scene, solid, mesh.elements, sides, 4)
-    share = np.ones((2, len(mesh.elements)))
-    share[sides.back, sides.element] = np.where(is_open > 0, is_open, 1.0)
-    lit = np.zeros((2, len(mesh.elements), 3))
-    each = points.shape[1]
-    lit[sides.back, sides.element] = light.of_sides(
-        sides,
-        mesh.elements.triangle[sides.element],
-        points.reshape(-1, 3),
-        np.repeat(np.arange(len(sides)), each),
-        each,
-    )
-    return share * mesh.areas, lit
