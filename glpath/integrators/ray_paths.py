@@ -113,7 +113,7 @@ class RayPathEngine(PathSetEngine):
             timings=timings,
         )
         self.guide: PathGuide | None = None
-        self._radiosity = radiosity
+        self.radiosity = radiosity
         self._light_block = -1
         self._light_tables: list[bytes] = []
         self._edges_of: object = None
@@ -202,7 +202,7 @@ class RayPathEngine(PathSetEngine):
         self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))
 
     def _program_parts(self, bvh: RayBvh) -> ProgramParts:
-        gl, scene, radiosity = self.gl, self.scene, self._radiosity
+        gl, scene, radiosity = self.gl, self.scene, self.radiosity
         parts = ProgramParts.of(scene, bvh)
         parts.uniforms |= self._constant_uniforms()
         parts.textures["eye_buffer"] = self._eye_buffer

@@ -29,7 +29,9 @@ from glpath.system.heartbeat import heartbeat
 #: Longer side of the reduced picture, in pixels; the same whatever the resolution, so that the choice is as well.
 SIDE = 128
 #: Path sets after which the bias is looked at; the last one decides.
-LOOKS = (8, 16, 32, 64)
+LOOKS = (6, 12, 24, 48, 64)
+# Standard errors to add, divided by the degrees of freedom, as the error itself is known from few sets.
+_STUDENT = 1.85
 
 
 class BiasProbe:
@@ -62,7 +64,8 @@ class BiasProbe:
                     found.append(block_means(engine.take()))
             sums = summed(*sets)
             bias = bias_of(sums)
-            if bias is None or bias.is_small(SURE) or bias.is_large(SURE):
+            sure = SURE + _STUDENT / (look - 1)
+            if bias is None or bias.is_small(sure) or bias.is_large(sure):
                 break
         return sums
 

@@ -23,7 +23,7 @@ from glpath.integrators.interleaved import Interleaved
 from glpath.integrators.path_engines import path_engine
 from glpath.integrators.path_set_engine import PathSetEngine
 from glpath.integrators.path_settings import PathBufferSettings, PathSettings
-from glpath.integrators.ray_paths import CEILING
+from glpath.integrators.ray_paths import CEILING, RayPathEngine
 from glpath.integrators.settings import IntegratorSettings
 from glpath.integrators.solution_lookup import device_radiosity, solution_digest
 from glpath.integrators.whitted_settings import WhittedSettings
@@ -65,6 +65,8 @@ GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1
 _STARTING_EVERYWHERE = 4
 #: How often an element is split in four where the light changes: to a hundredth of the width of a coarse one.
 GATHER_ADAPTIVE = 6
+#: Share of the local irradiance by which parts of an element have to differ for it to be split.
+_THRESHOLD = 0.25
 #: How many times as many patches and particles a refined solution has.
 _REFINED = 8
 _COARSE_PIXELS = 1 << 16  # of a picture, for which that is enough
@@ -93,6 +95,7 @@ def solve_for_gather(
         patches=more * round(GATHER_PATCHES * finer),
         particles=min(more * wanted, _MAX_PARTICLES),
         adaptive=GATHER_ADAPTIVE,
+        threshold=_THRESHOLD / more**0.5,
         for_camera=True,
         on_progress=on_progress,
     )
@@ -466,7 +469,8 @@ class _Gathering(Plan):
     def bias_probe(
         self, engine: Engine, context: Context, scene: Scene, sensor: Sensor
     ) -> tuple[PathSetEngine, PathSetEngine] | None:
-        if self.solution is None or self.proxies is not None:
+        solution = self.solution
+        if solution is None or self.proxies is not None:
             return None  # no BVH has streamed triangles
         width, height = sensor.resolution
         gather = GatherSettings(
@@ -476,15 +480,19 @@ class _Gathering(Plan):
             direct_light=self.settings.direct_light,
         )
         path = PathSettings(guide="solution").completed(lambda: True)
-        engines: list[PathSetEngine] = []
-        for settings in (gather, path):
-            radiosity = device_radiosity(context.gl, scene, self.solution, settings)
-            engines.append(
-                path_engine(
-                    context.gl, engine.scene, settings, (0, 0, width, height), sensor=sensor, radiosity=radiosity
-                )
-            )
-        return engines[0], engines[1]
+        known = engine.radiosity if isinstance(engine, RayPathEngine) else None
+        # What the picture looks up, which differs only by options that few give.
+        usual = (
+            self.settings.guided and gather.direct_light == "traced" and gather.radiosity_lookup == "interpolated"
+        )
+        shared = known if usual else None
+
+        def made(settings: GatherSettings | PathSettings) -> PathSetEngine:
+            radiosity = shared or device_radiosity(context.gl, scene, solution, settings)
+            window = (0, 0, width, height)
+            return path_engine(context.gl, engine.scene, settings, window, sensor=sensor, radiosity=radiosity)
+
+        return made(gather), made(path)
 
     def refined(self, scene: Scene, say: Say) -> Plan | None:
         if self.settings.refined or self.settings.radiosity is not None or self.proxies is not None:

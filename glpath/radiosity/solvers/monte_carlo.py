@@ -55,9 +55,9 @@ _CLOSER, _CLOSE_RAYS = 2048, 100
 _FIRST_DEPTH, _DEEPER = 2, 2
 #: Elements that lattices have at most after a first look, and after all.
 _FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 17
-#: Energy that may be misplaced within the finest elements of all triangles, and of one, in the mean energies of a
-#: patch.
-_MISPLACED, _MISPLACED_IN_ONE = 10.0, 0.5
+#: Share of all energy that may be misplaced within the finest elements of all triangles, and of one, with a
+#: threshold of 1.
+_MISPLACED, _MISPLACED_IN_ONE = 0.08, 0.004
 #: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
 _SPREAD, _UNHIT = 0.25, 0.2
 
@@ -97,7 +97,7 @@ class Shooting:
     seed      : another seed is another, independent solution
     for_camera: reflected light of punctual lights and the sky starts where it matters to what the camera sees
     adaptive  : how often an element may be split in four
-    patches   : how many patches were asked for; a multiple allows a smaller share of the energy to be misplaced
+    threshold : share of the local irradiance by which parts of an element have to differ for it to be split
     particles : that were shot
     tree      : lattices; particles are counted on the finest
     flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
@@ -116,7 +116,7 @@ class Shooting:
     seed: int = 0
     for_camera: bool = False
     adaptive: int = 0
-    patches: int = 1000
+    threshold: float = 0.25
     particles: int = 0
     hits: int = 0
     tree: Quadtree = field(init=False)
@@ -175,19 +175,19 @@ class Shooting:
             self._seen = np.stack([tree.of_coarse(self._gathered[..., c]) for c in range(3)], axis=2)
         self.whole = True
 
-    def detail(self, threshold: float) -> Detail:
-        """Where the light so far changes within elements by more than this share of it.
+    def detail(self) -> Detail:
+        """Where the light so far changes within elements by more than the threshold.
 
         For a camera it is the light that a gather looks up: without the direct light that it traces itself.
         """
         direct = self.tree.of_coarse(np.stack([self._nearness] * 2))[..., None]
         light = self.flux[INDIRECT] + direct * self.flux[DIRECT]
-        return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, threshold)
+        return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, self.threshold)
 
     def deepen(self, detail: Detail) -> bool:
         """Begin anew on finer lattices where the light changes within the finest elements; False if none may be."""
         depth = self.tree.depth.copy()
-        misplaced = detail.misplaced * self.patches
+        misplaced = detail.misplaced / self.threshold
         if misplaced.sum() < _MISPLACED:
             return False
         size = (self.tree.coarse << depth) ** 2

@@ -268,8 +268,8 @@ def solve_radiosity(
     compile_ahead(needed)
     with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
         if method == "monte-carlo":
-            shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, patches or DEFAULT_PATCHES)
-            return _monte_carlo(run, shooting, particles, threshold, checkpoint)
+            shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
+            return _monte_carlo(run, shooting, particles, checkpoint)
         cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
         transport = Transport(
             mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
@@ -363,7 +363,7 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
 
 
 def _monte_carlo(
-    run: _Run, shooting: monte_carlo.Shooting, particles: int, threshold: float, checkpoint: SolverCheckpoint | None
+    run: _Run, shooting: monte_carlo.Shooting, particles: int, checkpoint: SolverCheckpoint | None
 ) -> RadiositySolution:
     if checkpoint is not None and checkpoint.begin(
         shooting, run.scene.digest(camera=False), run.method, run.settings
@@ -380,7 +380,7 @@ def _monte_carlo(
         run.report("particles", shooting.particles, left, 0.0, len(shooting.tree.levels[-1]))
 
     def solution() -> RadiositySolution:
-        detail = shooting.detail(threshold)
+        detail = shooting.detail()
         mesh, irradiance = shooting.result(detail)
         view = shooting.view_error()
         return run.solution(
@@ -397,7 +397,7 @@ def _monte_carlo(
         while True:
             shooting.shoot(batches - shooting.particles // BATCH, report)
             # As many particles for each element, however many elements there are.
-            detail = shooting.detail(threshold)
+            detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
             if shooting.deepen(detail):

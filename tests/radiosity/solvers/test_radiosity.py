@@ -173,7 +173,7 @@ def test_monte_carlo_says_how_far_it_is_off():
     shooting = Shooting(Mesh.uniform(scene, np.full(12, 2), surface), seed=1)
     shooting.shoot(32, lambda: None)
     assert shooting.particles == 32 * BATCH
-    mesh, irradiance = shooting.result(shooting.detail(0.25))
+    mesh, irradiance = shooting.result(shooting.detail())
     error = np.sqrt(shooting.square[0]) / shooting.particles / mesh.areas
     off = (irradiance.sum(axis=0)[0] - 2 * np.pi) / error[:, None]
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
