@@ -65,10 +65,10 @@ GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1
 _STARTING_EVERYWHERE = 4
 #: How often an element is split in four where the light changes: to a hundredth of the width of a coarse one.
 GATHER_ADAPTIVE = 6
-#: Share of the local irradiance by which parts of an element have to differ for it to be split.
-_THRESHOLD = 0.25
+#: Share of the local irradiance by which parts of an element have to differ for it to be split; of a refined solution.
+_THRESHOLD, _REFINED_THRESHOLD = 0.25, 0.09
 #: How many times as many patches and particles a refined solution has.
-_REFINED = 8
+_MORE_PATCHES, _MORE_PARTICLES = 4, 8
 _COARSE_PIXELS = 1 << 16  # of a picture, for which that is enough
 
 
@@ -88,14 +88,14 @@ def solve_for_gather(
     wanted = max(_PARTICLES_PER_TRIANGLE * len(scene.triangles), round(_MIN_PARTICLES * finer))
     if scene.sky is not None or scene.lights:
         wanted *= _STARTING_EVERYWHERE
-    more = _REFINED if refined else 1
+    more_patches, more_particles = (_MORE_PATCHES, _MORE_PARTICLES) if refined else (1, 1)
     return solve_radiosity(
         scene,
         method="monte-carlo",
-        patches=more * round(GATHER_PATCHES * finer),
-        particles=min(more * wanted, _MAX_PARTICLES),
+        patches=more_patches * round(GATHER_PATCHES * finer),
+        particles=min(more_particles * wanted, _MAX_PARTICLES),
         adaptive=GATHER_ADAPTIVE,
-        threshold=_THRESHOLD / more**0.5,
+        threshold=_REFINED_THRESHOLD if refined else _THRESHOLD,
         for_camera=True,
         on_progress=on_progress,
     )

@@ -54,10 +54,10 @@ _CLOSER, _CLOSE_RAYS = 2048, 100
 #: Divisions of edges that a first look has, as a power of two, and that each further look adds.
 _FIRST_DEPTH, _DEEPER = 2, 2
 #: Elements that lattices have at most after a first look, and after all.
-_FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 17
-#: Share of all energy that may be misplaced within the finest elements of all triangles, and of one, with a
-#: threshold of 1.
-_MISPLACED, _MISPLACED_IN_ONE = 0.08, 0.004
+_FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 18
+#: Share of all energy that may be misplaced within the finest elements of all triangles, and of one, over the
+#: square of the threshold.
+_MISPLACED, _MISPLACED_IN_ONE = 0.32, 0.016
 #: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
 _SPREAD, _UNHIT = 0.25, 0.2
 
@@ -187,7 +187,7 @@ class Shooting:
     def deepen(self, detail: Detail) -> bool:
         """Begin anew on finer lattices where the light changes within the finest elements; False if none may be."""
         depth = self.tree.depth.copy()
-        misplaced = detail.misplaced / self.threshold
+        misplaced = detail.misplaced / self.threshold**2
         if misplaced.sum() < _MISPLACED:
             return False
         size = (self.tree.coarse << depth) ** 2
