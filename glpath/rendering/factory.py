@@ -65,7 +65,8 @@ GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1
 _STARTING_EVERYWHERE = 4
 #: How often an element is split in four where the light changes: to a hundredth of the width of a coarse one.
 GATHER_ADAPTIVE = 6
-#: Share of the local irradiance by which parts of an element have to differ for it to be split; of a refined solution.
+#: Share of the local irradiance by which parts of an element have to differ for it to be split, and of a refined
+#: solution.
 _THRESHOLD, _REFINED_THRESHOLD = 0.25, 0.09
 #: How many times as many patches and particles a refined solution has.
 _MORE_PATCHES, _MORE_PARTICLES = 4, 8
