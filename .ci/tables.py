@@ -161,11 +161,45 @@ def cie171_misprints() -> str:
     return "\n".join(rows) + "\n"
 
 
+def leaky_rooms() -> str:
+    """Bias of the defaults in rooms that leak, before and after elements were split, in percent."""
+    rows = [
+        "| room | `auto` before | `auto` now | which is | `gather` now | lightmap now |",
+        "|---|---|---|---|---|---|",
+    ]
+    before, now = (
+        {(row["room"], row["product"]): row for row in result(name)["rows"]}
+        for name in ("leaky-rooms-before", "leaky-rooms")
+    )
+    for room in dict.fromkeys(room for room, product in now if product == "auto"):
+        cells = [_bias(before[room, "auto"]), _bias(now[room, "auto"]), f"`{now[room, 'auto']['chosen']}`"]
+        cells += [_bias(now[room, product]) for product in ("gather", "lightmap")]
+        rows.append(f"| {room} | {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"
+
+
+def _bias(row: dict[str, Any]) -> str:
+    """The mean with its standard error, and by how much the worst block is off beyond its noise."""
+    return f"{100 * row['mean']:+.1f} ± {100 * row['mean_error']:.1f}; {100 * row['worst_beyond']:.1f}"
+
+
+def leaky_lookups() -> str:
+    """Ways to look up the light of a solution: bias in percent, and the noise of 256 path sets."""
+    rows = ["| way | room | elements | mean | worst block | noise |", "|---|---|---|---|---|---|"]
+    for row in result("leaky-rooms")["rows"]:
+        if "noise" in row:
+            numbers = f"{row['elements']:,} | {100 * row['mean']:+.1f} | {100 * row['worst']:+.0f}"
+            rows.append(f"| {row['product']} | {row['room']} | {numbers} | {100 * row['noise']:.1f} |")
+    return "\n".join(rows) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
     ("docs/explanation/shaft-culling.md", "shaft options"): shaft_options,
     ("docs/explanation/parallel-light.md", "parallel-rays"): parallel_rays,
+    ("docs/explanation/gather.md", "leaky-rooms"): leaky_rooms,
+    ("docs/explanation/gather.md", "leaky-lookups"): leaky_lookups,
     ("docs/explanation/cie171.md", "cie171"): cie171,
     ("docs/explanation/cie171.md", "cie171-misprints"): cie171_misprints,
     ("docs/howto/materials.md", "glazing"): glazing,

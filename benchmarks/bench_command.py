@@ -184,7 +184,7 @@ def bench(
     ] = None,
     parts: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="leaky-rooms: of pictures, solution, lightmap, probes; all."),
+        typer.Option(metavar="A,B", help="leaky-rooms: of pictures, lookups, solution, lightmap, probes; all."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; - for stdout.")

@@ -6,7 +6,7 @@ darker than 2 % of the mean counts as that bright. Errors are one standard devia
 spread between the batches of a film. Mitsuba's mean is a second witness of the reference.
 
 Each row is of one room and one product: of a picture by `auto` or `gather`, the solution's irradiance at points on
-surfaces, a lightmap, or probes.
+surfaces, a lightmap, or probes; of the part `lookups`, of a gather by one of several ways to look light up.
 
     mean, mean_error      : relative difference of the means
     worst, worst_error    : of the block that is the farthest off
@@ -23,8 +23,9 @@ measured: for each product, the largest `mean_off` and `worst_off` of all rooms,
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ from benchmarks.references.kept import reference_folder
 from benchmarks.scenes.leaky_rooms import ROOMS, room
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.bake.lightmap import Bake
-from glpath.errors import GlpathError, UsageError
+from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
 from glpath.gl.context import get_context
@@ -50,7 +51,7 @@ Row = dict[str, Any]
 Say = Callable[[str], None]
 Ints = NDArray[np.int64]
 
-PARTS = ("pictures", "solution", "lightmap", "probes")
+PARTS = ("pictures", "lookups", "solution", "lightmap", "probes")
 RESOLUTION = (128, 96)
 #: Pixels or texels along a block's side.
 BLOCK = 16
@@ -210,6 +211,40 @@ def picture_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
     return rows
 
 
+#: Rooms of the part `lookups`.
+LOOKUP_ROOMS = ("lamp-1cm", "cove", "thin-walls")
+#: Ways to look up light without a leak: options of the solver, and of the gather.
+LOOKUPS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "coarse elements": ({"patches": 500}, {}),
+    "8,000 equal elements": ({"patches": 8000}, {}),
+    "coarse, one vertex later": ({"patches": 500}, {"lookup_depth": 3}),
+    "split elements": ({"patches": 500, "adaptive": 6}, {}),
+    "split elements, longer paths": ({"patches": 500, "adaptive": 6}, {}),
+}
+
+
+def lookup_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
+    """Return a row for each way to look up the light of a solution."""
+    seen = scene.with_camera(resolution=RESOLUTION)
+    group = blocks(*RESOLUTION)
+    reference = Estimate.of(reference_film(seen, max(SETS, round(MAX_SETS * scale)), say), group)
+    rows = []
+    for name, (of_solver, of_gather) in LOOKUPS.items():
+        started = time.perf_counter()
+        solution = glpath.solve_radiosity(
+            seen, method="monte-carlo", particles=1 << 16, for_camera=True, **of_solver
+        )
+        seconds = time.perf_counter() - started
+        if "longer paths" not in name:
+            solution = replace(solution, unresolved=np.zeros(solution.element_count, bool))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # of the bias, which is what is measured
+            film = glpath.render(seen, integrator="gather", radiosity=solution, spp=4 * SETS, seed=1, **of_gather)
+        row: Row = {"room": scene.name, "product": name, "seconds": seconds, "elements": solution.element_count}
+        rows.append(row | compared(Estimate.of(film, group), reference) | {"noise": film.relative_error()})
+    return rows
+
+
 # Points, texels and probes
 
 
@@ -299,6 +334,8 @@ def check_parts(parts: Sequence[str]) -> None:
 def rows_of(scene: Scene, parts: Sequence[str], scale: float, say: Say) -> list[Row]:
     """Return the rows of a room."""
     rows = picture_rows(scene, scale, say) if "pictures" in parts else []
+    if "lookups" in parts and scene.name in LOOKUP_ROOMS:
+        rows += lookup_rows(scene, scale, say)
     if "solution" in parts:
         rows.append(solution_row(scene, scale))
     if "lightmap" in parts:

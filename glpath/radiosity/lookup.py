@@ -96,12 +96,12 @@ def _abrupt(light: Float64, corners: NDArray[np.int64], vertices: int) -> NDArra
     light   : (2, E) of the fronts and backs of elements
     corners : (E, 3) their vertices
     """
-    least, most = (np.full((2, vertices), fill) for fill in (np.inf, -np.inf))
+    lowest, highest = (np.full((2, vertices), fill) for fill in (np.inf, -np.inf))
     for corner in corners.T:
         for side in range(2):
-            np.minimum.at(least[side], corner, light[side])
-            np.maximum.at(most[side], corner, light[side])
-    lower, upper = least[:, corners].min(axis=2), most[:, corners].max(axis=2)
+            np.minimum.at(lowest[side], corner, light[side])
+            np.maximum.at(highest[side], corner, light[side])
+    lower, upper = lowest[:, corners].min(axis=2), highest[:, corners].max(axis=2)
     return np.asarray(upper - lower > _ABRUPT * upper)
 
 

@@ -191,8 +191,10 @@ def solve_radiosity(
                  large walls theirs
     size       : instead: the longest edge of a patch, scene units
     splits     : each patch is split in four so many times, for elements, which receive
-    adaptive   : so many times, elements are split in four where the radiosity changes fast (progressive only)
-    threshold  : "fast" is by more than this between two corners, as a share of the scene's mean
+    adaptive   : how many times elements may be split in four where the radiosity changes fast; not of "matrix"
+    threshold  : "fast" is a difference of more than this: with "progressive" between two corners of an element, as
+                 a share of the scene's mean; with "monte-carlo" between a quarter of an element and the whole, as a
+                 share of the irradiance there
     unshot     : ends when this share of the emitted energy has not been sent
     max_steps  : or when so many patches shot
     overshoot  : patches shoot some of what they will get later, too (Feda & Purgathofer 1992)
@@ -201,7 +203,8 @@ def solve_radiosity(
     form_factors    : "polygon", exact where nothing occludes, or "disc" (Wallace et al. 1989)
     emitter_samples : 1, 4, 9, 16 or 25: the most of an emitter; the farther, the fewer
     receiver_points : 1, 4, 9, ...: per element
-    particles  : of "monte-carlo", rounded up to whole batches of 16,384. With `for_camera` and a sky or punctual
+    particles  : of "monte-carlo", rounded up to whole batches of 16,384, and more if `adaptive` makes more
+                 elements. With `for_camera` and a sky or punctual
                  lights as many again and again, up to 1,048,576, until what a gather of the camera's picture finds
                  has a standard error of 0.3 %; `statistics` have it, `view_mean` and `view_error`, W sr^-1 m^-2
     seed       : of "monte-carlo"
