@@ -114,9 +114,11 @@ class BiasCheck:
         if unbiased is not None:
             self.statistics = {REJECTED_GATHER: self.statistics[BIAS_PROBE]}
             return unbiased, self._replaced(engine, unbiased, same_solution=True)
+        found = "is" if bias.is_large() else "may be too large: it is"
+        name = self.scene.source or self.scene.name
         warn(
-            f"{self.scene.source or self.scene.name}: the bias of the gather is {bias}. Its radiosity solution is "
-            'too coarse for this scene; integrator="path" has no bias.'
+            f"{name}: the bias of the gather {found} {bias}. "
+            'Its radiosity solution may be too coarse for this scene; integrator="path" has no bias.'
         )
         return plan, engine
 
