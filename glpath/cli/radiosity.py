@@ -91,8 +91,8 @@ def radiosity(
     adaptive: Annotated[
         int | None,
         typer.Option(
-            help="So many times, split elements where the radiosity changes fast; by default 2 where a .glb is "
-            "written by progressive, else 0.",
+            help="So many times, split elements where the radiosity changes fast; by default 6 by monte-carlo, 2 "
+            "where progressive writes a .glb, else 0.",
             rich_help_panel=_MESH,
         ),
     ] = None,
@@ -174,8 +174,8 @@ def radiosity(
     for path in out:
         check_writable(path)
     checkpoint = _checkpoint(out[0], run)
-    if adaptive is None:
-        adaptive = 2 if baked and method == "progressive" else 0
+    if adaptive is None and baked and method == "progressive":
+        adaptive = 2
     options: dict[str, Any] = {
         "method": cast("Method", method), "patches": patches, "size": size, "splits": splits,
         "adaptive": adaptive, "threshold": threshold, "unshot": unshot, "max_steps": max_steps,

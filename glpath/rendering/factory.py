@@ -63,8 +63,6 @@ GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1
 # leaves it at once, and a window lets little of it in. In a room of 4 x 5 beside a ground of 80 x 80 its mean
 # varies by 0.5 % by seed.
 _STARTING_EVERYWHERE = 4
-#: How often an element is split in four where the light changes: to a hundredth of the width of a coarse one.
-GATHER_ADAPTIVE = 6
 #: Share of the local irradiance by which parts of an element have to differ for it to be split, and of a refined
 #: solution.
 _THRESHOLD, _REFINED_THRESHOLD = 0.25, 0.09
@@ -95,7 +93,6 @@ def solve_for_gather(
         method="monte-carlo",
         patches=more_patches * round(GATHER_PATCHES * finer),
         particles=min(more_particles * wanted, _MAX_PARTICLES),
-        adaptive=GATHER_ADAPTIVE,
         threshold=_REFINED_THRESHOLD if refined else _THRESHOLD,
         for_camera=True,
         on_progress=on_progress,

@@ -76,7 +76,7 @@ def test_options_reach_the_solver_and_a_generated_scene_its_parameters(tmp_path,
     assert not (tmp_path / "s.npz").exists()
     assert seen["scene"].materials[0].reflectance[0] == 0.25
     expected = {"method": "monte-carlo", "size": 0.5, "splits": 1, "particles": 99, "seed": 7, "overshoot": True,
-                "ambient": True, "unshot": 0.2, "patches": None, "adaptive": 0}  # fmt: skip
+                "ambient": True, "unshot": 0.2, "patches": None, "adaptive": None}  # fmt: skip
     assert {key: seen[key] for key in expected} == expected
 
 

@@ -39,6 +39,9 @@ from glpath.system.kernels import announced, waiting
 
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
+#: How many times elements may be split in four by "monte-carlo", where the number is not given: to a 64th of their
+#: width.
+DEFAULT_ADAPTIVE = 6
 #: Share of the free memory that kept form factors may take, and how much of it at most.
 _CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
 #: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
@@ -157,7 +160,7 @@ def solve_radiosity(
     patches: int | None = None,
     size: float | None = None,
     splits: int = 0,
-    adaptive: int = 0,
+    adaptive: int | None = None,
     threshold: float = 0.25,
     unshot: float = 0.001,
     max_steps: int = 1_000_000,
@@ -191,7 +194,8 @@ def solve_radiosity(
                  large walls theirs
     size       : instead: the longest edge of a patch, scene units
     splits     : each patch is split in four so many times, for elements, which receive
-    adaptive   : how many times elements may be split in four where the radiosity changes fast; not of "matrix"
+    adaptive   : how many times elements may be split in four where the radiosity changes fast; not of "matrix". By
+                 default 6 with "monte-carlo", else 0
     threshold  : "fast" is a difference of more than this: with "progressive" between two corners of an element, as
                  a share of the scene's mean; with "monte-carlo" between a quarter of an element and the whole, as a
                  share of the irradiance there
@@ -228,6 +232,8 @@ def solve_radiosity(
     touch a surface.
     """
     loaded = load_scene(scene)
+    if adaptive is None:
+        adaptive = DEFAULT_ADAPTIVE if method == "monte-carlo" else 0
     options: dict[str, object] = {
         "method": method, "patches": patches, "size": size, "splits": splits, "adaptive": adaptive,
         "threshold": threshold, "unshot": unshot, "max_steps": max_steps, "overshoot": overshoot,
