@@ -184,12 +184,11 @@ def _bias(row: dict[str, Any]) -> str:
 
 
 def leaky_lookups() -> str:
-    """Ways to look up the light of a solution: bias in percent, and the noise of 256 path sets."""
-    rows = ["| way | room | elements | mean | worst block | noise |", "|---|---|---|---|---|---|"]
-    for row in result("leaky-rooms")["rows"]:
-        if "noise" in row:
-            numbers = f"{row['elements']:,} | {100 * row['mean']:+.1f} | {100 * row['worst']:+.0f}"
-            rows.append(f"| {row['product']} | {row['room']} | {numbers} | {100 * row['noise']:.1f} |")
+    """Methods of looking up the light of a solution: bias in percent, and the noise of 256 path sets."""
+    rows = ["| method | room | elements | mean | worst block | noise |", "|---|---|---|---|---|---|"]
+    for row in result("leaky-lookups")["rows"]:
+        numbers = f"{row['elements']:,} | {100 * row['mean']:+.1f} | {100 * row['worst']:+.0f}"
+        rows.append(f"| {row['product']} | {row['room']} | {numbers} | {100 * row['noise']:.1f} |")
     return "\n".join(rows) + "\n"
 
 

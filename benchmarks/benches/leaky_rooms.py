@@ -215,9 +215,9 @@ def picture_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
 LOOKUP_ROOMS = ("lamp-1cm", "cove", "thin-walls")
 #: Ways to look up light without a leak: options of the solver, and of the gather.
 LOOKUPS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "coarse elements": ({"patches": 500}, {}),
-    "8,000 equal elements": ({"patches": 8000}, {}),
-    "coarse, one vertex later": ({"patches": 500}, {"lookup_depth": 3}),
+    "coarse elements": ({"patches": 500, "adaptive": 0}, {}),
+    "8,000 equal elements": ({"patches": 8000, "adaptive": 0}, {}),
+    "coarse, one vertex later": ({"patches": 500, "adaptive": 0}, {"lookup_depth": 3}),
     "split elements": ({"patches": 500, "adaptive": 6}, {}),
     "split elements, longer paths": ({"patches": 500, "adaptive": 6}, {}),
 }

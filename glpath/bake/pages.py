@@ -1,4 +1,4 @@
-"""Pages from values of texels: what is inside other geometry is filled, and gutters continue what is beside them.
+"""Build pages from the values of texels: fill texels inside other geometry, and pad gutters.
 
 Cost:     a distance transform a page.
 """
@@ -24,7 +24,7 @@ _NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0
 
 
 def pages_of(atlas: Atlas, texels: Texels, values: Float64, inside: Bools) -> tuple[Float32, Bools]:
-    """Pages (P, h, w, C) of values (N, C), and (P, h, w) where they are baked and not only continued.
+    """Return pages (P, h, w, C) of values (N, C), and (P, h, w) bool: True for texels that are baked, not padded.
 
     inside : (N,) texels that have no light of their own: they get the mean of neighbours of their chart, ring by
              ring, so that no light comes from the other side of what they are under
@@ -102,7 +102,7 @@ def _fill_inside(pages: Float32, known: Bools, chart: NDArray[np.int64], texels:
 
 
 def _continue(page: NDArray[Any], filled: Bools) -> None:
-    """Give every other texel of a page (h, w, ...) the value of the nearest."""
+    """Give each unfilled texel of a page (h, w, ...) the value of the nearest filled texel, in place."""
     from scipy.ndimage import distance_transform_edt
 
     if filled.any():

@@ -1,4 +1,4 @@
-"""`glpath merge`: films of ranges of path sets, rendered anywhere, as one film; and shards of daylight."""
+"""`glpath merge`: combine films of several ranges of path sets, or shards of daylight, into one."""
 
 from __future__ import annotations
 

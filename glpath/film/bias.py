@@ -28,11 +28,11 @@ REJECTED_GATHER = "rejected_gather"
 BLOCKS = 8
 #: Bias that a default picture may have: share of the light of the whole picture, and of its blocks.
 MAX_MEAN, MAX_BLOCKS = 0.01, 0.03
-#: Standard errors by which the mean has to be away from the limit for a sure decision (95 %), and for a final one.
+#: Standard errors between the mean and the limit: of a decision before the last path set (95 % sure), and at it.
 SURE, FINAL = 1.645, 1.0
-# Standard errors of one of many blocks that noise explains.
+# Standard errors up to which the difference of the worst of many blocks may be noise.
 _BLOCK_NOISE = 3.5
-# A block darker than this share of the picture's light counts as that bright.
+# Minimum light that the difference of a block is relative to, as a share of the mean light of the picture.
 _DARK_BLOCK = 0.02
 
 

@@ -20,7 +20,7 @@ from glpath.gl.device_irradiance_volume import DeviceIrradianceVolume, Volume
 from glpath.gl.texel_store import FLOATS, WIDTH, make_store, store_glsl
 from glpath.scene.model import Float64
 
-#: The contents of an entry's texels, in order, by section; each is an RGBA float32 texel.
+#: Layout of the texture: for each section, the RGBA float32 texels of an entry, in order.
 LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
@@ -169,7 +169,7 @@ class DeviceRadiosity:
 
 
 def _sides_in_turns(values: Float64, direct_share: Float64) -> Float64:
-    """(2 N, 1, 4): irradiance (2, N, 3) and share (N,), front and back of each in turns."""
+    """Return (2 N, 1, 4) texels that alternate fronts and backs: rgb is irradiance, alpha the direct share."""
     rows = np.empty((2 * len(direct_share), 1, 4))
     rows[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
     rows[:, 0, 3] = np.repeat(direct_share, 2)

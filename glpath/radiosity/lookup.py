@@ -1,4 +1,4 @@
-"""A solution for a gather's look-ups: a table of irradiance for the points of its lattice.
+"""Make the table of irradiance that a gather looks up, from a radiosity solution.
 
 Indirect light alone is looked up where the gather traces direct light itself. Close to a lamp it does not: there
 a light sample's 1/r^2 has no bound, and where all paths of a set share the light sample, it would be a bright spot

@@ -138,7 +138,7 @@ class BiasCheck:
         return None
 
     def _replaced(self, engine: Engine, plan: Plan, *, same_solution: bool) -> Engine:
-        """The prepared engine of another plan, which takes the scene from an engine."""
+        """Prepare and return the engine of `plan`; it takes the scene on the device from `engine`."""
         with self.context:
             if self.probe is not None:
                 self.probe.close()

@@ -17,7 +17,7 @@ vec4 irradiance_value(int first, int number, int back)
 // Where a point lies in its triangle's lattice.
 struct LatticePosition
 {
-    int first_value, first_element;  // of the triangle
+    int first_value, first_element;  // numbers of the triangle's first value and element in the tables
     int last;     // number of the last cell of the first row
     int i, j;     // the cell
     bool upper;   // in its upper element?
@@ -47,7 +47,7 @@ int element_in(LatticePosition p)
 // How the element at a position is looked up, on the triangle's front or back.
 struct ElementLookup
 {
-    float min_distance;  // from which on a path may look it up
+    float min_distance;  // of a ray that looks the element up, scene units
     bool constant;       // values are not interpolated
 };
 
@@ -67,7 +67,7 @@ vec4 irradiance_at(LatticePosition p, bool front, bool constant)
 #endif
     vec2 f = p.f;
     if (!p.upper) f -= 0.5 * max(f.x + f.y - 1.0, 0.0);
-    // Rows j and j + 1 of vertices; the three around the point, the one off the diagonal first.
+    // Numbers of the vertices in rows j and j + 1. The first of the three vertices is the one off the diagonal.
     int row = p.j * (p.last + 2) - (p.j * (p.j - 1)) / 2 + p.i, next = row + p.last + 2 - p.j;
     vec2 w = p.upper ? 1.0 - f.yx : f;
     return (1.0 - w.x - w.y) * irradiance_value(first, p.upper ? next + 1 : row, back)

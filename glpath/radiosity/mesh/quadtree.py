@@ -22,7 +22,7 @@ from glpath.scene.model import Float64
 
 Bools = NDArray[np.bool_]
 
-#: Standard errors by which one of four elements has to differ from their mean.
+#: Standard errors by which one of four parts has to differ from their mean, for the element to be split.
 _SIGNIFICANT = 4.0
 #: Share of the scene's mean irradiance that is added to the local one before differences are compared with it.
 _DARK = 0.1
@@ -55,7 +55,7 @@ class Quadtree:
 
     @cached_property
     def levels(self) -> list[Elements]:
-        """All elements of each level, in the order of `lattice`."""
+        """For each level, all of its elements, in the order of `glpath.radiosity.mesh.lattice`."""
         return [Elements.of_lattices(self.divisions(level)) for level in range(self.height + 1)]
 
     @cached_property
@@ -73,7 +73,7 @@ class Quadtree:
         return found
 
     def sums(self, values: Float64) -> list[Float64]:
-        """Values (..., E, C) of the finest level, summed over the parts of each element, for every level."""
+        """Return, for every level, the sums over each element of the values (..., E, C) of the finest level."""
         found = [values]
         for level in range(self.height, 0, -1):
             rows = found[0].reshape(-1, *found[0].shape[-2:])

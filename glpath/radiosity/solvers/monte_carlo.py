@@ -47,23 +47,24 @@ from glpath.system.machine import core_count
 
 #: Rays to the sky from where a particle starts.
 _START_RAYS = 4
-#: Rays to the sky from each of four points of a cell that a camera's paths visit, and of one that none has visited.
+#: Rays to the sky from each of the four points of a cell: of cells that camera paths visit, and of all others.
 _CELL_RAYS, _FAR_RAYS = 16, 4
 #: So many of the most important sides of cells have so many: a window may be small.
 _CLOSER, _CLOSE_RAYS = 2048, 100
-#: Divisions of edges that a first look has, as a power of two, and that each further look adds.
+#: Levels of a quadtree, each of which halves the edges: of the first pass, and that each further pass adds.
 _FIRST_DEPTH, _DEEPER = 2, 2
-#: Elements that lattices have at most after a first look, and after all.
+#: Maximum number of elements in all lattices: of the first pass, and of the last.
 _FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 18
 #: Share of all energy that may be misplaced within the finest elements of all triangles, and of one, over the
 #: square of the threshold.
 _MISPLACED, _MISPLACED_IN_ONE = 0.32, 0.016
-#: Of the visits by a camera, this share goes to all of a surface; of what light is usual, to where none was hit.
+#: Share of the visits by a camera that is spread evenly over each surface, and share of the usual light that is
+#: assumed where rays found none.
 _SPREAD, _UNHIT = 0.25, 0.2
 
 
 class _Lit(NamedTuple):
-    """Sides of elements where particles start that carry reflected light of punctual lights and the sky.
+    """Sides of elements from which particles start, with reflected light of punctual lights and the sky.
 
     corners  : (L, 9), corner 0 and the edges to corners 1 and 2
     triangle : (L,) of the scene; `back` the side of it
@@ -91,7 +92,7 @@ class _Lit(NamedTuple):
 
 @dataclass
 class Shooting:
-    """Energy that has arrived, in batches of particles.
+    """A run of particles: the sums of the energy that they leave on elements, batch by batch.
 
     mesh      : the coarse elements, each patch one
     seed      : another seed is another, independent solution
@@ -185,7 +186,10 @@ class Shooting:
         return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, self.threshold)
 
     def deepen(self, detail: Detail) -> bool:
-        """Begin anew on finer lattices where the light changes within the finest elements; False if none may be."""
+        """Refine lattices where the light changes within the finest elements, and begin anew.
+
+        Returns False if no lattice needs a refinement or may have one.
+        """
         depth = self.tree.depth.copy()
         misplaced = detail.misplaced / self.threshold**2
         if misplaced.sum() < _MISPLACED:
@@ -210,7 +214,7 @@ class Shooting:
         emitting = np.flatnonzero(sides.emission.any(axis=1))
         of = sides.element[emitting]
         power = sides.emission[emitting] * scene.areas[of, None]
-        # By their power; the mean of the channels, so that no coloured light is starved.
+        # Lamps are chosen by power, the mean of the channels, so that coloured lamps get enough particles.
         emitted = float(power.mean(axis=1).sum())
         chance = power.mean(axis=1) / max(emitted, np.finfo(float).tiny)
         lit, reflected = self._find_lit()
@@ -308,7 +312,7 @@ class Shooting:
     def _contribution(
         self, cells: Elements, visits: Float64, choice: LightChoice | None
     ) -> tuple[Float64, Float64]:
-        """(2, C): the light that sides of cells reflect, times how much of that a camera sees, about.
+        """Estimate (2, C): the light that each side of a cell sends on, times how much of it the camera sees.
 
         And where in the sky it comes from: (2, C, BINS).
         """
@@ -332,8 +336,8 @@ class Shooting:
             irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays, chosen)
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
-        # A window, a lamp or a path to the camera may have been missed by all of a few rays: what seldom
-        # starts comes with much energy, and a single particle of it would be a large error.
+        # A few rays can miss a window, a lamp or a path to the camera. Without a floor, the chance of such a
+        # start would be tiny, and a single particle from there a large error.
         usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
         return np.asarray(worth * (lit + _UNHIT * usual)), from_sky
 
@@ -367,7 +371,7 @@ class Shooting:
         return Starts(position, energy, triangle, back, direction)
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
-        """So many batches more, shared between threads; sums come in order, so that they are always the same."""
+        """Shoot more batches, on several threads. Results are added in order, so that sums are reproducible."""
         first = self.particles // BATCH
         threads = core_count()
         with ThreadPoolExecutor(threads) as pool:
@@ -378,7 +382,7 @@ class Shooting:
                     self.flux += arrivals.flux
                     self.square += arrivals.square
                     if self._seen is not None:
-                        # Direct light is found by other means where it is seen.
+                        # Indirect light alone: a gather traces direct light itself.
                         seen = float((self._seen * arrivals.flux[INDIRECT]).sum()) / 3
                         self.view += seen, seen * seen
                     self.hits += hits
@@ -455,7 +459,8 @@ class Shooting:
         return areas, lit
 
     def result(self, detail: Detail) -> tuple[Mesh, Float64]:
-        """The mesh of the elements that the light needs, and their irradiance (2, 2, E, 3), W m^-2.
+        """Return the mesh, split where the light changes, and its irradiance (2, 2, E, 3), W m^-2: by part, direct
+        or indirect, by side, by element and by channel.
 
         It is 0 where a side neither reflects nor emits.
         """
