@@ -80,7 +80,7 @@ def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, t
         corners = _vertices_of_elements(solution.divisions.astype(np.int64))
         of_elements = share[corners].mean(axis=1)
         elements = solution.elements[INDIRECT] + of_elements[:, None] * solution.elements[DIRECT]
-        constant = _abrupt(elements.mean(axis=2), corners, values.shape[1])
+        constant = _in_whole_leaves(solution, _abrupt(elements.mean(axis=2), corners, values.shape[1]))
     return LookupTable(values, share, starts, all_light, np.stack([distance] * 2), constant, elements, of_elements)
 
 
@@ -103,6 +103,25 @@ def _abrupt(light: Float64, corners: NDArray[np.int64], vertices: int) -> NDArra
             np.maximum.at(highest[side], corner, light[side])
     lower, upper = lowest[:, corners].min(axis=2), highest[:, corners].max(axis=2)
     return np.asarray(upper - lower > _ABRUPT * upper)
+
+
+def _in_whole_leaves(solution: RadiositySolution, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(2, E): True for each element of the lattices whose solver's element has a part in `some` (2, E).
+
+    All parts of a solver's element are interpolated between the same values, at its corners.
+    """
+    parts = np.flatnonzero(solution.leaf_size > 1)
+    elements = Elements.of_lattices(solution.divisions.astype(np.int64))[parts]
+    i, j, upper, size = elements.i, elements.j, elements.upper, solution.leaf_size[parts].astype(np.int64)
+    key = elements.triangle * 16 + np.log2(size).astype(np.int64)
+    while np.any(smaller := size > 1):
+        upper = np.where(smaller, (i & 1) + (j & 1) + upper >= 2, upper)
+        i, j, size = np.where(smaller, i >> 1, i), np.where(smaller, j >> 1, j), np.where(smaller, size >> 1, size)
+    _, leaf = np.unique(((key << 15 | i) << 15 | j) << 1 | upper, return_inverse=True)
+    found = some.copy()
+    for side in range(2):
+        found[side, parts] = np.bincount(leaf, some[side, parts])[leaf] > 0
+    return found
 
 
 def _vertices_of_elements(divisions: NDArray[np.int64]) -> NDArray[np.int64]:

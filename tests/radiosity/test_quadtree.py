@@ -166,3 +166,22 @@ def test_an_adaptive_solution_resumes_from_a_checkpoint_bit_for_bit(tmp_path) ->
     resumed = glpath.solve_radiosity(scene, checkpoint=SolverCheckpoint(path, seconds=60), **options)
     assert np.array_equal(resumed.divisions, whole.divisions)
     assert np.array_equal(resumed.elements, whole.elements)
+
+
+def test_a_large_element_beside_a_wall_is_constant_in_all_of_its_parts() -> None:
+    """Its parts lie on a finer lattice; those off the wall share its corners, one of which has the light beyond."""
+    scene = lit_on_the_left(0.0)
+    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=100, particles=1 << 18, adaptive=5)
+    table = lookup_table(scene, solution, "interpolated", traced=False)
+    first = solution.first_element
+    constant, size = table.constant[0], solution.leaf_size
+    large = 0
+    for triangle in range(2):
+        values = solution.elements[1, 0, first[triangle] : first[triangle + 1]].sum(axis=1)
+        of = size[first[triangle] : first[triangle + 1]]
+        flags = constant[first[triangle] : first[triangle + 1]]
+        # Parts of one large element have one value, which no other has by chance.
+        for value in np.unique(values[(of > 1) & (values > 0)]):
+            assert len(np.unique(flags[values == value])) == 1
+            large += int(flags[values == value].any())
+    assert large > 0
