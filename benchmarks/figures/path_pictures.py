@@ -115,6 +115,7 @@ def solved(say: Say, scene: Scene, scale: float, seed: int = 0) -> tuple[Radiosi
     solution = solve_radiosity(
         scene,
         method="monte-carlo",
+        adaptive=0,  # as the paper's mesh
         patches=BOX_ELEMENTS if box else None,
         size=None if box else largest,
         particles=particles,

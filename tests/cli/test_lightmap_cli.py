@@ -82,12 +82,15 @@ def test_bias_of_points_is_printed_if_it_is_known(
 ) -> None:
     if command[0] == "lightmap":
         pytest.importorskip("xatlas")
-    bias = Bias(mean=0.021, mean_error=0.004, blocks=0.03, blocks_error=0.01)
+    bias = Bias(mean=0.021, mean_error=0.004, blocks=0.03, blocks_error=0.01, worst_block=0.0)
     monkeypatch.setattr(Film, "bias", lambda _: bias if known else None)
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, [*command, "--spp", "8", "--progress", "none"])
     assert done.exit_code == 0, done.output
-    line = "  bias of the gather: 2.1 % of the light, plus or minus 0.4 %; by block 3 %\n"
+    line = (
+        "  bias of the gather: +2.1 % of the light, plus or minus 0.4; in blocks 3 %, which is too large; "
+        "--integrator path has none\n"
+    )
     assert (line in done.stderr) is known
     if command[0] == "lightmap":
         extras = ReadGlb.of(tmp_path / "a.glb").json["extras"]

@@ -7,7 +7,8 @@ import pytest
 
 import glpath
 from glpath.io import scene_from_dict
-from glpath.radiosity.lookup import NEVER, lookup_table
+from glpath.radiosity import RadiositySolution
+from glpath.radiosity.lookup import NEVER, _in_whole_leaves, lookup_table
 from glpath.radiosity.mesh.mesh import Elements, Mesh, surfaces
 from glpath.radiosity.mesh.quadtree import Detail, Quadtree
 from glpath.scene import Scene, path_traceable
@@ -168,20 +169,19 @@ def test_an_adaptive_solution_resumes_from_a_checkpoint_bit_for_bit(tmp_path) ->
     assert np.array_equal(resumed.elements, whole.elements)
 
 
-def test_a_large_element_beside_a_wall_is_constant_in_all_of_its_parts() -> None:
-    """Its parts lie on a finer lattice; those off the wall share its corners, one of which has the light beyond."""
-    scene = lit_on_the_left(0.0)
-    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=100, particles=1 << 18, adaptive=5)
-    table = lookup_table(scene, solution, "interpolated", traced=False)
-    first = solution.first_element
-    constant, size = table.constant[0], solution.leaf_size
-    large = 0
-    for triangle in range(2):
-        values = solution.elements[1, 0, first[triangle] : first[triangle + 1]].sum(axis=1)
-        of = size[first[triangle] : first[triangle + 1]]
-        flags = constant[first[triangle] : first[triangle + 1]]
-        # Parts of one large element have one value, which no other has by chance.
-        for value in np.unique(values[(of > 1) & (values > 0)]):
-            assert len(np.unique(flags[values == value])) == 1
-            large += int(flags[values == value].any())
-    assert large > 0
+def test_an_edge_in_a_part_of_a_large_element_counts_for_all_of_its_parts() -> None:
+    """Parts lie on a finer lattice. Those off the edge share the corners, one of which has the light beyond."""
+    divisions = np.array([4, 8], np.int32)
+    elements = Elements.of_lattices(divisions.astype(np.int64))
+    coarse = Elements.of_lattices(np.array([2, 4]))
+    parts = coarse.split()
+    size = np.where(elements.triangle == 0, 2, 1)
+    zeros = [np.zeros((2, 2, count, 3)) for count in (len(elements), 15 + 45)]
+    solution = RadiositySolution("", divisions, *zeros, leaf_size=size)
+    first = np.array([0, 16])[parts.triangle] + parts.index()
+    for number in range(4):  # of the first triangle's large elements
+        some = np.zeros((2, len(elements)), bool)
+        some[1, first[4 * number + 2]] = some[0, 20] = True
+        found = _in_whole_leaves(solution, some)
+        assert set(np.flatnonzero(found[1])) == set(first[4 * number : 4 * number + 4])
+        assert np.flatnonzero(found[0]).tolist() == [20], "an element that is no part of another stays alone"

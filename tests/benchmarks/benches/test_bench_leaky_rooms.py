@@ -41,5 +41,5 @@ def test_a_small_run_finds_the_leak_of_a_lamp(monkeypatch: pytest.MonkeyPatch, t
 
 
 def test_an_unknown_part_is_refused() -> None:
-    with pytest.raises(UsageError, match="'sky'; allowed are pictures, solution, lightmap, probes"):
+    with pytest.raises(UsageError, match="'sky'; allowed are pictures, lookups, solution, lightmap, probes"):
         bench_leaky_rooms(("sky",))

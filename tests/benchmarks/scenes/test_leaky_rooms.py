@@ -27,6 +27,7 @@ def description(request: pytest.FixtureRequest) -> dict[str, Any]:
     return dict(request.param)
 
 
+@pytest.mark.filterwarnings("ignore:.*the bias of the gather:glpath.SceneWarning")
 def test_camera_sees_light_and_the_solver_takes_the_room(description: dict[str, Any], tmp_path: Path) -> None:
     scene = load_scene(description)
     solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=200, particles=16384)
