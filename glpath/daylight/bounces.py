@@ -45,6 +45,8 @@ DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
 POINTS = 4
 #: Sides up to which the matrix is dense: 144 MB.
 DENSE = 6000
+# Sides up to which it has 64 bits: 32 MB.
+_DOUBLE = 2000
 # Of each column's sum, by which a sparse solution changes at last; and the limit of reflections.
 _CHANGE, _MAX_REFLECTIONS = 1e-4, 500
 # Floats of some columns of the sides: 32 MiB.
@@ -180,7 +182,10 @@ class Reflections:
     def _factored(self) -> Any:
         from scipy import linalg
 
-        system = (self._sent @ self._between).toarray()
+        # The last bits of a solution depend on the threads of a BLAS, of which workers of a cluster have one each.
+        # In 64 bits they are lost when the result is rounded; large systems have no room for that.
+        kind = np.float64 if len(self._sent.indptr) <= _DOUBLE else np.float32
+        system = (self._sent @ self._between).toarray().astype(kind)
         np.negative(system, out=system)
         system.ravel()[:: len(system) + 1] += 1
         return linalg.lu_factor(system, overwrite_a=True, check_finite=False)
@@ -196,7 +201,7 @@ class Reflections:
         first = np.asarray(self._sent @ direct, np.float32)
         if self._factors is not None:
             return np.asarray(
-                linalg.lu_solve(self._factors, first, overwrite_b=True, check_finite=False), np.float32
+                linalg.lu_solve(self._factors, first.astype(self._factors[0].dtype), check_finite=False), np.float32
             )
         found, last = first.copy(), first
         limit = _CHANGE * np.abs(first.sum(axis=0))
