@@ -129,8 +129,9 @@ def _with_small_bias(
         raise RenderInterrupted(clock.film) from None
     except ContextError as error:
         log.warning("the bias of the gather cannot be measured here: %s", error.message)
-        return plan.without_bias() or plan
-    clock.statistics |= check.statistics or {}
+        plan = plan.without_bias() or plan
+    else:
+        clock.statistics |= check.statistics or {}
     describe_plan(clock.film, metadata_of(job, plan, scene, None))
     return plan
 

@@ -101,19 +101,25 @@ class BiasCheck:
     def settle(self, plan: Plan, engine: Engine) -> tuple[Plan, Engine]:
         """Return the plan whose bias is small enough, and its engine; a plan that was asked for is kept."""
         bias = self._measured(plan, engine)
-        if bias is None or bias.is_small():
+        if bias is None:
+            # An unknown bias may be large.
+            unbiased = plan.without_bias()
+            return (plan, engine) if unbiased is None else (unbiased, self._replaced(engine, unbiased))
+        if bias.is_small():
             return plan, engine
         refined = plan.refined(self.scene, self.say)
         if refined is not None:
             plan, engine = refined, self._replaced(engine, refined, same_solution=False)
             bias = self._measured(plan, engine)
-            if bias is None or bias.is_small():
+            if bias is not None and bias.is_small():
                 return plan, engine
         unbiased = plan.without_bias()
         assert self.statistics is not None, "measured"
         if unbiased is not None:
             self.statistics = {REJECTED_GATHER: self.statistics[BIAS_PROBE]}
-            return unbiased, self._replaced(engine, unbiased, same_solution=True)
+            return unbiased, self._replaced(engine, unbiased)
+        if bias is None:
+            return plan, engine
         found = "is" if bias.is_large() else "may be too large: it is"
         name = self.scene.source or self.scene.name
         warn(
@@ -137,7 +143,7 @@ class BiasCheck:
             return bias_of(sums)
         return None
 
-    def _replaced(self, engine: Engine, plan: Plan, *, same_solution: bool) -> Engine:
+    def _replaced(self, engine: Engine, plan: Plan, *, same_solution: bool = True) -> Engine:
         """Prepare and return the engine of `plan`; it takes the scene on the device from `engine`."""
         with self.context:
             if self.probe is not None:

@@ -479,7 +479,7 @@ class _Gathering(Plan):
         )
         path = PathSettings(guide="solution").completed(lambda: True)
         known = engine.radiosity if isinstance(engine, RayPathEngine) else None
-        # What the picture looks up, which differs only by options that few give.
+        # The picture looks up the same, unless one of these options is given.
         usual = (
             self.settings.guided and gather.direct_light == "traced" and gather.radiosity_lookup == "interpolated"
         )
@@ -513,6 +513,8 @@ class _Gathering(Plan):
         refined = replace(self, settings=replace(self.settings, refined=True))
         if REJECTED_GATHER in film.metadata.statistics:
             return refined.without_bias() or self
+        if film.metadata.integrator == PathSettings.integrator:
+            return self.without_bias() or self
         return refined if film.metadata.settings.get("refined") else self
 
     def remarks(self, film: Film) -> list[str]:

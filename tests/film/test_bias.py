@@ -231,3 +231,8 @@ def test_where_there_is_no_room_for_the_probe_the_bias_is_not_known(monkeypatch:
     film = glpath.render("cornell-box-36", **GATHER)
     assert film.path_sets == 16
     assert film.bias() is None
+    assert film.metadata.integrator == "gather"
+    # What "auto" cannot measure, it does not take; and a film that was begun so is resumed.
+    half = glpath.render("cornell-box-36", **(AUTO | {"spp": 8}))
+    assert half.metadata.integrator == "path"
+    assert glpath.render("cornell-box-36", film=half, **AUTO).path_sets == 16
