@@ -58,6 +58,7 @@ from glpath.io import load_scene
 from glpath.radiosity.solution import RadiositySolution
 from glpath.rendering.factory import solve_for_gather
 from glpath.scene.model import Scene
+from glpath.sensors.sensor import CameraSensor
 from glpath.system.versions import versions
 
 SCENE = "cornell-box-36"
@@ -224,7 +225,7 @@ def compiled_engine(
     radiosity = None
     if solution is not None:
         assert isinstance(settings, GatherSettings | PathSettings), "no other engine has a use for it"
-        radiosity = device_radiosity(context.gl, scene, solution, settings)
+        radiosity = device_radiosity(context.gl, scene, solution, settings, CameraSensor.of(scene.camera))
     tracer = path_engine(
         context.gl,
         DeviceScene(context.gl, scene),

@@ -1,10 +1,10 @@
 """A radiosity solution on the device, looked up at a point of a triangle [PB A.4].
 
 Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. A point's position
-in it is an affine map, so that a lookup costs the same whatever the mesh: three texels of the triangle, and one of
-its element or three of the vertices around.
+in it is an affine map, so that a look-up costs the same whatever the mesh: three texels of the triangle, one of the
+element and three of its corners.
 
-Cost:     48 bytes a triangle, 80 bytes an element or vertex, 112 with all light.
+Cost:     48 bytes a triangle, 112 bytes an element, 144 with all light.
 """
 
 from __future__ import annotations
@@ -25,22 +25,21 @@ LAYOUT: dict[str, dict[str, str]] = {
     "lattice": {
         "X": "of a triangle: dot(X.xyz, position) + X.w is the lattice coordinate x, from 0 to n",
         "Y": "the same for y",
-        "RANGE": "n; number of the first of its values; 0; number of its first element",
+        "RANGE": "n; number of its first element; 0; 0",
     },
     "element": {
-        "LOOKUP": "distance from which on its front and its back may be looked up, scene units; whether values are "
-        "not interpolated there, 1 or 0"
-    },
-    "element_value": {
-        "IRRADIANCE": "W m^-2; front and back of an element in turns; how much of direct light is in it"
+        "MIN_DISTANCE": "of a ray that looks its front up, scene units; of one that looks its back up; 0; 0"
     },
     "radiosity": {
-        "IRRADIANCE": "W m^-2; front and back of an element or vertex in turns; how much of direct light is in it"
+        "FIRST": "irradiance, W m^-2, at the first corner of an element's front or back in turns; how much "
+        "of the direct light is in it",
+        "SECOND": "the same at the second corner",
+        "THIRD": "the same at the third corner",
     },
-    "all_light": {"IRRADIANCE": "the same, where it is asked for, with all light in it"},
+    "all_light": {"IRRADIANCE": "of an element's front or back, with all light in it; 0. Only for guides"},
 }
-# A float holds the number of a value.
-_MAX_ROWS = 1 << 24
+# A float holds the number of an element.
+_MAX_ELEMENTS = 1 << 24
 
 
 def radiosity_glsl() -> str:
@@ -51,40 +50,20 @@ def radiosity_glsl() -> str:
 class Values(Protocol):
     """The table to look up.
 
-    values       : (2, N, 3) irradiance, W m^-2, front and back, of the elements or of the vertices, triangle after
-                   triangle
-    direct_share : (N,) how much of the direct light is in them, 0 to 1
-    starts       : (T,) number of each triangle's first value
-    all_light    : as `values`, with all light
+    corners      : (2, E, 3, 4) irradiance, W m^-2, at the corners of the elements' fronts and backs, triangle after
+                   triangle; how much of the direct light is in it, 0 to 1
+    all_light    : (2, E, 3) irradiance of elements, with all light
     min_distance : (2, E) from which on the elements' fronts and backs may be looked up, scene units
-    constant     : (2, E) bool, `elements` are looked up there instead of values between vertices
-    elements     : (2, E, 3) irradiance of elements, W m^-2
-    element_share : (E,) how much of the direct light is in `elements`, 0 to 1
     """
 
     @property
-    def values(self) -> Float64: ...
-
-    @property
-    def direct_share(self) -> Float64: ...
-
-    @property
-    def starts(self) -> NDArray[np.int64]: ...
+    def corners(self) -> Float64: ...
 
     @property
     def all_light(self) -> Float64: ...
 
     @property
     def min_distance(self) -> Float64: ...
-
-    @property
-    def constant(self) -> NDArray[np.bool_]: ...
-
-    @property
-    def elements(self) -> Float64: ...
-
-    @property
-    def element_share(self) -> Float64: ...
 
 
 class DeviceRadiosity:
@@ -94,15 +73,15 @@ class DeviceRadiosity:
     ----------
     corners   : (T, 3, 3) of the scene's triangles, world space
     divisions : (T,) n of each triangle
+    leaf      : (E,) number of the solver's element that each element is part of
     table     : see `Values`
     reflectance  : (2, T, 3) of the triangles' fronts and backs
-    interpolated : are its values those of the vertices?
-    all_light    : the values with all light as well, for programs with ALL_LIGHT
+    all_light    : True for the values with all light as well, for guides
     volume       : what is looked up on streamed triangles, of a scene that has such
 
     Attributes
     ----------
-    divisions : (T,) n of each triangle
+    divisions, leaf : as given
     has_all_light : was it given?
     textures, uniforms, defines, generated : for programs that include radiosity.glsl
     max_radiance : the greatest radiance that is reflected
@@ -115,65 +94,51 @@ class DeviceRadiosity:
         gl: moderngl.Context,
         corners: Float64,
         divisions: NDArray[np.int32],
+        leaf: NDArray[np.int64],
         table: Values,
         reflectance: Float64,
         *,
-        interpolated: bool,
         all_light: bool = False,
         volume: Volume | None = None,
     ) -> None:
-        values, direct_share, starts = table.values, table.direct_share, table.starts
-        count, given = len(corners), values.shape[1]
-        assert divisions.shape == starts.shape == (count,), f"{divisions.shape} divisions of {count} triangles"
+        count, elements = len(corners), divisions.astype(np.int64) ** 2
+        total = int(elements.sum())
         limit = int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH - 3 * count
-        max_rows = max(0, min(_MAX_ROWS, limit // (7 if all_light else 5)))
-        elements = divisions.astype(np.int64) ** 2
-        # In a fine lattice these are twice as many as its vertices, and guides have their numbers.
-        numbered = int(elements.sum()) if all_light else 0
-        found = max(given, numbered)
-        if found > max_rows:
-            what = "vertices" if interpolated and given >= numbered else "elements"
+        max_elements = max(0, min(_MAX_ELEMENTS, limit // (9 if all_light else 7)))
+        if total > max_elements:
             raise SceneError(
-                f"radiosity: the solution has {found:,} {what}; this device looks up at most {max_rows:,}",
-                "Solve the scene on a coarser mesh" + (', or take guide "cosine".' if numbered else "."),
+                f"radiosity: the solution has {total:,} elements; this device looks up at most {max_elements:,}",
+                "Solve the scene on a coarser mesh.",
             )
         lattice = np.zeros((count, 3, 4))
         lattice[:, :2] = _lattice_rows(corners, divisions)
         lattice[:, 2, 0] = divisions
-        lattice[:, 2, 1] = starts
-        lattice[:, 2, 3] = np.cumsum(elements) - elements
-        irradiance = _sides_in_turns(values, direct_share)
-        everything = _sides_in_turns(table.all_light, np.ones(given)) if all_light else np.zeros((0, 1, 4))
-        max_of_triangle = np.maximum.reduceat(values, starts, axis=1) if count else np.zeros((2, 0, 3))
+        first = np.cumsum(elements) - elements
+        lattice[:, 2, 1] = first
+        light = table.corners[..., :3].max(axis=2)
+        max_of_triangle = np.maximum.reduceat(light, first, axis=1) if count else np.zeros((2, 0, 3))
         self.max_radiance = float((reflectance * max_of_triangle).max(initial=0.0)) / np.pi
-        lookup = np.zeros((table.min_distance.shape[1], 1, 4))
-        lookup[:, 0, :2], lookup[:, 0, 2:] = table.min_distance.T, table.constant.T
-        of_elements = _sides_in_turns(table.elements, table.element_share) if interpolated else lookup[:0]
+        distance = np.zeros((total, 1, 4))
+        distance[:, 0, :2] = table.min_distance.T
+        guiding = np.zeros((2 * total if all_light else 0, 1, 4))
+        if all_light:
+            guiding[:, 0, :3] = table.all_light.swapaxes(0, 1).reshape(-1, 3)
         tables = {
             "lattice": lattice,
-            "element": lookup,
-            "element_value": of_elements,
-            "radiosity": irradiance,
-            "all_light": everything,
+            "element": distance,
+            "radiosity": table.corners.swapaxes(0, 1).reshape(-1, 3, 4),
+            "all_light": guiding,
         }
         texture, self.uniforms = make_store(gl, FLOATS, LAYOUT, tables, "radiosity")
-        self.divisions, self.has_all_light = divisions, all_light
+        self.divisions, self.leaf, self.has_all_light = divisions, leaf, all_light
         self.textures = {"radiosity": texture}
-        self.defines: dict[str, object] = {"INTERPOLATED": 1} if interpolated else {}
+        self.defines: dict[str, object] = {}
         self.generated = {"RADIOSITY": radiosity_glsl()}
         if volume is not None:
             of_streams = DeviceIrradianceVolume(gl, volume)
             self.textures |= of_streams.textures
             self.uniforms |= of_streams.uniforms
             self.generated |= of_streams.generated
-
-
-def _sides_in_turns(values: Float64, direct_share: Float64) -> Float64:
-    """Return (2 N, 1, 4) texels that alternate fronts and backs: rgb is irradiance, alpha the direct share."""
-    rows = np.empty((2 * len(direct_share), 1, 4))
-    rows[:, 0, :3] = values.swapaxes(0, 1).reshape(-1, 3)
-    rows[:, 0, 3] = np.repeat(direct_share, 2)
-    return rows
 
 
 def _lattice_rows(corners: Float64, divisions: NDArray[np.int32]) -> Float64:

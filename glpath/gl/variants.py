@@ -93,7 +93,6 @@ VARIANTS: dict[str, Variant] = {
     "GUIDED": Variant("directions are chosen by guides", "integrators.path_guide"),
     "GUIDES_SHARED": Variant("elements share guides", "integrators.path_guide"),
     "ALL_LIGHT": Variant("what is looked up has direct light in it, for guides", "integrators.path_guide"),
-    "INTERPOLATED": Variant("the solution is interpolated over an element", "gl.device_radiosity"),
     "PARTS": Variant("parts of the lights that no tree chooses among; a vertex looks at a sample of each", _RAYS),
     "LIGHT_TREE": Variant("a tree of lights chooses for each vertex; of how many samples", "gl.light_draws"),
     "PORTALS": Variant("light samples of the sky go through portals; how many", "gl.light_draws"),

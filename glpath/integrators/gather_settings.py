@@ -14,7 +14,7 @@ from glpath.integrators.settings import (
     DEEPEST,
     GEOMETRY_BUDGET,
     GUIDES,
-    ROULETTE_OF_MIRRORED,
+    ROULETTE_OF_GATHER,
     DirectLight,
     GeometryBudget,
     Guide,
@@ -114,9 +114,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
         Meta(
             ge=0,
             le=1000,
-            description="a path that would look up nearer to where it came from than a random share of so many "
-            "widths of an element continues to a further vertex, with rays of its own to a second one where that "
-            "is near as well; 0: none does, as in the paper",
+            description="a path shorter than a random share of so many widths of an element continues to a further "
+            "vertex, instead of a look-up of the solution; 0: none does, as in the paper",
             extra={"metavar": "WIDTHS"},
         ),
     ] = 1.0
@@ -152,8 +151,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on roulette ends paths: those by mirrors and glass alone, as others are short."""
-        return ROULETTE_OF_MIRRORED if mirrored else None
+        """Return the vertex from which on roulette ends paths: those by mirrors and glass, and those in gaps."""
+        return ROULETTE_OF_GATHER
 
     def lookup_uniforms(self) -> dict[str, object]:
         """Where the solution is looked up, as path/path_rays.glsl knows it."""

@@ -80,7 +80,7 @@ class PathGuide:
     ) -> None:
         begun = time.perf_counter()
         budget = max(_MIN_BUDGET, _RAYS_A_PIXEL * pixels)
-        guide_of, points = guide_points(scene.scene, radiosity.divisions)
+        guide_of, points = guide_points(scene.scene, radiosity.divisions, radiosity.leaf)
         count = len(points)
         table = points.reshape(-1, 1, 4)
         point_texture, bases = make_store(gl, FLOATS, _POINTS_LAYOUT, {"guide_point": table}, "path guides")
@@ -145,10 +145,13 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
     return np.asarray(np.rint(shares).clip(1, 255), np.uint8)
 
 
-def guide_points(scene: Scene, divisions: NDArray[np.int32]) -> tuple[Int64, Float64]:
-    """The guide of each element of the triangles' lattices (E,), and points on each guide (G, P, 4).
+def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tuple[Int64, Float64]:
+    """Return the guide of each element of the triangles' lattices (E,), and points on each guide (G, P, 4).
 
-    A point has its position, world space, and the number of its triangle. Where elements are few, each
+    divisions : (T,) parts of each triangle's edges
+    leaf      : (E,) number of the solver's element that each lattice element is part of
+
+    A point has its position, world space, and the number of its triangle. If the solver's elements are few, each
     has a guide of its own, of the same number.
     """
     from glpath.radiosity.mesh.mesh import Elements
@@ -156,7 +159,7 @@ def guide_points(scene: Scene, divisions: NDArray[np.int32]) -> tuple[Int64, Flo
     elements = Elements.of_lattices(divisions.astype(np.int64))
     count = len(elements.triangle)
     corners = elements.points(scene, np.eye(3)) if count else np.zeros((0, 3, 3))
-    guide_of = np.arange(count) if count <= _MAX_GUIDES else _groups(corners)
+    guide_of = leaf if leaf.max(initial=-1) < _MAX_GUIDES else _groups(corners)
     guides = int(guide_of.max(initial=-1)) + 1
     # Points even by area over the elements of a guide, one behind the other.
     order = np.argsort(guide_of, kind="stable")

@@ -37,6 +37,8 @@ Rgb = tuple[float, float, float]
 DEEPEST = 1000
 #: Russian roulette ends paths by mirrors and glass from this vertex on, where others end sooner.
 ROULETTE_OF_MIRRORED = 6
+#: Russian roulette ends paths of a gather that do not come to a look-up from this vertex on.
+ROULETTE_OF_GATHER = 4
 #: Of integrators without a solution.
 NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 

@@ -14,6 +14,7 @@ from glpath.integrators.path_settings import PathSettings
 from glpath.integrators.settings import Lookup
 from glpath.scene.model import Scene
 from glpath.scene.proxy import Proxies
+from glpath.sensors.sensor import PointSensor, Sensor
 
 if TYPE_CHECKING:
     from glpath.radiosity.solution import RadiositySolution
@@ -24,11 +25,13 @@ def device_radiosity(
     scene: Scene,
     solution: RadiositySolution,
     settings: GatherSettings | PathSettings,
+    sensor: Sensor,
     proxies: Proxies | None = None,
 ) -> DeviceRadiosity:
-    """The solution of a scene in triangles, on the device. Raises SceneError where that cannot hold it.
+    """Return the solution of a scene in triangles, on the device. Raises SceneError if that cannot hold it.
 
-    proxies : of a scene with streams, what the solution is of
+    sensor  : where paths start
+    proxies : simpler meshes of a scene with streams, of which the solution is
     """
     from glpath.radiosity.irradiance_volume import IrradianceVolume
     from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
@@ -37,14 +40,16 @@ def device_radiosity(
     if proxies is not None:
         scene = proxies.scene
         volume = IrradianceVolume.of(scene, solution, proxies.first, traced=traced)
-    table = lookup_table(scene, solution, settings.radiosity_lookup, traced=traced)
+    table = lookup_table(
+        scene, solution, settings.radiosity_lookup, traced=traced, in_gaps=isinstance(sensor, PointSensor)
+    )
     return DeviceRadiosity(
         gl,
         scene.triangles,
         solution.divisions,
+        solution.leaf,
         table,
         scene.side_reflectance,
-        interpolated=settings.radiosity_lookup == "interpolated",
         all_light=settings.guided,
         volume=volume,
     )
@@ -54,5 +59,7 @@ def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
     """SHA-256 (hex) of what is looked up: pictures add up only when it is the same."""
     h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
     h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
+    h.update(np.ascontiguousarray(solution.leaf_size, "<u2").data)
+    h.update(np.ascontiguousarray(solution.unresolved, "u1").data)
     h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
     return h.hexdigest()

@@ -5,10 +5,9 @@ a light sample's 1/r^2 has no bound, and where all paths of a set share the ligh
 in the picture. So a point has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest
 is traced.
 
-An element holds a mean. A path that comes from nearer than the element is wide sees only a part of it, and where
-irradiance changes within an element even a distant path may see only its dark or its bright part. Such paths
-continue instead (`min_distance`). Between elements that differ much, interpolation would spread light around
-edges, so they are looked up as they are (`constant`).
+An element holds a mean. A path that comes from nearer than the element is wide sees only a part of it, and beside
+an edge of light even a distant path may see only its dark or its bright part. Such paths continue instead
+(`min_distance`).
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from glpath.lights.lighting import Lighting
 from glpath.lights.samples import LIGHT_KINDS
 from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.interpolation import abrupt, interpolate, vertices_of_elements
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import DIRECT, INDIRECT, Lookup, RadiositySolution
 from glpath.sampling.points import owen_scrambled
@@ -32,103 +32,64 @@ from glpath.system.kernels import kernel
 # first on the table has some direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
-# Irradiance is abrupt if it differs between neighbouring elements by more than this share of the larger one.
-_ABRUPT = 0.6
 #: Minimum distance of a look-up that no path has.
 NEVER = 1e30
 
 
 class LookupTable(NamedTuple):
-    """Values for the lattices of a scene's triangles, one after the other.
+    """What is looked up at the elements of a scene's lattices, triangle after triangle.
 
-    values       : (2, N, 3) float64, irradiance W m^-2 of fronts and backs, at vertices or of elements
-    direct_share : (N,) float64, how much of the direct light is in them, 0 to 1
-    starts       : (T,) int64, number of each triangle's first value
-    all_light    : as `values`, with all of the direct light in them
+    corners      : (2, E, 3, 4) float64, irradiance W m^-2 at the corners of fronts and backs, and how much of the
+                   direct light is in it, 0 to 1
+    all_light    : (2, E, 3) float64, irradiance of elements with all of the direct light in it
     min_distance : (2, E) float64, distance in scene units from which on an element's front and back may be looked
-                   up, in the order of the lattices: the width of the solver's element, or `NEVER`
-    constant     : (2, E) bool, values are not interpolated in the element's front and back
-    elements     : (2, E, 3) float64, as `values`, of the elements
-    element_share : (E,) float64, as `direct_share`, of the elements
+                   up: the width of the solver's element, or `NEVER`
     """
 
-    values: Float64
-    direct_share: Float64
-    starts: NDArray[np.int64]
+    corners: Float64
     all_light: Float64
     min_distance: Float64
-    constant: NDArray[np.bool_]
-    elements: Float64
-    element_share: Float64
 
 
-def lookup_table(scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool) -> LookupTable:
-    """The table of a scene in triangles; traced: direct light is, but near lamps, else the table has all of it."""
+def lookup_table(
+    scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool, in_gaps: bool = False
+) -> LookupTable:
+    """Return the table of a scene in triangles.
+
+    traced  : direct light is left out where the gather traces it, which is everywhere but near lamps
+    in_gaps : True if paths may start in gaps that no camera sees, such as below a rug. Elements beside much
+              brighter or darker ones are then never looked up, as an edge of light may cross them
+    """
     interpolated = lookup == "interpolated"
-    parts = solution.vertices if interpolated else solution.elements
-    count = lattice.vertex_count if interpolated else lattice.element_count
-    share = np.ones(parts.shape[2])
+    divisions = solution.divisions.astype(np.int64)
+    count = len(solution.vertices[0, 0]) if interpolated else solution.element_count
+    share = np.ones(count)
     if traced:
-        share = near_lamps(Lighting.of(scene), _lattice_points(scene, solution.divisions, interpolated))
-    direct = parts[DIRECT].astype(np.float64)
-    values = parts[INDIRECT] + share[:, None] * direct
-    starts = lattice.starts(count(solution.divisions))[:-1]
-    all_light = parts[INDIRECT] + direct
-    distance = np.where(solution.unresolved, NEVER, _widths(scene, solution))
-    elements, of_elements, constant = values, share, np.zeros(values.shape[:2], np.bool_)
+        share = near_lamps(Lighting.of(scene), _lattice_points(scene, divisions, interpolated))
+    vertices_of = vertices_of_elements(divisions)
+    share_of_elements = share[vertices_of].mean(axis=1) if interpolated else share
+    elements = _with_share(solution.elements, share_of_elements)
+    distance = np.stack([np.where(solution.unresolved, NEVER, _widths(scene, solution))] * 2)
     if interpolated:
-        corners = _vertices_of_elements(solution.divisions.astype(np.int64))
-        of_elements = share[corners].mean(axis=1)
-        elements = solution.elements[INDIRECT] + of_elements[:, None] * solution.elements[DIRECT]
-        constant = _in_whole_leaves(solution, _abrupt(elements.mean(axis=2), corners, values.shape[1]))
-    return LookupTable(values, share, starts, all_light, np.stack([distance] * 2), constant, elements, of_elements)
+        vertices = _with_share(solution.vertices, share)
+        corners = interpolate(vertices_of, solution.leaf, vertices, elements)
+    else:
+        corners = np.repeat(elements[:, :, None], 3, axis=2)
+    if in_gaps:
+        distance[abrupt(vertices_of, solution.leaf, elements[..., :3].mean(axis=2))] = NEVER
+    return LookupTable(corners, solution.elements.sum(axis=0, dtype=np.float64), distance)
+
+
+def _with_share(parts: NDArray[np.float32], share: Float64) -> Float64:
+    """Return (2, N, 4): indirect light and a share (N,) of direct light of `parts` (2, 2, N, 3), and the share."""
+    light = parts[INDIRECT] + share[:, None] * parts[DIRECT].astype(np.float64)
+    return np.concatenate([light, np.broadcast_to(share[:, None], (2, len(share), 1))], axis=2)
 
 
 def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
-    """(E,) the side of a square that two of the solver's elements would fill, for each element of the lattices."""
+    """Return (E,) the side of a square with the area of two of the solver's elements, for each lattice element."""
     count = solution.divisions.astype(np.int64) ** 2
     return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
-
-
-def _abrupt(light: Float64, corners: NDArray[np.int64], vertices: int) -> NDArray[np.bool_]:
-    """(2, E): whether light differs much between an element and those that it shares a vertex with.
-
-    light   : (2, E) of the fronts and backs of elements
-    corners : (E, 3) their vertices
-    """
-    lowest, highest = (np.full((2, vertices), fill) for fill in (np.inf, -np.inf))
-    for corner in corners.T:
-        for side in range(2):
-            np.minimum.at(lowest[side], corner, light[side])
-            np.maximum.at(highest[side], corner, light[side])
-    lower, upper = lowest[:, corners].min(axis=2), highest[:, corners].max(axis=2)
-    return np.asarray(upper - lower > _ABRUPT * upper)
-
-
-def _in_whole_leaves(solution: RadiositySolution, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(2, E): True for each element of the lattices whose solver's element has a part in `some` (2, E).
-
-    All parts of a solver's element are interpolated between the same values, at its corners.
-    """
-    parts = np.flatnonzero(solution.leaf_size > 1)
-    elements = Elements.of_lattices(solution.divisions.astype(np.int64))[parts]
-    i, j, upper, size = elements.i, elements.j, elements.upper, solution.leaf_size[parts].astype(np.int64)
-    key = elements.triangle * 16 + np.log2(size).astype(np.int64)
-    while np.any(smaller := size > 1):
-        upper = np.where(smaller, (i & 1) + (j & 1) + upper >= 2, upper)
-        i, j, size = np.where(smaller, i >> 1, i), np.where(smaller, j >> 1, j), np.where(smaller, size >> 1, size)
-    _, leaf = np.unique(((key << 15 | i) << 15 | j) << 1 | upper, return_inverse=True)
-    found = some.copy()
-    for side in range(2):
-        found[side, parts] = np.bincount(leaf, some[side, parts])[leaf] > 0
-    return found
-
-
-def _vertices_of_elements(divisions: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(E, 3): numbers of the vertices of all elements of the lattices."""
-    first = lattice.starts(lattice.vertex_count(divisions))
-    found = [lattice.element_vertices(int(n)) + start for n, start in zip(divisions, first[:-1], strict=True)]
-    return np.concatenate(found) if found else np.zeros((0, 3), np.int64)
 
 
 def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
@@ -159,11 +120,10 @@ def _closest(receivers, points, weight, closeness):  # type: ignore[no-untyped-d
         closeness[r] = found
 
 
-def _lattice_points(scene: Scene, divisions: NDArray[np.int32], interpolated: bool) -> Float64:
-    """(N, 3): the vertices of all triangles' lattices, or the middles of the elements."""
+def _lattice_points(scene: Scene, n: NDArray[np.int64], interpolated: bool) -> Float64:
+    """Return (N, 3) the vertices of all triangles' lattices, or the middles of their elements."""
     if not interpolated:
-        return Elements.of_lattices(divisions.astype(np.int64)).points(scene, np.full((1, 3), 1 / 3))[:, 0]
-    n = divisions.astype(np.int64)
+        return Elements.of_lattices(n).points(scene, np.full((1, 3), 1 / 3))[:, 0]
     triangle = np.repeat(np.arange(len(n)), lattice.vertex_count(n))
     b = np.concatenate([lattice.vertex_barycentrics(int(k)) for k in n]) if len(n) else np.zeros((0, 2))
     corners = scene.triangles[triangle]

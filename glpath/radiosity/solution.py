@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import ImageError, SceneError, UsageError
 from glpath.io.vtk import VtkMesh
 from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.interpolation import interpolate, leaves, vertices_of_elements
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64, Int32
@@ -110,6 +111,18 @@ class RadiositySolution:
         """(T + 1,): where each triangle's vertices begin, and the number of them all."""
         return lattice.starts(lattice.vertex_count(self.divisions))
 
+    @cached_property
+    def leaf(self) -> NDArray[np.int64]:
+        """(E,): number of the solver's element that each element is part of, from 0."""
+        return leaves(self.divisions.astype(np.int64), self.leaf_size)
+
+    @cached_property
+    def _corners(self) -> Float64:
+        """(2, 2, E, 3, 3): direct and indirect irradiance at the corners of the fronts and backs of elements."""
+        vertices_of = vertices_of_elements(self.divisions.astype(np.int64))
+        parts = zip(self.vertices.astype(np.float64), self.elements.astype(np.float64), strict=True)
+        return np.stack([interpolate(vertices_of, self.leaf, *part) for part in parts])
+
     @property
     def element_count(self) -> int:
         """Elements of all triangles, each with two sides."""
@@ -128,7 +141,8 @@ class RadiositySolution:
         triangle    : (N,) numbers of the scene's triangles
         barycentric : (N, 2), b1 and b2 of c0 + b1 (c1 - c0) + b2 (c2 - c0)
         back        : (N,) or one: 0 the front, 1 the back
-        mode        : "interpolated" between the vertices, or "constant" over each element
+        mode        : "interpolated" between the vertices, so that each element keeps its mean, or "constant" over
+                      each element
         light       : "direct", straight from a lamp; "indirect", after one reflection or more; or "both"
 
         Raises UsageError for another mode or light, or a triangle that does not exist.
@@ -144,22 +158,15 @@ class RadiositySolution:
                 f"RadiositySolution: triangles {t.min()} to {t.max()}, but there are {len(self.divisions)}."
             )
 
-        def values(of: Float32, at: NDArray[np.int64]) -> Float64:
-            return np.asarray(np.sum([of[part, side, at] for part in _PARTS[light]], axis=0, dtype=np.float64))
-
         n = self.divisions[t].astype(np.int64)
         i, j, upper, fx, fy = lattice.locate(n, b[:, 0], b[:, 1])
+        element = self.first_element[t] + lattice.element_index(n, i, j, upper)
         if mode == "constant":
-            return values(self.elements, self.first_element[t] + lattice.element_index(n, i, j, upper))
-        first = self.first_vertex[t]
-        total = np.zeros((len(t), 3))
-        for di, dj, weight in (
-            (upper, upper, np.where(upper, fx + fy - 1, 1 - fx - fy)),
-            (1 - upper, upper, np.where(upper, 1 - fx, fx)),
-            (upper, 1 - upper, np.where(upper, 1 - fy, fy)),
-        ):
-            total += weight[:, None] * values(self.vertices, first + lattice.vertex_index(n, i + di, j + dj))
-        return total
+            found = [self.elements[part][side, element] for part in _PARTS[light]]
+            return np.asarray(np.sum(found, axis=0, dtype=np.float64))
+        weights = np.where(upper, (fx + fy - 1, 1 - fx, 1 - fy), (1 - fx - fy, fx, fy))
+        corners = sum(self._corners[part][side, element] for part in _PARTS[light])
+        return np.asarray(np.einsum("kn,nkc->nc", weights, corners))
 
     def lookup(
         self,

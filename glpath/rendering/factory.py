@@ -301,7 +301,9 @@ def _engine_with_solution(
     if parted is None:
         _check_expandable(scene)
     proxies = plan.proxies if isinstance(plan, _Gathering) else None
-    radiosity = None if solution is None else device_radiosity(context.gl, scene, solution, settings, proxies)
+    radiosity = (
+        None if solution is None else device_radiosity(context.gl, scene, solution, settings, sensor, proxies)
+    )
     each = partial(path_engine, radiosity=radiosity)
     make = partial(Interleaved, make=each) if settings.interleaved else each
     budget = settings.geometry_budget if isinstance(settings, GatherSettings) else None
@@ -486,7 +488,7 @@ class _Gathering(Plan):
         shared = known if usual else None
 
         def made(settings: GatherSettings | PathSettings) -> PathSetEngine:
-            radiosity = shared or device_radiosity(context.gl, scene, solution, settings)
+            radiosity = shared or device_radiosity(context.gl, scene, solution, settings, sensor)
             window = (0, 0, width, height)
             return path_engine(context.gl, engine.scene, settings, window, sensor=sensor, radiosity=radiosity)
 

@@ -36,8 +36,7 @@ void main()
         const bool streamed = false;
 #endif
         LatticePosition in_lattice = lattice_position(streamed ? 0 : a.triangle, a.position);
-        ElementLookup lookup = element_lookup(in_lattice, a.front);
-        float width = lookup.min_distance;
+        float width = min_lookup_distance(in_lattice, a.front);
 #ifdef STREAMED
         if (streamed) width = volume_cell;
 #endif
@@ -46,7 +45,7 @@ void main()
         near = false;
 #endif
         vec4 found = vec4(0.0);
-        if (!near && !streamed) found = irradiance_at(in_lattice, a.front, lookup.constant);
+        if (!near && !streamed) found = irradiance_at(in_lattice, a.front);
 #ifdef STREAMED
         if (!near && streamed) found = volume_irradiance(a.position, a.front ? a.plane.xyz : -a.plane.xyz, a.front);
 #endif

@@ -55,7 +55,7 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     float t, pdf_area;
     PathVertex v = vertex_on(triangle, start, direction, t);
     vec3 Le = emitted(v.surface, v.front, pdf_area);
-    vec3 reflected = v.bsdf.diffuse * irradiance_at(lattice_position(triangle, v.surface.position), v.front, false).rgb / PI;
+    vec3 reflected = v.bsdf.diffuse * all_light(lattice_position(triangle, v.surface.position), v.front) / PI;
     return through * (reflected + Le * emission_share(pdf, pdf_area, passed + t, dot(v.plane.xyz, direction)));
 }
 

@@ -6,7 +6,7 @@
 // The number of the guide of an element's front.
 int guide_at(LatticePosition position)
 {
-    int element = position.first_element + element_in(position);
+    int element = position.element;
 #ifdef GUIDES_SHARED
     ivec4 bytes = ivec4(guide_of_texel(element, GUIDE_OF_ELEMENT) * 255.0 + 0.5);
     return bytes.x + 256 * bytes.y + 65536 * bytes.z;

@@ -44,7 +44,6 @@ int scattered = 0;  // surfaces that the path has left, thin dielectrics that it
 #ifdef GATHER
 uniform int lookup_depth;       // number of the vertex where the solution is looked up
 uniform float lookup_distance;  // in minimum distances of the element; nearer than a random share of it, a path continues
-const int FURTHER = 2;          // vertices at most: in a corner, two coarse elements look at each other
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
 const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: roulette ends them long before
@@ -300,17 +299,16 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     int bounces = path.at.depth;
 #endif
     if (bounces < lookup_depth) return;
-    ElementLookup lookup = element_lookup(in_lattice, s.v.front);
-    path.continues = bounces < lookup_depth + FURTHER && !mirrored
-        && s.t < lookup_distance * random_at(path.at, USE_LOOKUP) * lookup.min_distance;
+    path.continues = !mirrored
+        && s.t < lookup_distance * random_at(path.at, USE_LOOKUP) * min_lookup_distance(in_lattice, s.v.front);
     if (path.continues) {
         path.vertices = path.at.depth + 2;
     } else {
-        vec4 found = irradiance_at(in_lattice, s.v.front, lookup.constant);
+        vec4 found = irradiance_at(in_lattice, s.v.front);
         path.L += path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
         reflected *= 1.0 - found.a;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-        vec4 behind = irradiance_at(in_lattice, !s.v.front, element_lookup(in_lattice, !s.v.front).constant);
+        vec4 behind = irradiance_at(in_lattice, !s.v.front);
         path.L += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * behind.rgb / PI;
         reflected_behind *= 1.0 - behind.a;
 #endif
@@ -343,11 +341,11 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
         number = random_at(path.at, USE_LOOKUP);
     }
     path.continues = number < chance;
-    vec4 found = irradiance_at(in_lattice, s.v.front, element_lookup(in_lattice, s.v.front).constant);
+    vec4 found = irradiance_at(in_lattice, s.v.front);
     vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
 #ifdef HAS_DIFFUSE_TRANSMISSION
     // Of both sides the same share of it is direct light.
-    solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front, false).rgb / PI;
+    solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front).rgb / PI;
 #endif
     if (path.continues) {
         path.weight = 1.0 / chance;

@@ -29,6 +29,7 @@ from glpath.radiosity.mesh import lattice
 from glpath.rendering import factory, tiles
 from glpath.sampling.points import PathSetSampler, counter_hash, uniform_hemisphere
 from glpath.scene import Scene, path_traceable
+from glpath.sensors.sensor import CameraSensor
 from tests.reference.closed_forms import furnace_radiance
 from tests.reference.numpy_path_tracer import nearest_hits
 from tests.support.engines import gather_by
@@ -166,7 +167,7 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(
     monkeypatch: pytest.MonkeyPatch, lookup: Any, widths: float
 ) -> None:
     """In the dark, with a solution of random values, on both sides of everything and meshes of any fineness."""
-    monkeypatch.setattr("glpath.radiosity.lookup._ABRUPT", 1.0)
+    monkeypatch.setattr("glpath.radiosity.mesh.interpolation._ABRUPT", 1.0)
     scene = flat(path_traceable(room()))
     solution = solution_of(scene, np.random.default_rng(2).integers(1, 9, len(scene.triangles)))
     gl = get_context().gl
@@ -183,7 +184,7 @@ def test_each_path_brings_home_what_the_solution_says_where_it_ends(
         DeviceScene(gl, scene),
         settings,
         (0, 0, *scene.camera.resolution),
-        radiosity=device_radiosity(gl, scene, solution, settings),
+        radiosity=device_radiosity(gl, scene, solution, settings, CameraSensor.of(scene.camera)),
     ).prepare()
     for index in range(4):
         expected = gathered(scene, solution, lookup, index, widths)
@@ -325,12 +326,12 @@ def test_near_a_lamp_direct_light_is_the_solutions() -> None:
     assert between == pytest.approx(np.clip(2.0 / (np.pi * 0.7**2) - 0.5, 0.0, 1.0), abs=0.02)
     np.testing.assert_array_equal(near_lamps(Lighting.of(room()), places), 0.0)
     all_of_it = lookup_table(path_traceable(scene), even(scene, 1.0), "interpolated", traced=False)
-    np.testing.assert_allclose(all_of_it.values, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(all_of_it.corners, 1.0, rtol=1e-6)
     for lookup in ("interpolated", "constant"):
         table = lookup_table(path_traceable(scene), even(scene, 1.0), lookup, traced=True)
-        assert table.direct_share.shape == table.values.shape[1:2]
-        np.testing.assert_allclose(table.values[0], 0.7 + 0.3 * table.direct_share[:, None] * [1, 1, 1], rtol=1e-6)
-        assert 0.0 < table.direct_share.mean() < 1.0
+        light, share = table.corners[..., :3], table.corners[..., 3:]
+        np.testing.assert_allclose(light, 0.7 + 0.3 * share * [1, 1, 1], rtol=1e-6)
+        assert 0.0 < share.mean() < 1.0
 
 
 def test_a_lamp_by_a_wall_leaves_no_bright_spots(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -459,7 +460,7 @@ def test_options_that_do_not_apply_are_refused(options: dict[str, Any], words: s
 
 
 def test_a_solution_that_is_too_large_for_the_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(radiosity_store, "_MAX_ROWS", 100)
+    monkeypatch.setattr(radiosity_store, "_MAX_ELEMENTS", 100)
     with pytest.raises(glpath.SceneError, match="coarser mesh"):
         gather(BOX, even(load_scene(BOX), 1.0, 4), spp=1)
 

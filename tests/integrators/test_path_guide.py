@@ -30,8 +30,7 @@ def choose(
     gl = get_context().gl
     (folder / "choose.frag").write_text(
         """
-        struct LatticePosition { int first_element; };
-        int element_in(LatticePosition place) { return 0; }
+        struct LatticePosition { int element; };
         #include "path/path_guide.glsl"
         uniform sampler2D numbers;
         layout(location = 0) out vec4 found;
@@ -94,12 +93,21 @@ def test_without_light_all_directions_are_alike(tmp_path: Path, monkeypatch: pyt
     np.testing.assert_allclose(moved[:, 2], 1.0, atol=1e-6)
 
 
+def test_parts_of_a_solved_element_share_its_guide() -> None:
+    scene = path_traceable(load_scene("cornell-box-36"))
+    divisions = np.full(len(scene.triangles), 2, np.int32)
+    leaf = np.repeat(np.arange(len(divisions)), 4)
+    guide_of, places = guide_points(scene, divisions, leaf)
+    np.testing.assert_array_equal(guide_of, leaf)
+    assert set(places[5, :, 3]) == {5.0}
+
+
 @pytest.mark.parametrize("name", ["cornell-box-36", "room"])
 def test_places_lie_on_the_elements_of_their_guide(name: str) -> None:
     scene = path_traceable(load_scene(name))
     divisions = np.where(np.arange(len(scene.triangles)) % 3 == 0, 2, 1).astype(np.int32)
-    guide_of, places = guide_points(scene, divisions)
     count = int(lattice.element_count(divisions).sum())
+    guide_of, places = guide_points(scene, divisions, np.arange(count))
     assert guide_of.shape == (count,)
     assert set(guide_of) == set(range(len(places)))
     most = path_guide._MAX_GUIDES

@@ -41,7 +41,9 @@ def test_a_compute_shader_has_the_bits_of_the_fragment_shader(
     radiosity = None
     if name == "gather":
         settings = GatherSettings()
-        radiosity = device_radiosity(gl, scene, solve_radiosity(scene, patches=50), settings)
+        radiosity = device_radiosity(
+            gl, scene, solve_radiosity(scene, patches=50), settings, CameraSensor.of(scene.camera)
+        )
     taken, counts = [], []
     for hardware, kind in ((False, Pass), (True, PixelDispatch)):
         monkeypatch.setattr(context, "info", replace(context.info, hardware=hardware))

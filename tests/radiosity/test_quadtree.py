@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import glpath
 from glpath.io import scene_from_dict
-from glpath.radiosity import RadiositySolution
-from glpath.radiosity.lookup import NEVER, _in_whole_leaves, lookup_table
+from glpath.radiosity.lookup import NEVER, lookup_table
+from glpath.radiosity.mesh.interpolation import abrupt, interpolate, leaves, vertices_of_elements
 from glpath.radiosity.mesh.mesh import Elements, Mesh, surfaces
 from glpath.radiosity.mesh.quadtree import Detail, Quadtree
 from glpath.scene import Scene, path_traceable
@@ -124,22 +126,80 @@ def test_light_does_not_leak_below_a_wall(x: float) -> None:
     """The wall stands on lines of the coarse elements, or between them. Its right side is in the dark."""
     scene = lit_on_the_left(x)
     solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=100, particles=1 << 18, adaptive=5)
-    table = lookup_table(scene, solution, "interpolated", traced=False)
+    table = lookup_table(scene, solution, "interpolated", traced=False, in_gaps=True)
     elements = Elements.of_lattices(solution.divisions.astype(np.int64))
     corners = elements.points(scene, np.eye(3))
     floor = elements.triangle < 2
     dark = floor & (corners[..., 0].min(axis=1) >= x - 1e-9)
     straddling = floor & (corners[..., 0].min(axis=1) < x - 1e-9) & (corners[..., 0].max(axis=1) > x + 1e-9)
-    lit = table.elements[0, floor & ~dark & ~straddling].mean()
-    shown = np.where(table.constant[0, :, None], table.elements[0], 0.0)
+    light = table.corners[0, ..., :3].max(axis=(1, 2))
+    lit = light[floor & ~dark & ~straddling].mean()
     assert lit > 0.1
-    # Beside the wall nothing is interpolated, and the light of the left is not looked up on the right.
+    # Paths that end beside the wall continue, and the light of the left is not looked up on the right.
     beside = dark & (corners[..., 0].min(axis=1) <= x + 0.02)
-    assert table.constant[0, beside].all()
-    open_to_lookup = dark & (table.min_distance[0] < NEVER)
-    assert shown[open_to_lookup].max() < 0.05 * lit
+    assert (table.min_distance[0, beside] == NEVER).all()
+    assert light[dark & (table.min_distance[0] < NEVER)].max() < 0.05 * lit
     # Some are crossed at a corner alone.
     assert not straddling.any() or np.mean(table.min_distance[0, straddling] == NEVER) > 0.8
+
+
+@pytest.mark.parametrize("x", [0.0, 0.13])
+def test_interpolated_irradiance_is_dark_behind_a_wall(x: float) -> None:
+    scene = lit_on_the_left(x)
+    solution = glpath.solve_radiosity(scene, method="monte-carlo", patches=100, particles=1 << 18, adaptive=5)
+    rng = np.random.default_rng(1)
+    places = np.column_stack([rng.uniform(-0.9, 0.9, 500), np.zeros(500), rng.uniform(-0.9, 0.9, 500)])
+    dark = places[:, 0] > x + 0.1
+    lit = places[:, 0] < x - 0.1
+    corners = scene.triangles[0]
+    b = np.linalg.lstsq((corners[1:] - corners[0]).T, (places - corners[0]).T, rcond=None)[0].T
+    outside = (b < 0).any(axis=1) | (b.sum(axis=1) > 1)
+    other = scene.triangles[1]
+    b[outside] = np.linalg.lstsq((other[1:] - other[0]).T, (places[outside] - other[0]).T, rcond=None)[0].T
+    found = solution.irradiance(outside.astype(int), b).mean(axis=1)
+    witness = glpath.irradiance(scene, places, [0.0, 1.0, 0.0], integrator="path", spp=256).values.mean(axis=1)
+    assert np.abs(witness[dark]).max() < 1e-4 * witness[lit].mean()
+    assert found[dark].max() < 0.02 * found[lit].mean()
+    assert found[lit].mean() == pytest.approx(witness[lit].mean(), rel=0.02)
+
+
+def test_interpolation_keeps_the_mean_of_each_element() -> None:
+    rng = np.random.default_rng(3)
+    divisions = np.array([4, 3])
+    elements, vertices = rng.random((2, 25, 4)) ** 4, rng.random((2, 25, 4)) ** 4
+    leaf = np.arange(25)
+    elements[0, 7] = 0.0
+    corners = interpolate(vertices_of_elements(divisions), leaf, vertices, elements)
+    np.testing.assert_allclose(corners.mean(axis=2), elements)
+    assert corners.min() >= -1e-12
+    assert abrupt(vertices_of_elements(divisions), leaf, elements[..., 0])[0, 7]
+    assert np.ptp(corners[0, 7]) == 0
+    assert (np.ptp(corners, axis=2) > 0).any()
+    # A large element, of which four are parts, keeps its mean as a whole.
+    leaf = np.maximum(leaf - 3, 0)
+    elements[:, :4] = elements[:, :1]
+    corners = interpolate(vertices_of_elements(divisions), leaf, vertices, elements)
+    np.testing.assert_allclose(corners[:, :4].mean(axis=(1, 2)), elements[:, 0])
+
+
+def test_elements_below_a_solid_do_not_darken_their_neighbours() -> None:
+    """Each part of the floor below a closed box has no light of its own."""
+    corners = [[x, y, z] for y in (0.0, 0.2) for z in (-0.5, 0.5) for x in (-0.5, 0.5)]
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    scene = square({"type": "mesh", "vertices": corners, "faces": faces, "material": "grey"})
+    options: Any = {"method": "monte-carlo", "size": 0.25, "particles": 1 << 18, "adaptive": 0}
+    solution = glpath.solve_radiosity(scene, **options)
+    middles = Elements.of_lattices(solution.divisions.astype(np.int64)).points(scene, np.full((1, 3), 1 / 3))[:, 0]
+    light = solution.elements.sum(axis=0)[0].mean(axis=1)
+    triangle = np.repeat(np.arange(len(solution.divisions)), solution.divisions**2)
+    floor = triangle < 2
+    at_edge = floor & (np.abs(middles[:, [0, 2]]).max(axis=1) < 0.5) & (np.abs(middles[:, 0]) > 0.4)
+    assert light[at_edge].min() > 0.2 * light[floor].mean()
+    beside = floor & (np.abs(middles[:, 2]) < 0.4) & (np.abs(middles[:, 0]) > 0.5) & (np.abs(middles[:, 0]) < 0.65)
+    vertices = vertices_of_elements(solution.divisions.astype(np.int64))
+    at_vertices = solution.vertices.sum(axis=0)[0].mean(axis=1)[vertices].mean(axis=1)
+    assert set(triangle[beside]) == {0, 1}
+    assert at_vertices[beside].mean() == pytest.approx(light[beside].mean(), rel=0.1)
 
 
 def test_a_solution_keeps_its_leaves_in_a_file(tmp_path) -> None:
@@ -169,19 +229,14 @@ def test_an_adaptive_solution_resumes_from_a_checkpoint_bit_for_bit(tmp_path) ->
     assert np.array_equal(resumed.elements, whole.elements)
 
 
-def test_an_edge_in_a_part_of_a_large_element_counts_for_all_of_its_parts() -> None:
-    """Parts lie on a finer lattice. Those off the edge share the corners, one of which has the light beyond."""
-    divisions = np.array([4, 8], np.int32)
-    elements = Elements.of_lattices(divisions.astype(np.int64))
-    coarse = Elements.of_lattices(np.array([2, 4]))
-    parts = coarse.split()
+def test_parts_of_a_large_element_have_its_number() -> None:
+    """Parts lie on a finer lattice than the elements of the other triangle."""
+    divisions = np.array([4, 8])
+    elements = Elements.of_lattices(divisions)
+    parts = Elements.of_lattices(np.array([2, 4])).split()
     size = np.where(elements.triangle == 0, 2, 1)
-    zeros = [np.zeros((2, 2, count, 3)) for count in (len(elements), 15 + 45)]
-    solution = RadiositySolution("", divisions, *zeros, leaf_size=size)
+    number = leaves(divisions, size.astype(np.uint16))
     first = np.array([0, 16])[parts.triangle] + parts.index()
-    for number in range(4):  # of the first triangle's large elements
-        some = np.zeros((2, len(elements)), bool)
-        some[1, first[4 * number + 2]] = some[0, 20] = True
-        found = _in_whole_leaves(solution, some)
-        assert set(np.flatnonzero(found[1])) == set(first[4 * number : 4 * number + 4])
-        assert np.flatnonzero(found[0]).tolist() == [20], "an element that is no part of another stays alone"
+    for large in range(4):  # of the first triangle
+        assert len(set(number[first[4 * large : 4 * large + 4]])) == 1
+    assert len(set(number)) == 4 + 64

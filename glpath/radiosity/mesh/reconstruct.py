@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, weld
@@ -42,10 +43,20 @@ class Resampled(NamedTuple):
     leaf: Int64
 
 
-def resample(mesh: Mesh, values: Float64) -> Resampled:
-    """Resample the values (..., E, 3) of a mesh's elements on lattices."""
+def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = None) -> Resampled:
+    """Resample the values (..., 2, E, 3) of the sides of a mesh's elements on lattices.
+
+    buried : (2, E) sides that no light can reach, as a solid covers them. They get the mean of their neighbours, so
+             that they do not darken these
+    """
     sides = values.reshape(-1, *values.shape[-2:])
-    corner_values = at_corners(mesh, sides)
+    nodes = _Nodes(mesh)
+    if buried is None or not buried.any():
+        corner_values = np.stack([nodes.values(side)[nodes.of] for side in sides])
+    else:
+        filled = [nodes.filled(side, ~buried[number % 2]) for number, side in enumerate(sides)]
+        sides = np.stack([elements for elements, _ in filled])
+        corner_values = np.stack([at_nodes[nodes.of] for _, at_nodes in filled])
     count = len(mesh.scene.triangles)
     divisions = np.ones(count, np.int64)
     np.maximum.at(divisions, mesh.elements.triangle, mesh.elements.n)
@@ -119,17 +130,24 @@ class _Nodes:
         self.hanging = found[np.sort(np.unique(found[:, 0], return_index=True)[1])]
 
     def values(self, elements: Float64) -> Float64:
-        """(N, 3) at the nodes, from the values (E, 3) of the elements of one side."""
+        """Return (N, 3) values at the nodes, from the values (E, 3) of the elements of one side."""
+        return self.filled(elements, np.ones(len(elements), np.bool_))[1]
+
+    def filled(self, elements: Float64, known: NDArray[np.bool_]) -> tuple[Float64, Float64]:
+        """Return (E, 3) the values of the elements of one side, and (N, 3) those at the nodes.
+
+        known : (E,) False for elements without a value of their own: they get the mean of their nodes
+        """
         if not elements.any():
-            return np.zeros((self.size, 3))  # such as the backs of a closed room
-        shares = np.bincount(self.of.ravel(), minlength=self.size)[:, None]
+            return elements, np.zeros((self.size, 3))  # such as the backs of a closed room
+        shares = np.maximum(np.bincount(self.of.ravel(), np.repeat(known, 3), self.size), 1.0)[:, None]
         found = self._spread(elements) / shares
         for _ in range(_CORRECTIONS):
             self._hang(found)
-            lacking = elements - found[self.of].mean(axis=1)
+            lacking = (elements - found[self.of].mean(axis=1)) * known[:, None]
             found = np.maximum(found + self._spread(lacking) / shares, 0.0)
         self._hang(found)
-        return found
+        return np.where(known[:, None], elements, found[self.of].mean(axis=1)), found
 
     def _spread(self, values: Float64) -> Float64:
         """(N, 3): sums over the elements around each node."""

@@ -107,6 +107,7 @@ class Shooting:
     hits      : of particles on surfaces
     open_areas : (2, E) area of the mesh's elements that is not buried in solids, of both sides; all of an element
                  that light cannot reach
+    buried     : (2, E) bool, no part of an element's side is outside of solids
     lit        : (2, E, 3) irradiance of the mesh's elements by lights that are no patches, which no particle brings
     view       : (2,) sums over batches of the mean radiance that their light adds to the camera's picture by a
                  gather, times `BATCH`, and of its square; of a solution for a camera
@@ -139,7 +140,7 @@ class Shooting:
         occluders = Occluders.of_scene(scene)
         closed = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
         self._solids = Solids.of(scene, closed, self._rays)
-        self.open_areas, self.lit = self._open_and_lit(self.mesh.elements)
+        self.open_areas, self.buried, self.lit = self._open_and_lit(self.mesh.elements)
         self._surfaces = Surfaces.of(scene, self._rays, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         self._gathered: Float64 | None = None
@@ -440,13 +441,15 @@ class Shooting:
         mean, square = self.view / batches
         return float(mean) / BATCH, float(np.sqrt(max(square - mean * mean, 0.0) / (batches - 1))) / BATCH
 
-    def _open_and_lit(self, elements: Elements) -> tuple[Float64, Float64]:
-        """`open_areas` and `lit` of elements of the scene."""
+    def _open_and_lit(self, elements: Elements) -> tuple[Float64, NDArray[np.bool_], Float64]:
+        """Return `open_areas`, `buried` and `lit` of elements of the scene."""
         scene = self.mesh.scene
         sides = Sides.of(scene, elements)
         points, is_open = self._solids.open_points(elements, sides, 4)
         areas = np.stack([scene.areas[elements.triangle] / elements.n**2] * 2)
         areas[sides.back, sides.element] *= np.where(is_open > 0, is_open, 1.0)
+        buried = np.zeros(areas.shape, np.bool_)
+        buried[sides.back, sides.element] = is_open == 0
         lit = np.zeros((2, len(elements), 3))
         each = points.shape[1]
         lit[sides.back, sides.element] = self._light.of_sides(
@@ -456,24 +459,27 @@ class Shooting:
             np.repeat(np.arange(len(sides)), each),
             each,
         )
-        return areas, lit
+        return areas, buried, lit
 
-    def result(self, detail: Detail) -> tuple[Mesh, Float64]:
-        """Return the mesh, split where the light changes, and its irradiance (2, 2, E, 3), W m^-2: by part, direct
-        or indirect, by side, by element and by channel.
+    def result(self, detail: Detail) -> tuple[Mesh, Float64, NDArray[np.bool_]]:
+        """Return the mesh, split where the light changes, its irradiance and which sides are buried in solids.
 
-        It is 0 where a side neither reflects nor emits.
+        irradiance : (2, 2, E, 3), W m^-2: by part, direct or indirect, by side, by element and by channel; 0 if a
+                     side neither reflects nor emits
+        buried     : (2, E)
         """
         mesh = detail.mesh(self.mesh)
         whole = detail.leaves[0]
-        open_areas, lit = self.open_areas[:, whole], self.lit[:, whole]
+        open_areas, buried, lit = self.open_areas[:, whole], self.buried[:, whole], self.lit[:, whole]
         if mesh is not self.mesh:
             of = np.arange(int(whole.sum()), len(mesh.elements))
-            open_parts, lit_parts = self._open_and_lit(mesh.elements[of])
+            open_parts, buried_parts, lit_parts = self._open_and_lit(mesh.elements[of])
             open_areas = np.concatenate([open_areas, open_parts], axis=1)
+            buried = np.concatenate([buried, buried_parts], axis=1)
             lit = np.concatenate([lit, lit_parts], axis=1)
         levels = zip(self.tree.sums(self.flux), detail.leaves, strict=True)
         flux = np.concatenate([sums[:, :, leaf] for sums, leaf in levels], axis=2)
         found = flux / max(self.particles, 1) / open_areas[..., None]
         found[DIRECT] += lit
-        return mesh, np.asarray(found * self._used[:, mesh.elements.triangle][..., None])
+        used = self._used[:, mesh.elements.triangle]
+        return mesh, np.asarray(found * used[..., None]), buried & used

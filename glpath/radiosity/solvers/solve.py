@@ -22,6 +22,7 @@ from glpath.radiosity.form_factors.form_factor import Kind
 from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
 from glpath.radiosity.memory import available_bytes
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, size_for_count, surfaces
+from glpath.radiosity.mesh.quadtree import Detail
 from glpath.radiosity.mesh.reconstruct import resample
 from glpath.radiosity.shafts.options import ShaftOptions
 from glpath.radiosity.solution import RadiositySolution
@@ -130,9 +131,14 @@ class _Run:
         self.on_progress(RadiosityProgress(text, 0, None, 0.0, 0, self.elapsed_s))
 
     def solution(
-        self, mesh: Mesh, irradiance: Float64, unresolved: NDArray[np.bool_] | None = None, **statistics: object
+        self,
+        mesh: Mesh,
+        irradiance: Float64,
+        unresolved: NDArray[np.bool_] | None = None,
+        buried: NDArray[np.bool_] | None = None,
+        **statistics: object,
     ) -> RadiositySolution:
-        divisions, elements, vertices, leaf = resample(mesh, irradiance)
+        divisions, elements, vertices, leaf = resample(mesh, irradiance, buried)
         size = divisions[mesh.elements.triangle] // mesh.elements.n
         return RadiositySolution(
             scene_hash=self.scene.digest(camera=False),
@@ -388,14 +394,15 @@ def _monte_carlo(
         left = max(0.0, 1 - shooting.particles / (batches * BATCH))
         run.report("particles", shooting.particles, left, 0.0, len(shooting.tree.levels[-1]))
 
-    def solution() -> RadiositySolution:
-        detail = shooting.detail()
-        mesh, irradiance = shooting.result(detail)
+    def solution(detail: Detail | None = None) -> RadiositySolution:
+        detail = shooting.detail() if detail is None else detail
+        mesh, irradiance, buried = shooting.result(detail)
         view = shooting.view_error()
         return run.solution(
             mesh,
             irradiance,
             detail.unresolved(),
+            buried,
             particles=shooting.particles,
             hits=shooting.hits,
             error_of_mean=shooting.error_of_mean(),
@@ -415,7 +422,7 @@ def _monte_carlo(
             view = shooting.view_error()
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
             if (enough and batches >= wanted) or batches + asked > max(asked, _MAX_BATCHES):
-                return solution()
+                return solution(detail)
             # At the same numbers, however many threads there are.
             batches += asked
     except _TimeIsUpError:

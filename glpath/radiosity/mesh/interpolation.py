@@ -1,0 +1,90 @@
+"""Interpolate irradiance within elements so that each element keeps its mean and no light leaks around edges.
+
+Values at vertices are means of the elements around, so interpolation alone moves light from bright elements to dark
+ones. The values at an element's corners are therefore shifted until their mean is the element's own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.radiosity.mesh import lattice
+from glpath.radiosity.mesh.mesh import Elements
+from glpath.scene.model import Float64
+
+Int64 = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+#: Difference between neighbouring elements, as a share of the brighter one, from which on it is abrupt.
+_ABRUPT = 0.9
+
+
+def interpolate(vertices_of: Int64, leaf: Int64, vertices: Float64, elements: Float64) -> Float64:
+    """Return (2, E, 3, C): values at the corners of each element, between which it is linear.
+
+    They are interpolated between the values of vertices, then shifted to the means of elements.
+
+    vertices_of : (E, 3) see `vertices_of_elements`
+    leaf        : (E,) number of the solver's element that each element is part of
+    vertices    : (2, V, C), of fronts and backs
+    elements    : (2, E, C)
+    """
+    corners = vertices[:, vertices_of]
+    mean, lowest = corners.mean(axis=2), corners.min(axis=2)
+    if int(leaf.max(initial=-1)) + 1 < len(leaf):
+        order = np.argsort(leaf, kind="stable")
+        first = np.searchsorted(leaf[order], np.arange(leaf.max() + 1))
+        parts = np.bincount(leaf)[:, None]
+        mean = (np.add.reduceat(mean[:, order], first, axis=1) / parts)[:, leaf]
+        lowest = np.minimum.reduceat(lowest[:, order], first, axis=1)[:, leaf]
+    # A dark element gets a small slope, so that no corner is below zero.
+    falls = np.maximum(mean - lowest, 1e-300)
+    slope = (elements / falls).min(axis=2, initial=1.0)
+    corners -= mean[:, :, None]
+    corners *= slope[..., None, None]
+    corners += elements[:, :, None]
+    return corners
+
+
+def abrupt(vertices_of: Int64, leaf: Int64, light: Float64) -> Bools:
+    """Return (2, E): True if one of an element and its neighbours on its triangle has much less light than another.
+
+    light : (2, E) of the fronts and backs of elements; for other parameters, see `interpolate`
+    """
+    lowest, highest = (np.full((2, int(vertices_of.max(initial=-1)) + 1), fill) for fill in (np.inf, -np.inf))
+    for corner in vertices_of.T:
+        for side in range(2):
+            np.minimum.at(lowest[side], corner, light[side])
+            np.maximum.at(highest[side], corner, light[side])
+    lower, upper = lowest[:, vertices_of].min(axis=2), highest[:, vertices_of].max(axis=2)
+    differs = upper - lower > _ABRUPT * upper
+    return np.stack([np.bincount(leaf, side)[leaf] > 0 for side in differs])
+
+
+def vertices_of_elements(divisions: Int64) -> Int64:
+    """Return (E, 3): numbers of the vertices of all elements of the lattices.
+
+    divisions : (T,) parts of each triangle's edges
+    """
+    found = np.empty((int((divisions**2).sum()), 3), np.int64)
+    element = vertex = 0
+    for n in divisions.tolist():
+        np.add(lattice.element_vertices(n), vertex, out=found[element : element + n * n])
+        element += n * n
+        vertex += (n + 1) * (n + 2) // 2
+    return found
+
+
+def leaves(divisions: Int64, leaf_size: NDArray[np.uint16]) -> Int64:
+    """(E,): number of the solver's element that each element of the lattices is part of.
+
+    leaf_size : (E,) edge of the solver's element, in elements of the lattice; a power of two
+    """
+    elements = Elements.of_lattices(divisions)
+    i, j, upper, size = elements.i, elements.j, elements.upper, leaf_size.astype(np.int64)
+    key = elements.triangle * 16 + np.log2(size).astype(np.int64)
+    while np.any(smaller := size > 1):
+        upper = np.where(smaller, (i & 1) + (j & 1) + upper >= 2, upper)
+        i, j, size = np.where(smaller, i >> 1, i), np.where(smaller, j >> 1, j), np.where(smaller, size >> 1, size)
+    return np.asarray(np.unique(((key << 15 | i) << 15 | j) << 1 | upper, return_inverse=True)[1])
