@@ -60,6 +60,5 @@ def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
     h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
     h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
     h.update(np.ascontiguousarray(solution.leaf_size, "<u2").data)
-    h.update(np.ascontiguousarray(solution.unresolved, "u1").data)
     h.update(np.ascontiguousarray(solution.vertices if lookup == "interpolated" else solution.elements, "<f4").data)
     return h.hexdigest()

@@ -69,7 +69,7 @@ def lookup_table(
     vertices_of = vertices_of_elements(divisions)
     share_of_elements = share[vertices_of].mean(axis=1) if interpolated else share
     elements = _with_share(solution.elements, share_of_elements)
-    distance = np.stack([np.where(solution.unresolved, NEVER, _widths(scene, solution))] * 2)
+    distance = np.stack([_widths(scene, solution)] * 2)
     if interpolated:
         vertices = _with_share(solution.vertices, share)
         corners = interpolate(vertices_of, solution.leaf, vertices, elements)

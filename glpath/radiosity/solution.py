@@ -61,8 +61,6 @@ class RadiositySolution:
     statistics : what it took, as JSON has values
     leaf_size  : (E,) uint16, edge of the solver's element that each element is part of, in elements: above 1 where
                  the lattice is finer than the mesh that was solved. Left out, 1 everywhere
-    unresolved : (E,) bool, irradiance changes by much within the element, which could not be split further. Left
-                 out, False everywhere
     """
 
     scene_hash: str
@@ -73,7 +71,6 @@ class RadiositySolution:
     settings: Mapping[str, Any] = field(default_factory=dict)
     statistics: Mapping[str, Any] = field(default_factory=dict)
     leaf_size: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
-    unresolved: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -87,10 +84,6 @@ class RadiositySolution:
         if sizes.shape != (self.element_count,) or not np.all((sizes >= 1) & (sizes <= _MAX_DIVISIONS)):
             raise ValueError(f"leaf_size must be ({self.element_count},), each from 1 to {_MAX_DIVISIONS}")
         put(self, "leaf_size", np.ascontiguousarray(sizes, np.uint16))
-        unresolved = np.asarray(self.unresolved) if len(self.unresolved) else np.zeros(self.element_count, np.bool_)
-        if unresolved.shape != (self.element_count,):
-            raise ValueError(f"unresolved must be ({self.element_count},)")
-        put(self, "unresolved", np.ascontiguousarray(unresolved, np.bool_))
         for name in ("settings", "statistics"):
             put(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         for name, count in (("elements", self.first_element[-1]), ("vertices", self.first_vertex[-1])):
@@ -235,7 +228,6 @@ class RadiositySolution:
                 elements=self.elements,
                 vertices=self.vertices,
                 leaf_size=self.leaf_size,
-                unresolved=self.unresolved,
                 made_by=np.array(json.dumps(plain)),
             )
 
@@ -299,16 +291,12 @@ class RadiositySolution:
             names = {"scene_hash": str, "method": str, "settings": dict, "statistics": dict}
             if [type(made_by.get(name)) for name in names] != list(names.values()):
                 raise ValueError(f"what made it is not {', '.join(names)}")
-
-            def optional(name: str, kind: str, dtype: type[np.generic]) -> NDArray[Any]:
-                return stored.read(name, kind, (None,)) if name in stored else np.zeros(0, dtype)
-
+            sizes = stored.read("leaf_size", "u", (None,)) if "leaf_size" in stored else np.zeros(0, np.uint16)
             solution = cls(
                 divisions=stored.read("divisions", "iu", (None,)),
                 elements=stored.read("elements", "f", (2, 2, None, 3)),
                 vertices=stored.read("vertices", "f", (2, 2, None, 3)),
-                leaf_size=optional("leaf_size", "u", np.uint16),
-                unresolved=optional("unresolved", "b", np.bool_),
+                leaf_size=sizes,
                 **{name: made_by[name] for name in names},
             )
         if scene is not None:

@@ -148,14 +148,6 @@ class Detail:
                 exists = (exists & ~found[-1])[self.tree.parents[level]]
         return found
 
-    def unresolved(self) -> Bools:
-        """Return (E,) bool for the leaves, level by level: True if the leaf differs but cannot be split."""
-        found = [np.zeros(int(self.leaves[0].sum()), bool)]
-        for level, leaf in enumerate(self.leaves[1:], 1):
-            last = self.tree.depth[self.tree.levels[level].triangle] == level
-            found.append((last & self.split[level - 1][self.tree.parents[level - 1]])[leaf])
-        return np.concatenate(found)
-
     def mesh(self, base: Mesh) -> Mesh:
         """The mesh of all leaves, level by level, with the patches of `base`; `base` itself if none is divided."""
         if not any(split.any() for split in self.split):

@@ -134,7 +134,6 @@ class _Run:
         self,
         mesh: Mesh,
         irradiance: Float64,
-        unresolved: NDArray[np.bool_] | None = None,
         buried: NDArray[np.bool_] | None = None,
         **statistics: object,
     ) -> RadiositySolution:
@@ -146,7 +145,6 @@ class _Run:
             elements=elements.astype(np.float32),
             vertices=vertices.astype(np.float32),
             leaf_size=size[leaf].astype(np.uint16),
-            unresolved=np.zeros(len(leaf), bool) if unresolved is None else unresolved[leaf],
             method=self.method,
             settings=self.settings,
             statistics={
@@ -401,7 +399,6 @@ def _monte_carlo(
         return run.solution(
             mesh,
             irradiance,
-            detail.unresolved(),
             buried,
             particles=shooting.particles,
             hits=shooting.hits,
