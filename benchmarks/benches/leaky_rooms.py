@@ -271,10 +271,13 @@ def solution_row(scene: Scene, scale: float) -> Row:
     every = Estimate.of(measured.film, np.arange(measured.count))
     lit = every.groups > 0
     found = solution.irradiance(triangle, b, back).mean(axis=1)[lit] / np.pi
-    # Area-weighted means are plain means of points that are spread evenly by area.
-    mean_error = float(np.sqrt(np.mean(every.errors[lit] ** 2) / lit.sum()))
-    reference = Estimate(every.groups[lit], every.errors[lit], float(every.groups[lit].mean()), mean_error)
-    estimate = Estimate(found, np.zeros(len(found)), float(found.mean()), 0.0)
+    # Area-weighted means are plain means of points that are spread evenly by area. An element's mean differs from
+    # the light at one of its points, so the mean difference is known no better than from so many points.
+    errors = every.errors[lit]
+    mean_error = float(np.sqrt(np.mean(errors**2) / lit.sum()))
+    reference = Estimate(every.groups[lit], errors, float(every.groups[lit].mean()), mean_error)
+    scatter = float(np.std(found - reference.groups) / np.sqrt(lit.sum()))
+    estimate = Estimate(found, np.zeros(len(found)), float(found.mean()), scatter)
     return {"room": scene.name, "product": "solution", "seconds": seconds} | compared(estimate, reference)
 
 

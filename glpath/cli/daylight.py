@@ -153,8 +153,13 @@ def daylight(
         ),
     ] = None,
     elements: Annotated[
-        int, typer.Option(metavar="N", help="Of the surfaces, about.", rich_help_panel=_BOUNCES)
-    ] = 2000,
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Of the surfaces, about; 2000, or more if their bias is too large.",
+            rich_help_panel=_BOUNCES,
+        ),
+    ] = None,
     gather_rays: Annotated[
         int, typer.Option(metavar="N", help="Of each sensor, for reflected light.", rich_help_panel=_BOUNCES)
     ] = 1024,
@@ -360,6 +365,8 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
         direct = np.concatenate([found.direct_sky(slice(a, a + 1024)).sum(1) for a in range(0, len(found), 1024)])
         share = 1.0 - direct.sum() / max(float(found.sky_sums.sum()), 1e-30)
         yield f"  {100 * share:.0f} % of the light under a uniform sky is reflected"
+        if found.indirect.bias is not None:
+            yield f"  bias of the reflected light: {found.indirect.bias}"
     if found.dark:
         yield f"  {found.dark:,} sensors see nothing at all: inside of solids, or below the ground"
 

@@ -41,6 +41,8 @@ Float64 = NDArray[np.float64]
 
 #: Elements where their number is not given, rays of each point of their sides and of a sensor.
 DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
+#: Seed of the rays of sensors, less that of the rays between sides.
+GATHER_SEED = 1
 #: Points of a side.
 POINTS = 4
 #: Sides up to which the matrix is dense: 144 MB.
@@ -61,6 +63,8 @@ class ReflectingSides:
     seed     : of the points in them
 
     points, normals : (R POINTS, 3), off the surfaces, and unit; those of a side one behind the other
+    reflected, transmitted : (2, T) luminance of what fronts and backs of triangles send to an eye, of light on the
+                      same side and on the other
     """
 
     def __init__(self, scene: Scene, elements: int, seed: int = 0) -> None:
@@ -81,7 +85,9 @@ class ReflectingSides:
         self.points = points.reshape(-1, 3) + self.lift * self.normals
         triangle = made.triangle[sides.element]
         # Of glass without what its surface mirrors, which rays follow.
-        self._reflectance = self.surfaces.reflectance[sides.back, triangle] @ LUMINANCE
+        self.reflected = np.ascontiguousarray(self.surfaces.reflectance @ LUMINANCE)
+        self.transmitted = np.ascontiguousarray(self.surfaces.transmittance @ LUMINANCE)
+        self._reflectance = self.reflected[sides.back, triangle]
         self._transmittance = sides.transmittance @ LUMINANCE
         self._behind = number[sides.element, 1 - sides.back]
 
@@ -112,12 +118,17 @@ class ReflectingSides:
         found = sparse.coo_array((values, (row, number[some])), shape=(count // each, len(self)), dtype=np.float32)
         return found.tocsr()
 
-    def spread(self, hits: Hits, radiosity: Float32) -> Float32:
-        """(n,) standard errors of the irradiance of points by sides of one radiosity each (R,)."""
+    def looked_up(self, hits: Hits, radiosity: Float32) -> Float32:
+        """Return (n, R) light that rays bring from sides of one radiosity each (R,), 0 from the sky."""
         if not len(self):
-            return np.zeros(len(hits.side), np.float32)
+            return np.zeros(hits.side.shape, np.float32)
         number = self._number[np.maximum(hits.side, 0)]
-        light = np.where((hits.side >= 0) & (number >= 0), radiosity[np.maximum(number, 0)], 0.0) * hits.weight
+        lit = (hits.side >= 0) & (number >= 0)
+        return np.asarray(np.where(lit, radiosity[np.maximum(number, 0)], 0.0) * hits.weight, np.float32)
+
+    def spread(self, hits: Hits, radiosity: Float32) -> Float32:
+        """Return (n,) standard errors of the irradiance of points by sides of one radiosity each (R,)."""
+        light = self.looked_up(hits, radiosity)
         means = light.reshape(len(light), BATCHES, -1).mean(axis=2)
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
 
@@ -169,13 +180,14 @@ class Reflections:
 
     max_depth : 1 is direct light, 2 one reflection, and so on; None for all
 
-    of_sky : (R,) radiosity by a sky and a ground of radiance 1, by the rays between the sides; for errors
+    of_sky : (R,) radiosity by a sky and a ground of radiosity 1, by the rays between the sides; for errors and bias
+    max_reflections : from the sky to a sensor
     """
 
     def __init__(self, sides: ReflectingSides, max_depth: int | None, seed: int) -> None:
         self._sent = sides.sent_on()
         self._between, of_sky = sides.between(SIDE_RAYS, seed)
-        self._max_reflections = _MAX_REFLECTIONS if max_depth is None else max_depth - 2
+        self.max_reflections = _MAX_REFLECTIONS if max_depth is None else max_depth - 1
         self._factors = self._factored() if max_depth is None and 0 < len(sides) <= DENSE else None
         self.of_sky = self.radiosity(of_sky[:, None])[:, 0]
 
@@ -205,7 +217,7 @@ class Reflections:
             )
         found, last = first.copy(), first
         limit = _CHANGE * np.abs(first.sum(axis=0))
-        for _ in range(self._max_reflections):
+        for _ in range(self.max_reflections - 1):
             last = np.asarray(self._sent @ (self._between @ last), np.float32)
             found += last
             if (np.abs(last.sum(axis=0)) <= limit).all():
@@ -237,7 +249,7 @@ def gathered(
 
     at = points + sides.lift * normals if receiver == "plane" else points
     made, errors = _Rows(len(points), len(sides), ray_count(rays)), np.zeros(len(points), np.float32)
-    for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + 1, number):
+    for hits in cast_hits(sides.surfaces, at, normals, receiver, rays, seed + GATHER_SEED, number):
         last = hits.first + len(hits.side)
         made.append(sides.weights(hits))
         errors[hits.first : last] = sides.spread(hits, reflections.of_sky)

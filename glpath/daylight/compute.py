@@ -15,7 +15,16 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.daylight.bounces import DEFAULT_ELEMENTS, GATHER_RAYS, POINTS, ReflectingSides, Reflections, gathered
+from glpath.daylight.bias import bias_of_solution
+from glpath.daylight.bounces import (
+    DEFAULT_ELEMENTS,
+    GATHER_RAYS,
+    GATHER_SEED,
+    POINTS,
+    ReflectingSides,
+    Reflections,
+    gathered,
+)
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
 from glpath.daylight.kept_words import KeptPass, KeptWords
@@ -25,6 +34,7 @@ from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.sun_bins import MAX_BINS, SunBins
 from glpath.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
 from glpath.errors import SceneError, UsageError, warn
+from glpath.film.bias import Bias
 from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
@@ -50,6 +60,8 @@ DEFAULT_RAYS = 100_000_000
 ELEMENT_SAMPLES = 4
 #: And of the ground, which is one patch.
 ELEMENT_GROUND = 512
+#: How many times as many elements there are if the bias with `DEFAULT_ELEMENTS` is too large.
+REFINED = 4
 
 
 @dataclass(frozen=True)
@@ -78,7 +90,7 @@ def daylight_coefficients(
     suns: int = MAX_BINS,
     receiver: Receiver = "plane",
     max_depth: int | None = None,
-    elements: int = DEFAULT_ELEMENTS,
+    elements: int | None = None,
     gather_rays: int = GATHER_RAYS,
     geometry_budget: int = GEOMETRY_BUDGET,
     up: ArrayLike | None = None,
@@ -112,7 +124,8 @@ def daylight_coefficients(
     suns        : positions of the sun at most
     receiver    : "plane", "cylinder" (whose axis the normal is) or "sphere": see `glpath.daylight.receivers`
     max_depth   : surfaces and the sensor that light meets, at most: 1 is direct light; None for all there are
-    elements    : of the surfaces, about; a triangle has one at least
+    elements    : of the surfaces, about; a triangle has one at least. None for 2,000, or for 8,000 if the bias with
+                  those is too large
     gather_rays : of each sensor, for reflected light
     geometry_budget : MiB for streamed triangles, on the device and off it
     up, north   : (3,); by default the up of the scene, and y where z is up, -z where y is
@@ -125,6 +138,9 @@ def daylight_coefficients(
     cluster     : workers that share the sensors (`glpath.jobs.cluster.Cluster`): the same bits
     on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
+
+    The bias of reflected light is measured under a sky and a ground of radiance 1 (`indirect.bias`). A SceneWarning
+    says if it is above 1 % of the light in the mean, or 3 % in a block of sensors.
 
     Raises UsageError for options and points that are none; SceneError for a scene that no ray can be traced in;
     ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words or parts.
@@ -141,7 +157,11 @@ def daylight_coefficients(
     """
     started = time.perf_counter()
     check_word("receiver", receiver, RECEIVERS)
-    of_counts = (("elements", elements), ("gather_rays", gather_rays), ("geometry_budget", geometry_budget))
+    of_counts = (
+        ("elements", 1 if elements is None else elements),
+        ("gather_rays", gather_rays),
+        ("geometry_budget", geometry_budget),
+    )
     for name, value in of_counts:
         if not (isinstance(value, int) and value >= 1):
             raise UsageError(f"{name}: {value!r} where a whole number from 1 is needed")
@@ -174,7 +194,7 @@ def daylight_coefficients(
     sun = np.zeros((0, 3)) if latitude is None else SunBins.of(latitude, compass, suns).directions
     shared = _Shared.of(patches, compass, samples, seed, sun)
     directions = shared.directions
-    part, first_sensor = None, 0
+    part, first_sensor, every_sensor = None, 0, (positions, facing)
     if shard is not None or cluster is not None:
         settings = (max_depth, elements, gather_rays, seed) if reflects else ()
         work = _key(f"{loaded.digest(camera=False)} {settings}", positions, facing, directions, receiver)
@@ -266,27 +286,55 @@ def daylight_coefficients(
         else:
             report("elements", len(directions))
             scene_in_triangles = path_traceable(loaded.still())
-            sides = ReflectingSides(scene_in_triangles, elements, seed)
+            shift = scene_in_triangles.origin - loaded.origin
             few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
-            reflections = Reflections(sides, max_depth, seed)
-            if flag:
-                raise KeyboardInterrupt
+            # All shards look at the same sensors, so that they agree on the elements.
+            watched = every_sensor[0] - shift, every_sensor[1], receiver
+            sides, reflections, bias = _reflecting(scene_in_triangles, elements, max_depth, watched, seed, flag)
 
             def gathering(done: int) -> None:
                 report("gathering", len(directions))
                 if flag:
                     raise KeyboardInterrupt
 
-            shift = scene_in_triangles.origin - loaded.origin
             sensors = positions - shift, facing, receiver
             on_sides = _irradiance(context.gl, loaded, sides, few, flag)
             indirect = gathered(
                 sides, reflections, on_sides, few.columns, *sensors, gather_rays, seed, gathering, first_sensor
             )
-            total = replace(direct, indirect=indirect)
+            total = replace(direct, indirect=replace(indirect, bias=bias))
         if kept is not None:
             kept.remove()
     return total
+
+
+def _reflecting(
+    scene: Scene,
+    elements: int | None,
+    max_depth: int | None,
+    receivers: tuple[Float64, Float64, Receiver],
+    seed: int,
+    flag: Flag,
+) -> tuple[ReflectingSides, Reflections, Bias]:
+    """Return elements of a scene in triangles, how they reflect, and the bias of that at receivers.
+
+    elements : their number, or None for one that makes the bias small. Warns SceneWarning if it is too large
+    """
+    for factor in (1, REFINED):
+        sides = ReflectingSides(scene, DEFAULT_ELEMENTS * factor if elements is None else elements, seed)
+        reflections = Reflections(sides, max_depth, seed)
+        if flag:
+            raise KeyboardInterrupt
+        bias = bias_of_solution(sides, reflections, receivers, seed + GATHER_SEED)
+        if bias.is_small() or elements is not None:
+            break
+    if bias.is_large():
+        used = DEFAULT_ELEMENTS * factor if elements is None else elements
+        warn(
+            f"{scene.source or scene.name}: the bias of the reflected light is {bias}. "
+            f"Give more than {used:,} elements."
+        )
+    return sides, reflections, bias
 
 
 @dataclass(frozen=True, eq=False)

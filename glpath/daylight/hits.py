@@ -20,7 +20,7 @@ from glpath.daylight.receivers import RECEIVERS, Receiver
 from glpath.radiosity.mesh.glass import at_glass
 from glpath.radiosity.shafts.rays import nearest
 from glpath.radiosity.solvers.particles import Surfaces, next_random
-from glpath.system.kernels import kernel
+from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
 
 Float64 = NDArray[np.float64]
@@ -53,14 +53,22 @@ def ray_count(rays: int) -> int:
 
 
 def cast_hits(
-    surfaces: Surfaces, points: Float64, axes: Float64, receiver: Receiver, rays: int, seed: int, number: int = 0
+    surfaces: Surfaces,
+    points: Float64,
+    axes: Float64,
+    receiver: Receiver,
+    rays: int,
+    seed: int,
+    numbers: NDArray[np.int64] | int = 0,
 ) -> Iterator[Hits]:
-    """What the rays of points meet, block by block; the same whatever the threads.
+    """Yield what the rays of points meet, block by block; the same whatever the threads.
 
-    points : (N, 3) off the surfaces that they lie on; axes (N, 3) unit, normals of planes
-    rays   : of each point, as `ray_count` says
-    number : of the first point, which random numbers follow from
+    points  : (N, 3) off the surfaces that they lie on; axes (N, 3) unit, normals of planes
+    rays    : of each point, as `ray_count` says
+    numbers : (N,) of the points, which random numbers follow from; or that of the first, if they follow each other
     """
+    if isinstance(numbers, int):
+        numbers = np.arange(numbers, numbers + len(points))
     count = ray_count(rays)
     step = 4 * max(1, _BLOCK // count // 4)  # points of a side of an element stay together
     threads = core_count()
@@ -73,9 +81,9 @@ def cast_hits(
 
             def work(part: slice, first: int = first, side: NDArray[np.int32] = side,
                      weight: NDArray[np.float32] = weight) -> None:  # fmt: skip
-                numbers = np.arange(first + part.start, first + part.stop)
+                some = slice(first + part.start, first + part.stop)
                 _cast(
-                    Shooting(points[numbers], axes[numbers], number + numbers, kind, seed),
+                    Shooting(points[some], axes[some], numbers[some], kind, seed),
                     surfaces, side[part], weight[part], np.empty((3, 3)),
                 )  # fmt: skip
 
@@ -94,94 +102,161 @@ class Shooting(NamedTuple):
     seed: int
 
 
+@inner_kernel
+def _begin(shooting, p, r, count, state, d):  # type: ignore[no-untyped-def]
+    """Fill d (3,), the direction of ray r of `count` of point p. Returns the random state and a weight."""
+    heights = count // (BATCHES * _TURNS)
+    stratum = r % (heights * _TURNS)
+    state, u = next_random(state)
+    state, v = next_random(state)
+    ax, ay, az = shooting.axes[p, 0], shooting.axes[p, 1], shooting.axes[p, 2]
+    z = 1 - 2 * (stratum // _TURNS + u) / heights
+    turn = 2 * np.pi * (stratum % _TURNS + v) / _TURNS
+    level = np.sqrt(max(0.0, 1 - z * z))
+    d[0], d[1], d[2] = level * np.cos(turn), level * np.sin(turn), z
+    w = 1.0
+    if shooting.kind == 0:
+        _to_cosine(d, ax, ay, az)
+    elif shooting.kind == 1:
+        along = d[0] * ax + d[1] * ay + d[2] * az
+        w = 4 * np.sqrt(max(0.0, 1 - along * along)) / np.pi
+    return state, w
+
+
+@inner_kernel
+def _to_cosine(d, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """Turn d, a point of the unit sphere about +z, into a direction with a cosine density about a normal."""
+    # Strata are about the normal, so that none of them is much smaller than others.
+    sign = 1.0 if nz >= 0 else -1.0
+    a = -1.0 / (sign + nz)
+    b = nx * ny * a
+    x, y, h = d[0], d[1], d[2] + 1.0
+    d[0] = x * (1.0 + sign * nx * nx * a) + y * b + h * nx
+    d[1] = x * sign * b + y * (sign + ny * ny * a) + h * ny
+    d[2] = -x * sign * nx - y * ny + h * nz
+    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    if length > 1e-9:
+        d[0], d[1], d[2] = d[0] / length, d[1] / length, d[2] / length
+    else:
+        d[0], d[1], d[2] = nx, ny, nz
+
+
+@inner_kernel
+def _to_diffuse(surfaces, o, d, own, w, state, found):  # type: ignore[no-untyped-def]
+    """Follow a ray (o, d) from triangle `own` through glass and openings to a diffuse side; o becomes the hit.
+
+    Returns the triangle, or -1; 1 for its back; the weight, from w on; and the state of random numbers.
+    """
+    glass = surfaces.glass
+    passed = 0
+    while passed <= _MAX_THROUGH:
+        hit = nearest(surfaces.rays, o, d, own, found)
+        if hit < 0:
+            return -1, 0, w, state
+        own = hit
+        passed += 1
+        along = 0.0
+        for k in range(3):
+            along += surfaces.normals[hit, k] * d[k]
+            o[k] += found[0] * d[k]
+        back = 1 if along > 0 else 0
+        if surfaces.culled[hit] and back == 1:
+            continue
+        state, u = next_random(state)
+        opacity = surfaces.opacity[hit]
+        if u >= opacity:
+            continue
+        rest = 1.0
+        if surfaces.is_glass[hit]:
+            inside = back == 1 and glass.ior[hit] > 0
+            mirrored, left = at_glass(glass, hit, abs(along), inside)
+            c0, c1, c2 = glass.clear[hit, 0], glass.clear[hit, 1], glass.clear[hit, 2]
+            clear = max(c0, c1, c2)
+            through = clear * left
+            state, u = next_random(state)
+            if u < mirrored + through:
+                scale, bends = 1.0, -2 * along
+                if u >= mirrored:
+                    bends = 0.0
+                    index = glass.ior[hit]
+                    if index > 0:
+                        scale = index if inside else 1 / index
+                        far = np.sqrt(max(0.0, 1 - scale * scale * (1 - along * along)))
+                        bends = (far if along > 0 else -far) - scale * along
+                    w *= (0.2126 * c0 + 0.7152 * c1 + 0.0722 * c2) / clear
+                for k in range(3):
+                    d[k] = scale * d[k] + bends * surfaces.normals[hit, k]
+                length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+                for k in range(3):
+                    d[k] /= length
+                continue
+            rest = max(1 - mirrored - through, 1e-9)
+        return hit, back, w / (opacity * rest), state
+    return -1, 0, 0.0, state
+
+
 @kernel
 def _cast(shooting, surfaces, side, weight, work):  # type: ignore[no-untyped-def]
     """Fill side and weight (n, R); work: (3, 3)."""
     o, d, found = work[0], work[1], work[2]
     count = side.shape[1]
-    heights = count // (BATCHES * _TURNS)
-    glass = surfaces.glass
     for p in range(len(shooting.points)):
         state, _ = next_random(
             np.uint64(shooting.seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(shooting.numbers[p])
         )
-        ax, ay, az = shooting.axes[p, 0], shooting.axes[p, 1], shooting.axes[p, 2]
         for r in range(count):
-            stratum = r % (heights * _TURNS)
-            state, u = next_random(state)
-            state, v = next_random(state)
-            z = 1 - 2 * (stratum // _TURNS + u) / heights
-            turn = 2 * np.pi * (stratum % _TURNS + v) / _TURNS
-            level = np.sqrt(max(0.0, 1 - z * z))
-            # A point of the unit sphere; the one about a plane's normal makes the cosine [as `_leave`].
-            d[0], d[1], d[2] = level * np.cos(turn), level * np.sin(turn), z
-            w = 1.0
-            if shooting.kind == 0:
-                # The strata are about the normal, so that none of them is much smaller than others.
-                sign = 1.0 if az >= 0 else -1.0
-                a = -1.0 / (sign + az)
-                b = ax * ay * a
-                x, y, h = d[0], d[1], d[2] + 1.0
-                d[0] = x * (1.0 + sign * ax * ax * a) + y * b + h * ax
-                d[1] = x * sign * b + y * (sign + ay * ay * a) + h * ay
-                d[2] = -x * sign * ax - y * ay + h * az
-                length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-                for k in range(3):
-                    d[k] = d[k] / length if length > 1e-9 else shooting.axes[p, k]
-            elif shooting.kind == 1:
-                along = d[0] * ax + d[1] * ay + d[2] * az
-                w = 4 * np.sqrt(max(0.0, 1 - along * along)) / np.pi
+            state, w = _begin(shooting, p, r, count, state, d)
             for k in range(3):
                 o[k] = shooting.points[p, k]
-            own, passed = -1, 0
-            side[p, r], weight[p, r] = -1, 0.0
-            while passed <= _MAX_THROUGH:
-                hit = nearest(surfaces.rays, o, d, own, found)
-                if hit < 0:
-                    break
-                own = hit
-                passed += 1
-                along = 0.0
-                for k in range(3):
-                    along += surfaces.normals[hit, k] * d[k]
-                    o[k] += found[0] * d[k]
-                back = 1 if along > 0 else 0
-                if surfaces.culled[hit] and back == 1:
-                    continue
-                state, u = next_random(state)
-                opacity = surfaces.opacity[hit]
-                if u >= opacity:
-                    continue
-                rest = 1.0
-                if surfaces.is_glass[hit]:
-                    inside = back == 1 and glass.ior[hit] > 0
-                    mirrored, left = at_glass(glass, hit, abs(along), inside)
-                    c0, c1, c2 = glass.clear[hit, 0], glass.clear[hit, 1], glass.clear[hit, 2]
-                    clear = max(c0, c1, c2)
-                    through = clear * left
-                    state, u = next_random(state)
-                    if u < mirrored + through:
-                        scale, bends = 1.0, -2 * along
-                        if u >= mirrored:
-                            bends = 0.0
-                            index = glass.ior[hit]
-                            if index > 0:
-                                scale = index if inside else 1 / index
-                                far = np.sqrt(max(0.0, 1 - scale * scale * (1 - along * along)))
-                                bends = (far if along > 0 else -far) - scale * along
-                            w *= (0.2126 * c0 + 0.7152 * c1 + 0.0722 * c2) / clear
-                        for k in range(3):
-                            d[k] = scale * d[k] + bends * surfaces.normals[hit, k]
-                        length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-                        for k in range(3):
-                            d[k] /= length
-                        continue
-                    rest = max(1 - mirrored - through, 1e-9)
+            hit, back, w, state = _to_diffuse(surfaces, o, d, -1, w, state, found)
+            side[p, r], weight[p, r] = -1, w
+            if hit >= 0:
                 n = surfaces.divisions[hit]
                 x, y = n * found[1], n * found[2]
                 i = min(int(x), n - 1)
                 j = max(0, min(int(y), n - 1 - i))
                 upper = 1 if (x - i + y - j > 1 and i + j < n - 1) else 0
                 at = surfaces.begin[hit] + j * (2 * n - j) + 2 * i + upper
-                side[p, r], weight[p, r] = 2 * at + back, w / (opacity * rest)
-                break
+                side[p, r] = 2 * at + back
+
+
+@kernel
+def follow(shooting, surfaces, reflected, through, max_reflections, light, work):  # type: ignore[no-untyped-def]
+    """Fill light (n, R) with the weights of rays that end in the sky after a reflection.
+
+    reflected, through : (2, T) as of `ReflectingSides`
+    work               : (3, 3)
+    """
+    o, d, found = work[0], work[1], work[2]
+    count = light.shape[1]
+    for p in range(len(shooting.points)):
+        state, _ = next_random(
+            np.uint64(shooting.seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(shooting.numbers[p])
+        )
+        for r in range(count):
+            state, w = _begin(shooting, p, r, count, state, d)
+            for k in range(3):
+                o[k] = shooting.points[p, k]
+            own, walk = -1, state
+            for reflections in range(max_reflections + 1):
+                hit, back, w, walk = _to_diffuse(surfaces, o, d, own, w, walk, found)
+                if reflections == 0:
+                    state = walk  # the next ray is that of `_cast`
+                if hit < 0:
+                    light[p, r] = w if reflections > 0 else 0.0
+                    break
+                # Roulette by what the side sends on.
+                stays, goes = reflected[back, hit], through[back, hit]
+                walk, u = next_random(walk)
+                if u >= stays + goes:
+                    break
+                w *= max(stays + goes, 1.0)
+                sign = 1.0 if (back == 0) == (u < stays) else -1.0
+                walk, u = next_random(walk)
+                walk, v = next_random(walk)
+                z = 1 - 2 * u
+                level = np.sqrt(max(0.0, 1 - z * z))
+                d[0], d[1], d[2] = level * np.cos(2 * np.pi * v), level * np.sin(2 * np.pi * v), z
+                nx, ny, nz = surfaces.normals[hit, 0], surfaces.normals[hit, 1], surfaces.normals[hit, 2]
+                _to_cosine(d, sign * nx, sign * ny, sign * nz)
+                own = hit

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.film.bias import Bias
 from glpath.system.npz import Arrays
 
 Float32 = NDArray[np.float32]
@@ -23,11 +24,13 @@ class Indirect:
     weights   : scipy.sparse.csr_array (N, R) float32, or the identity where the rows themselves are smaller
     radiosity : (R, C) float32, of the sides for each column: ground, patches and suns
     errors    : (N,) float32, standard errors of the sums of the columns of ground and sky, by the sensors' rays
+    bias      : of the light under a sky and a ground of radiance 1, by the size of the elements; None if unknown
     """
 
     weights: Any
     radiosity: Float32
     errors: Float32
+    bias: Bias | None = None
 
     def rows(self, which: NDArray[np.intp], columns: slice) -> Float32:
         """(n, c) float32."""
@@ -49,7 +52,7 @@ class Indirect:
             "gathered_side": w.indices.astype(np.int32),
             "gathered_begin": w.indptr.astype(np.int64),
             "gathered_error": self.errors,
-        }
+        } | ({} if self.bias is None else {"bias": np.array(list(vars(self.bias).values()))})
 
     @classmethod
     def read(cls, arrays: Arrays, sensors: int) -> Indirect:
@@ -65,4 +68,5 @@ class Indirect:
         if len(side) and not (side.min() >= 0 and side.max() < len(radiosity)):
             raise ValueError("its gathered_side has sides that there are not")
         weights = sparse.csr_array((values, side, begin), shape=(sensors, len(radiosity)))
-        return cls(weights, radiosity, arrays.read("gathered_error", "f", (sensors,)))
+        bias = Bias(*arrays.read("bias", "f", (len(fields(Bias)),)).tolist()) if "bias" in arrays else None
+        return cls(weights, radiosity, arrays.read("gathered_error", "f", (sensors,)), bias)

@@ -126,7 +126,8 @@ def _reflected(parts: list[Indirect]) -> Indirect | None:
     errors = np.concatenate([part.errors for part in parts])
     radiosity = parts[0].radiosity
     if all(np.array_equal(part.radiosity, radiosity) for part in parts[1:]):
-        return Indirect(sparse.vstack([part.weights for part in parts], format="csr"), radiosity, errors)
+        weights = sparse.vstack([part.weights for part in parts], format="csr")
+        return Indirect(weights, radiosity, errors, parts[0].bias)
     # Rows, as some have them already, or machines differ in their last bits.
     rows: Any = np.concatenate([np.asarray(part.weights @ part.radiosity, np.float32) for part in parts])
-    return Indirect(sparse.eye_array(len(rows), dtype=np.float32, format="csr"), rows, errors)
+    return Indirect(sparse.eye_array(len(rows), dtype=np.float32, format="csr"), rows, errors, parts[0].bias)

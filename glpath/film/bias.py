@@ -75,11 +75,17 @@ class Bias:
     def __str__(self) -> str:
         blocks = max(self.blocks, self.blocks_error)
         word = "up to " if self.blocks < self.blocks_error else ""
-        worst = f", {100 * self.worst_block:.2g} % in the worst" if self.worst_block > MAX_BLOCKS else ""
+        worst = f", {_percent(self.worst_block)} % in the worst" if self.worst_block > MAX_BLOCKS else ""
+        sign = "+" if self.mean >= 0 else ""
         return (
-            f"{100 * self.mean:+.2g} % of the light, plus or minus {100 * self.mean_error:.1g}; "
-            f"in blocks {word}{100 * blocks:.2g} %{worst}"
+            f"{sign}{_percent(self.mean)} % of the light, plus or minus {_percent(self.mean_error, 1)}; "
+            f"in blocks {word}{_percent(blocks)} %{worst}"
         )
+
+
+def _percent(share: float, digits: int = 2) -> str:
+    """Return a share in percent, rounded to some digits and without an exponent."""
+    return f"{float(f'{100 * share:.{digits}g}'):g}"
 
 
 def block_means(picture: NDArray[np.floating[Any]]) -> Float64:

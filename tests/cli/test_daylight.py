@@ -14,6 +14,9 @@ from glpath.cli.main import app
 from tests.io.test_vtk import arrays
 from tests.support.weather_files import write_epw
 
+# Few elements are enough here.
+pytestmark = pytest.mark.filterwarnings("ignore:.*bias of the reflected light")
+
 
 @pytest.fixture
 def sensors(tmp_path: Path) -> Path:

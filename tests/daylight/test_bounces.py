@@ -17,6 +17,9 @@ from glpath.io import scene_from_dict
 from glpath.radiosity.mesh.sides import random_in_parts, sub_triangles
 from glpath.scene import path_traceable
 
+# Few elements are enough here.
+pytestmark = pytest.mark.filterwarnings("ignore:.*bias of the reflected light")
+
 VIEW = {"position": [0, -1, 1], "target": [0, 0, 1], "up": [0, 0, 1]}
 WHITE_SKY = {"zenith": [1, 1, 1], "horizon": [1, 1, 1], "up": [0, 0, 1]}
 QUICK: dict[str, Any] = {"elements": 200, "gather_rays": 1024}

@@ -20,6 +20,9 @@ from glpath.jobs.cluster import Cluster
 from tests.daylight.test_merging import AT, QUICK, UP, assert_same, shards_of, veiled
 from tests.support.command_line import run
 
+# Few elements are enough here.
+pytestmark = pytest.mark.filterwarnings("ignore:.*bias of the reflected light")
+
 pytest.importorskip("distributed")
 pytest.importorskip("cryptography")
 

@@ -16,6 +16,9 @@ from glpath.errors import ImageError, UsageError
 from glpath.io import scene_from_dict
 from tests.daylight.test_bounces import VIEW, box, scene
 
+# Few elements are enough here.
+pytestmark = pytest.mark.filterwarnings("ignore:.*bias of the reflected light")
+
 AT = np.random.default_rng(5).uniform([-0.9, -0.9, 0.1], [0.9, 0.9, 1.5], (11, 3))
 UP = [0.0, 0.0, 1.0]
 QUICK: dict[str, Any] = {"samples": 4, "elements": 60, "gather_rays": 256, "latitude": 40.0, "suns": 20}

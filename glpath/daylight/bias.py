@@ -1,0 +1,111 @@
+"""Measure the bias of a daylight solution, whose elements may be too large for the light that they hold.
+
+Rays from some sensors meet elements, whose radiosity under a sky and a ground of one brightness is looked up. The
+same rays are also followed from surface to surface until they leave the scene, which has no such bias. So the
+difference has little noise. Both take all surfaces as diffuse.
+
+Cost:     up to eight rounds of 0.3 s, for 256 sensors of 1,024 rays.
+Poor at:  bias at sensors between those that are chosen.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.daylight.bounces import ReflectingSides, Reflections
+from glpath.daylight.hits import BATCHES, Shooting, cast_hits, follow, ray_count
+from glpath.daylight.receivers import RECEIVERS, Receiver
+from glpath.film.bias import BLOCKS, SURE, Bias, bias_of, summed
+from glpath.system.machine import core_count
+
+Float64 = NDArray[np.float64]
+
+#: Maximum number of sensors that are compared, and rays of a round.
+_SENSORS, _RAYS = 256, 1 << 18
+#: Maximum number of rounds of rays.
+_ROUNDS = 8
+
+
+def bias_of_solution(
+    sides: ReflectingSides,
+    reflections: Reflections,
+    receivers: tuple[Float64, Float64, Receiver],
+    seed: int,
+) -> Bias:
+    """Return the bias of the light at sensors under a sky and a ground of radiance 1.
+
+    receivers : points (N, 3) and axes (N, 3) of all sensors, and their kind
+    seed      : of the rays of the first round
+
+    There are more rounds of rays until it is sure whether the bias is small. A block of the bias is a 64th of the
+    sensors, in their order.
+    """
+    points, axes, receiver = receivers
+    numbers = np.unique(np.arange(_SENSORS) * len(points) // _SENSORS)
+    at = points[numbers] + sides.lift * axes[numbers] if receiver == "plane" else points[numbers]
+    chosen = at, axes[numbers], receiver
+    rays = _RAYS // max(1, len(numbers))
+    biased: list[Float64] = []
+    unbiased: list[Float64] = []
+    for round_number in range(_ROUNDS):
+        of_round = seed + round_number
+        straight, reflected = [], []
+        for hits in cast_hits(sides.surfaces, *chosen, rays, of_round, numbers):
+            straight.append(np.where(hits.side < 0, hits.weight, np.float32(0)))
+            reflected.append(sides.looked_up(hits, reflections.of_sky))
+        direct = np.concatenate(straight)
+        followed = walk_to_sky(sides, chosen, rays, of_round, numbers, reflections.max_reflections)
+        biased += _block_means(direct + np.concatenate(reflected))
+        unbiased += _block_means(direct + followed)
+        bias = bias_of(summed(biased, unbiased))
+        assert bias is not None, "several batches"
+        if round_number == _ROUNDS - 1 or bias.is_small(SURE) or bias.is_large(SURE):
+            return bias
+    raise AssertionError("there is a round")
+
+
+def _block_means(light: NDArray[np.float32]) -> list[Float64]:
+    """Return (BLOCKS, BLOCKS) for each batch, from the light (n, R) of the rays of n sensors."""
+    n, number = len(light), np.arange(BLOCKS**2)
+    first = number * n // BLOCKS**2
+    last = np.maximum((number + 1) * n // BLOCKS**2, first + 1)
+    batches = light.reshape(n, BATCHES, -1).mean(axis=2, dtype=np.float64)
+    sums = np.concatenate([np.zeros((1, BATCHES)), batches.cumsum(axis=0)])
+    means = (sums[last] - sums[first]) / (last - first)[:, None]
+    return [batch.reshape(BLOCKS, BLOCKS) for batch in means.T]
+
+
+def walk_to_sky(
+    sides: ReflectingSides,
+    receivers: tuple[Float64, Float64, Receiver],
+    rays: int,
+    seed: int,
+    numbers: NDArray[np.int64],
+    max_reflections: int,
+) -> NDArray[np.float32]:
+    """Follow the rays of `cast_hits` from surface to surface until they leave the scene or are absorbed.
+
+    receivers : points (n, 3), axes (n, 3) and the kind of receiver
+    numbers   : (n,) of the points, as `cast_hits` counts them
+    max_reflections : of a ray; a ray that needs more is dark
+
+    Returns (n, R) float32: the weights of rays that end in the sky after one reflection or more, else 0. Their mean
+    is the irradiance by reflected light of a sky and a ground whose radiosity is 1.
+    """
+    points, axes, receiver = receivers
+    light = np.zeros((len(points), ray_count(rays)), np.float32)
+    threads = core_count()
+
+    def work(part: slice) -> None:
+        shooting = Shooting(points[part], axes[part], numbers[part], RECEIVERS.index(receiver), seed)
+        room = np.empty((3, 3))
+        follow(shooting, sides.surfaces, sides.reflected, sides.transmitted, max_reflections, light[part], room)
+
+    with ThreadPoolExecutor(threads) as pool:
+        ends = np.linspace(0, len(points), 4 * threads + 1).astype(int).tolist()
+        list(pool.map(work, [slice(a, b) for a, b in pairwise(ends) if b > a]))
+    return light
