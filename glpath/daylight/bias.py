@@ -55,7 +55,7 @@ def bias_of_solution(
         of_round = seed + round_number
         straight, reflected = [], []
         for hits in cast_hits(sides.surfaces, *chosen, rays, of_round, numbers):
-            straight.append(np.where(hits.side < 0, hits.weight, np.float32(0)))
+            straight.append(np.where(hits.side < 0, np.float32(np.pi) * hits.weight, np.float32(0)))
             reflected.append(sides.looked_up(hits, reflections.of_sky))
         direct = np.concatenate(straight)
         followed = walk_to_sky(sides, chosen, rays, of_round, numbers, reflections.max_reflections)
@@ -93,8 +93,8 @@ def walk_to_sky(
     numbers   : (n,) of the points, as `cast_hits` counts them
     max_reflections : of a ray; a ray that needs more is dark
 
-    Returns (n, R) float32: the weights of rays that end in the sky after one reflection or more, else 0. Their mean
-    is the irradiance by reflected light of a sky and a ground whose radiosity is 1.
+    Returns (n, R) float32: light of rays that end in the sky after one reflection or more, else 0. The mean is the
+    irradiance by reflected light under a sky and a ground of radiance 1.
     """
     points, axes, receiver = receivers
     light = np.zeros((len(points), ray_count(rays)), np.float32)
@@ -108,4 +108,4 @@ def walk_to_sky(
     with ThreadPoolExecutor(threads) as pool:
         ends = np.linspace(0, len(points), 4 * threads + 1).astype(int).tolist()
         list(pool.map(work, [slice(a, b) for a, b in pairwise(ends) if b > a]))
-    return light
+    return np.float32(np.pi) * light

@@ -139,7 +139,7 @@ class ReflectingSides:
         for hits in cast_hits(self.surfaces, self.points, self.normals, "plane", rays, seed):
             left = np.where(hits.side < 0, hits.weight, np.float32(0)).mean(axis=1)
             begin = hits.first // POINTS
-            of_sky[begin : begin + len(left) // POINTS] = left.reshape(-1, POINTS).mean(axis=1)
+            of_sky[begin : begin + len(left) // POINTS] = np.pi * left.reshape(-1, POINTS).mean(axis=1)
             found.append(self.weights(hits, POINTS))
         return found.whole(), of_sky
 
@@ -180,7 +180,7 @@ class Reflections:
 
     max_depth : 1 is direct light, 2 one reflection, and so on; None for all
 
-    of_sky : (R,) radiosity by a sky and a ground of radiosity 1, by the rays between the sides; for errors and bias
+    of_sky : (R,) radiosity by a sky and a ground of radiance 1, by the rays between the sides; for errors and bias
     max_reflections : from the sky to a sensor
     """
 

@@ -31,10 +31,10 @@ GROUND = quad((-900, 0, 900), (900, 0, 900), (900, 0, -900), (-900, 0, -900))
 
 
 def reflected(scene: glpath.Scene, point: list[float], normal: list[float], reflections: int = 500) -> float:
-    """Irradiance by reflected light of a sky and a ground of radiosity 1."""
+    """Irradiance by reflected light of a sky and a ground of radiance 1 / pi."""
     sides = ReflectingSides(path_traceable(scene), 10)
     receivers = np.array([point], float), np.array([normal], float), "plane"
-    return float(walk_to_sky(sides, receivers, 1 << 16, 0, np.zeros(1, np.int64), reflections).mean())
+    return float(walk_to_sky(sides, receivers, 1 << 16, 0, np.zeros(1, np.int64), reflections).mean() / np.pi)
 
 
 def test_a_sensor_above_a_wide_ground_gets_its_reflectance() -> None:
@@ -133,3 +133,13 @@ def test_a_bias_of_few_sensors_is_measured_too() -> None:
     receivers = np.array([[0.0, 1.0, 0.0]]), np.array([[0.0, -1.0, 0.0]]), "plane"
     bias = bias_of_solution(sides, Reflections(sides, None, 0), receivers, 1)
     assert abs(bias.mean) < 0.05
+
+
+def test_standard_errors_are_those_of_the_rays_of_reflected_light() -> None:
+    """Above half of a ground, a sensor that looks down has reflected light alone."""
+    half = scene_of(quad((-900, 0, 900), (0, 0, 900), (0, 0, -900), (-900, 0, -900)))
+    options: dict[str, Any] = {"samples": 4, "elements": 10, "gather_rays": 128}
+    found = [daylight_coefficients(half, [[0, 1, 0]], [0, -1, 0], seed=seed, **options) for seed in range(12)]
+    spread = np.std([each.sky_sums[0] for each in found], ddof=1)
+    told = np.mean([each.standard_errors[0] for each in found])
+    assert 0.5 * spread < told < 3 * spread
