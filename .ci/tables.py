@@ -164,8 +164,8 @@ def cie171_misprints() -> str:
 def leaky_rooms() -> str:
     """Bias of the defaults in rooms that leak, before and after elements were split, in percent."""
     rows = [
-        "| room | `auto` before | `auto` now | which is | `gather` now | lightmap now |",
-        "|---|---|---|---|---|---|",
+        "| room | `auto` before | `auto` | which is | `gather` | lightmap | probes by `gather` | solution, mean |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     before, now = (
         {(row["room"], row["product"]): row for row in result(name)["rows"]}
@@ -173,7 +173,8 @@ def leaky_rooms() -> str:
     )
     for room in dict.fromkeys(room for room, product in now if product == "auto"):
         cells = [_bias(before[room, "auto"]), _bias(now[room, "auto"]), f"`{now[room, 'auto']['chosen']}`"]
-        cells += [_bias(now[room, product]) for product in ("gather", "lightmap")]
+        cells += [_bias(now[room, product]) for product in ("gather", "lightmap", "probes")]
+        cells.append(_bias(now[room, "solution"]).split(";")[0])
         rows.append(f"| {room} | {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 

@@ -1,8 +1,8 @@
-"""Measure the bias of a daylight solution, whose elements may be too large for the light that they hold.
+"""Measure the bias of a daylight solution whose elements are too large for the variation of light across them.
 
 Rays from some sensors meet elements, whose radiosity under a sky and a ground of one brightness is looked up. The
-same rays are also followed from surface to surface until they leave the scene, which has no such bias. So the
-difference has little noise. Both take all surfaces as diffuse.
+same rays are also followed from surface to surface until they leave the scene. That estimate has no bias, and the
+difference of the two has little noise. In both, all surfaces are diffuse.
 
 Cost:     up to eight rounds of 0.3 s, for 256 sensors of 1,024 rays.
 Poor at:  bias at sensors between those that are chosen.
@@ -24,7 +24,7 @@ from glpath.system.machine import core_count
 
 Float64 = NDArray[np.float64]
 
-#: Maximum number of sensors that are compared, and rays of a round.
+#: Maximum number of sensors to compare, and total number of rays in a round.
 _SENSORS, _RAYS = 256, 1 << 18
 #: Maximum number of rounds of rays.
 _ROUNDS = 8
@@ -41,7 +41,7 @@ def bias_of_solution(
     receivers : points (N, 3) and axes (N, 3) of all sensors, and their kind
     seed      : of the rays of the first round
 
-    There are more rounds of rays until it is sure whether the bias is small. A block of the bias is a 64th of the
+    Rounds of rays are added until the bias is known to be small or large. A block of the bias has a 64th of the
     sensors, in their order.
     """
     points, axes, receiver = receivers
@@ -69,7 +69,7 @@ def bias_of_solution(
 
 
 def _block_means(light: NDArray[np.float32]) -> list[Float64]:
-    """Return (BLOCKS, BLOCKS) for each batch, from the light (n, R) of the rays of n sensors."""
+    """Return the mean light (BLOCKS, BLOCKS) of blocks of n sensors for each batch of rays; light: (n, R)."""
     n, number = len(light), np.arange(BLOCKS**2)
     first = number * n // BLOCKS**2
     last = np.maximum((number + 1) * n // BLOCKS**2, first + 1)

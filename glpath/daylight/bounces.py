@@ -39,7 +39,7 @@ from glpath.scene import Scene
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: Elements where their number is not given, rays of each point of their sides and of a sensor.
+#: Default number of elements, and numbers of rays of each point of an element's side and of each sensor.
 DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
 #: Seed of the rays of sensors, less that of the rays between sides.
 GATHER_SEED = 1
@@ -49,9 +49,10 @@ POINTS = 4
 DENSE = 6000
 # Sides up to which it has 64 bits: 32 MB.
 _DOUBLE = 2000
-# Of each column's sum, by which a sparse solution changes at last; and the limit of reflections.
+# Relative change of the columns' sums at which the iteration of a sparse system stops, and its maximum number of
+# reflections.
 _CHANGE, _MAX_REFLECTIONS = 1e-4, 500
-# Floats of some columns of the sides: 32 MiB.
+# Maximum number of floats of the columns that are solved together: 32 MiB.
 _COLUMNS = 1 << 23
 
 
@@ -95,19 +96,19 @@ class ReflectingSides:
         return len(self.sides)
 
     def sent_on(self) -> Any:
-        """(R, R) sparse: radiosity of the sides by their irradiance."""
+        """Return the sparse matrix (R, R) that maps the sides' irradiance to their radiosity."""
         from scipy import sparse
 
         count = len(self)
         some = np.flatnonzero((self._behind >= 0) & (self._transmittance > 0))
-        # What arrives on a side leaves from the one behind it.
+        # Transmitted light arrives on a side and leaves from the side behind it.
         rows = np.concatenate([np.arange(count), self._behind[some]])
         columns = np.concatenate([np.arange(count), some])
         values = np.concatenate([self._reflectance, self._transmittance[some]])
         return sparse.csr_array((values.astype(np.float32), (rows, columns)), shape=(count, count))
 
     def weights(self, hits: Hits, each: int = 1) -> Any:
-        """(n / each, R) sparse: irradiance of points, or of `each` in a row together, by radiosity."""
+        """Return the sparse matrix (n / each, R) from radiosity to the mean irradiance of `each` points in a row."""
         from scipy import sparse
 
         number = self._number[np.maximum(hits.side, 0)]
@@ -133,7 +134,7 @@ class ReflectingSides:
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
 
     def between(self, rays: int, seed: int) -> tuple[Any, Float32]:
-        """(R, R) sparse, F, by rays of each point of the sides; (R,) their irradiance by a sky and ground of 1."""
+        """Return form factors (R, R), sparse, by rays, and the sides' irradiance (R,) under a sky of radiance 1."""
         of_sky = np.zeros(len(self), np.float32)
         found = _Rows(len(self), len(self), POINTS * ray_count(rays))
         for hits in cast_hits(self.surfaces, self.points, self.normals, "plane", rays, seed):
@@ -194,8 +195,8 @@ class Reflections:
     def _factored(self) -> Any:
         from scipy import linalg
 
-        # The last bits of a solution depend on the threads of a BLAS, of which workers of a cluster have one each.
-        # In 64 bits they are lost when the result is rounded; large systems have no room for that.
+        # The last bits of a solution depend on the number of BLAS threads, which is 1 in workers of a cluster.
+        # Rounding a 64-bit solution to 32 bits hides that. Large systems have 32 bits, to save memory.
         kind = np.float64 if len(self._sent.indptr) <= _DOUBLE else np.float32
         system = (self._sent @ self._between).toarray().astype(kind)
         np.negative(system, out=system)
@@ -238,12 +239,12 @@ def gathered(
     report: Callable[[int], None],
     number: int = 0,
 ) -> Indirect:
-    """What the sides give to sensors.
+    """Return the light that the reflecting sides give to sensors.
 
     direct : (R,) irradiance of the sides straight from sky and sun, column by column
-    count  : of columns
+    count  : number of columns
     report : called with the number of sensors that are done
-    number : of the first sensor, which random numbers follow from
+    number : index of the first sensor, from which random numbers are derived
     """
     from scipy import sparse
 

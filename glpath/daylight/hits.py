@@ -34,9 +34,9 @@ _BLOCK = 1 << 21
 
 
 class Hits(NamedTuple):
-    """Of n points.
+    """Sides that the rays of n points hit, and the weights of the rays.
 
-    first  : number of the first one
+    first  : index of the first point
     side   : (n, R) int32, twice the number of the element and 1 at its back; -1 where the ray leaves the scene
     weight : (n, R) float32: the mean of weight times the radiosity of the sides is the irradiance of a point
     """
@@ -70,7 +70,7 @@ def cast_hits(
     if isinstance(numbers, int):
         numbers = np.arange(numbers, numbers + len(points))
     count = ray_count(rays)
-    step = 4 * max(1, _BLOCK // count // 4)  # points of a side of an element stay together
+    step = 4 * max(1, _BLOCK // count // 4)  # a multiple of 4, so that the points of a side stay together
     threads = core_count()
     kind = RECEIVERS.index(receiver)
     with ThreadPoolExecutor(threads) as pool:
@@ -104,7 +104,7 @@ class Shooting(NamedTuple):
 
 @inner_kernel
 def _begin(shooting, p, r, count, state, d):  # type: ignore[no-untyped-def]
-    """Fill d (3,), the direction of ray r of `count` of point p. Returns the random state and a weight."""
+    """Fill d (3,), the direction of ray r of point p, which has `count`. Return the random state and a weight."""
     heights = count // (BATCHES * _TURNS)
     stratum = r % (heights * _TURNS)
     state, u = next_random(state)
@@ -126,7 +126,7 @@ def _begin(shooting, p, r, count, state, d):  # type: ignore[no-untyped-def]
 @inner_kernel
 def _to_cosine(d, nx, ny, nz):  # type: ignore[no-untyped-def]
     """Turn d, a point of the unit sphere about +z, into a direction with a cosine density about a normal."""
-    # Strata are about the normal, so that none of them is much smaller than others.
+    # The strata are rotated from +z to the normal, so that they keep about the same size.
     sign = 1.0 if nz >= 0 else -1.0
     a = -1.0 / (sign + nz)
     b = nx * ny * a
@@ -197,7 +197,7 @@ def _to_diffuse(surfaces, o, d, own, w, state, found):  # type: ignore[no-untype
 
 @kernel
 def _cast(shooting, surfaces, side, weight, work):  # type: ignore[no-untyped-def]
-    """Fill side and weight (n, R); work: (3, 3)."""
+    """Trace the rays of points, and fill the sides that they hit and their weights (n, R); work: (3, 3) scratch."""
     o, d, found = work[0], work[1], work[2]
     count = side.shape[1]
     for p in range(len(shooting.points)):
@@ -222,10 +222,10 @@ def _cast(shooting, surfaces, side, weight, work):  # type: ignore[no-untyped-de
 
 @kernel
 def follow(shooting, surfaces, reflected, through, max_reflections, light, work):  # type: ignore[no-untyped-def]
-    """Fill light (n, R) with the weights of rays that end in the sky after a reflection.
+    """Fill light (n, R) with the weights of rays that reach the sky after at least one reflection, others with 0.
 
-    reflected, through : (2, T) as of `ReflectingSides`
-    work               : (3, 3)
+    reflected, through : (2, T) `reflected` and `transmitted` of `ReflectingSides`
+    work               : (3, 3) scratch
     """
     o, d, found = work[0], work[1], work[2]
     count = light.shape[1]
@@ -241,7 +241,7 @@ def follow(shooting, surfaces, reflected, through, max_reflections, light, work)
             for reflections in range(max_reflections + 1):
                 hit, back, w, walk = _to_diffuse(surfaces, o, d, own, w, walk, found)
                 if reflections == 0:
-                    state = walk  # the next ray is that of `_cast`
+                    state = walk  # resume where `_cast` does, so that both trace the same rays
                 if hit < 0:
                     light[p, r] = w if reflections > 0 else 0.0
                     break

@@ -26,11 +26,12 @@ BIAS_PROBE = "bias_probe"
 REJECTED_GATHER = "rejected_gather"
 #: Blocks along each side of the picture.
 BLOCKS = 8
-#: Bias that a default picture may have: share of the light of the whole picture, and of its blocks.
+#: Maximum bias of a picture that `auto` renders, relative to its light: in the mean, and in blocks.
 MAX_MEAN, MAX_BLOCKS = 0.01, 0.03
-#: Standard errors between the mean and the limit: of a decision before the last path set (95 % sure), and at it.
+#: Minimum distance of the mean from the limit in standard errors: for a decision before the last path set (95 %
+#: confidence), and after it.
 SURE, FINAL = 1.645, 1.0
-# Standard errors up to which the difference of the worst of many blocks may be noise.
+# Maximum difference of the worst block, in standard errors, that noise alone may explain.
 _BLOCK_NOISE = 3.5
 # Minimum light that the difference of a block is relative to, as a share of the mean light of the picture.
 _DARK_BLOCK = 0.02
@@ -55,7 +56,7 @@ class Bias:
     worst_block: float
 
     def is_small(self, errors: float = FINAL) -> bool:
-        """Return True if the bias is below 1 % in the mean and 3 % in blocks, by so many standard errors."""
+        """Return True if the bias is below 1 % in the mean and 3 % in blocks by `errors` standard errors."""
         spread = errors * self.blocks_error**2 * np.sqrt(2.0) / BLOCKS
         return bool(
             abs(self.mean) + errors * self.mean_error < MAX_MEAN
@@ -65,7 +66,7 @@ class Bias:
         )
 
     def is_large(self, errors: float = SURE) -> bool:
-        """Return True if the bias is above the limit, in the mean or in blocks, by so many standard errors."""
+        """Return True if the bias is above its limit, in the mean or in blocks, by `errors` standard errors."""
         return bool(
             abs(self.mean) - errors * self.mean_error > MAX_MEAN
             or self.blocks > MAX_BLOCKS + errors * self.blocks_error / BLOCKS
@@ -116,7 +117,7 @@ def summed(biased: Sequence[Float64], unbiased: Sequence[Float64]) -> dict[str, 
 
 
 def _with_the_whole(sets: Sequence[Float64]) -> Float64:
-    """(N, BLOCKS² + 1) of N means of blocks, and of all of them last."""
+    """Return (N, BLOCKS² + 1): the block means of each of N sets, then the mean of its blocks."""
     return np.stack([np.append(means, means.mean()) for means in sets])
 
 

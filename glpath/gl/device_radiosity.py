@@ -38,22 +38,22 @@ LAYOUT: dict[str, dict[str, str]] = {
     },
     "all_light": {"IRRADIANCE": "of an element's front or back, with all light in it; 0. Only for guides"},
 }
-# A float holds the number of an element.
+# Element indices are stored as floats, which are exact up to this number.
 _MAX_ELEMENTS = 1 << 24
 
 
 def radiosity_glsl() -> str:
-    """The layout as GLSL."""
+    """Return the layout as GLSL."""
     return store_glsl("radiosity", FLOATS, LAYOUT)
 
 
 class Values(Protocol):
-    """The table to look up.
+    """The table to look up; see `glpath.radiosity.lookup.LookupTable`.
 
-    corners      : (2, E, 3, 4) irradiance, W m^-2, at the corners of the elements' fronts and backs, triangle after
-                   triangle; how much of the direct light is in it, 0 to 1
+    corners      : (2, E, 3, 4) irradiance at the corners of the elements' fronts and backs, W m^-2, triangle after
+                   triangle; the fourth channel is the share of direct light that is included, 0 to 1
     all_light    : (2, E, 3) irradiance of elements, with all light
-    min_distance : (2, E) from which on the elements' fronts and backs may be looked up, scene units
+    min_distance : (2, E) minimum length of a path that looks up an element's front or back, scene units
     """
 
     @property
@@ -67,26 +67,26 @@ class Values(Protocol):
 
 
 class DeviceRadiosity:
-    """Irradiance in a texture.
+    """Texture with the irradiance of a radiosity solution.
 
     Parameters
     ----------
     corners   : (T, 3, 3) of the scene's triangles, world space
-    divisions : (T,) n of each triangle
-    leaf      : (E,) number of the solver's element that each element is part of
+    divisions : (T,) number of parts of each triangle's edges
+    leaf      : (E,) index of the solver's element that each element is part of
     table     : see `Values`
     reflectance  : (2, T, 3) of the triangles' fronts and backs
     all_light    : True for the values with all light as well, for guides
-    volume       : what is looked up on streamed triangles, of a scene that has such
+    volume       : irradiance on streamed triangles, if the scene has such
 
     Attributes
     ----------
     divisions, leaf : as given
-    has_all_light : was it given?
+    has_all_light : True if the texture has all light, for guides
     textures, uniforms, defines, generated : for programs that include radiosity.glsl
-    max_radiance : the greatest radiance that is reflected
+    max_radiance : maximum reflected radiance
 
-    Raises SceneError for more values than the device holds.
+    Raises SceneError for more elements than the device holds.
     """
 
     def __init__(

@@ -40,8 +40,8 @@ _POINTS = 16  # of a guide, where its rays start
 # the box's; four times the guides, with as many rays in all, do no better.
 _MIN_RAYS, _MIN_BUDGET, _RAYS_A_PIXEL = 2, 1 << 19, 8
 _TESTS_A_RAY = 100
-# Share of the density that is the cosine's alone. The less of it, the more weighs what a path hits
-# and no ray of a guide has hit.
+# Share of the density given to plain cosine sampling. A smaller share gives more weight to hits in directions that
+# no guide ray found.
 _UNGUIDED = 0.3
 
 _LAYOUT = {
@@ -128,7 +128,7 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
 
     The second axis is the distance from the normal, the last the angle about it, or in the reverse order.
     """
-    # Few rays a cell: what its neighbours have says much of it. Angles go round.
+    # Cells are smoothed with their neighbours, as each has few rays. The axis of angles wraps around.
     around = np.roll(light, 1, 1) + 2.0 * light + np.roll(light, -1, 1)
     edged = np.pad(around, ((0, 0), (0, 0), (1, 1)), mode="edge")
     smooth = edged[..., :-2] + 2.0 * around + edged[..., 2:]
@@ -140,7 +140,7 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
         levels.append(quarters.reshape(len(density), -1, 4))
         density = quarters.mean(axis=-1)
     nodes = np.concatenate(levels[::-1], axis=1)
-    # None is 0, or what is in it would never be found.
+    # Every share is 1 or more, as a cell with share 0 would never be sampled.
     shares = 255.0 * nodes / nodes.max(axis=-1, keepdims=True)
     return np.asarray(np.rint(shares).clip(1, 255), np.uint8)
 
@@ -161,7 +161,7 @@ def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tup
     corners = elements.points(scene, np.eye(3)) if count else np.zeros((0, 3, 3))
     guide_of = leaf if leaf.max(initial=-1) < _MAX_GUIDES else _groups(corners)
     guides = int(guide_of.max(initial=-1)) + 1
-    # Points even by area over the elements of a guide, one behind the other.
+    # Points are placed at equal steps of cumulative area along each guide's elements.
     order = np.argsort(guide_of, kind="stable")
     along = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.maximum(np.linalg.norm(along, axis=1), 1e-300)[order]
@@ -181,17 +181,17 @@ def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tup
 
 
 def _groups(corners: Float64) -> Int64:
-    """(E,) group numbers, at most _MAX_GUIDES: of elements (E, 3, 3) near each other with similar normals."""
+    """Return (E,) group indices, at most _MAX_GUIDES, of elements (E, 3, 3) that are close and face alike."""
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    # The axes across a normal (directions.glsl) jump where its z changes sign.
+    # The tangent axes of a normal (directions.glsl) jump where its z changes sign, so no group crosses that.
     facing = np.concatenate([np.rint(1.5 * normal) + 2.0, normal[:, 2:].astype(np.float32) < 0], axis=1)
     facing_key = facing.astype(np.int64) @ (1, 5, 25, 125)
     lower, extent = middle.min(axis=0), float(np.ptp(middle, axis=0).max())
     unit = (middle - lower) / max(extent, 1e-300)
     best = np.zeros(len(corners), np.int64)
-    # Cells of a grid, ever smaller, until there are too many.
+    # Group by cells of a grid, which shrink until there are too many groups.
     for steps in range(4 * 16):
         cell = np.floor(unit * 2.0 ** (steps / 4)).astype(np.int64)
         _, found = np.unique(cell @ (1, 1 << 18, 1 << 36) * 256 + facing_key, return_inverse=True)

@@ -1,9 +1,8 @@
 """Make the table of irradiance that a gather looks up, from a radiosity solution.
 
-Indirect light alone is looked up where the gather traces direct light itself. Close to a lamp it does not: there
-a light sample's 1/r^2 has no bound, and where all paths of a set share the light sample, it would be a bright spot
-in the picture. So a point has a share of direct light in its table, from 0 to 1 over half a lamp's width; the rest
-is traced.
+The gather traces direct light, and looks up indirect light alone. Near a lamp the 1/r^2 of a light sample is
+unbounded, and a sample that all pixels share would show as a bright spot. There the table also holds a share of the
+direct light, which rises from 0 to 1 over half a lamp's width. The rest is traced.
 
 An element holds a mean. A path that comes from nearer than the element is wide sees only a part of it, and beside
 an edge of light even a distant path may see only its dark or its bright part. Such paths continue instead
@@ -54,9 +53,9 @@ class LookupTable(NamedTuple):
 def lookup_table(
     scene: Scene, solution: RadiositySolution, lookup: Lookup, *, traced: bool, in_gaps: bool = False
 ) -> LookupTable:
-    """Return the table of a scene in triangles.
+    """Return the lookup table of a triangulated scene.
 
-    traced  : direct light is left out where the gather traces it, which is everywhere but near lamps
+    traced  : True to leave out direct light where the gather traces it, which is everywhere but near lamps
     in_gaps : True if paths may start in gaps that no camera sees, such as below a rug. Elements beside much
               brighter or darker ones are then never looked up, as an edge of light may cross them
     """
@@ -81,19 +80,19 @@ def lookup_table(
 
 
 def _with_share(parts: NDArray[np.float32], share: Float64) -> Float64:
-    """Return (2, N, 4): indirect light and a share (N,) of direct light of `parts` (2, 2, N, 3), and the share."""
+    """Return (2, N, 4): indirect plus `share` (N,) times direct light of `parts` (2, 2, N, 3); last, the share."""
     light = parts[INDIRECT] + share[:, None] * parts[DIRECT].astype(np.float64)
     return np.concatenate([light, np.broadcast_to(share[:, None], (2, len(share), 1))], axis=2)
 
 
 def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
-    """Return (E,) the side of a square with the area of two of the solver's elements, for each lattice element."""
+    """Return, for each lattice element, the width (E,) of its solver's element: of a square of twice its area."""
     count = solution.divisions.astype(np.int64) ** 2
     return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
 
 
 def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
-    """(N,) from 0 to 1: how near points (N, 3) are to shapes that emit, compared with their size."""
+    """Return the closeness (N,) of points (N, 3) to emitting shapes, relative to their size: 0 far, 1 near."""
     closeness = np.zeros(len(receivers))
     if not lighting.sides:
         return closeness
@@ -103,14 +102,14 @@ def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
     points, scale = samples.position[on_shapes], np.pi * samples.density[on_shapes]
     if not len(points):
         return closeness
-    # Not as a product of matrices: the threads of a BLAS keep the processor for a while after it.
+    # A matrix product is avoided, as BLAS threads keep the processor busy for a while after it.
     _closest(np.ascontiguousarray(receivers), np.ascontiguousarray(points), 1.0 / scale, closeness)
     return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
 
 
 @kernel
 def _closest(receivers, points, weight, closeness):  # type: ignore[no-untyped-def]
-    """Fill closeness (N,) with the largest of weight (P,) over the squared distance of points (P, 3)."""
+    """Fill closeness (N,) of receivers with the maximum over points (P, 3) of weight (P,) by squared distance."""
     for r in range(len(receivers)):
         x, y, z = receivers[r, 0], receivers[r, 1], receivers[r, 2]
         found = 0.0

@@ -46,14 +46,15 @@ _PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DI
 class RadiositySolution:
     """The irradiance of the surfaces of a scene, in elements.
 
-    Triangle t of the scene has its edges in n = divisions[t] equal parts: n * n elements, which begin at the sum of
-    the squares before, and (n + 1)(n + 2) / 2 vertices, see `glpath.radiosity.mesh.lattice` for their order.
+    Each edge of triangle t has n = divisions[t] equal parts. Its n * n elements start at the sum of n * n over
+    earlier triangles. It has (n + 1)(n + 2) / 2 vertices; see `glpath.radiosity.mesh.lattice` for the order of both.
 
     scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
     divisions  : (T,) int32, n of each triangle
     elements   : (2, 2, E, 3) float32, irradiance H, W m^-2 (lx of a photometric scene), the mean over each element,
                  linear Rec. 709; [DIRECT] straight from a lamp, [INDIRECT] after one reflection or more; of each
-                 [0] at the front, [1] at the back. 0 where a side neither reflects nor emits
+                 [0] at the front, [1] at the back. 0 if a side neither reflects nor emits. An element that a solid
+                 covers has the mean of its neighbours
     vertices   : (2, 2, V, 3) float32, the same at the vertices, for interpolation: equal where the triangles of a
                  surface meet, so that nothing tears there
     method     : how it was solved
@@ -118,7 +119,7 @@ class RadiositySolution:
 
     @property
     def element_count(self) -> int:
-        """Elements of all triangles, each with two sides."""
+        """Number of elements of all triangles; the two sides of an element count once."""
         return int(self.first_element[-1])
 
     def irradiance(
@@ -169,11 +170,11 @@ class RadiositySolution:
         back: ArrayLike = 0,
         mode: Lookup = "interpolated",
     ) -> Float64:
-        """(N, 3) float64: radiosity that points of triangles send on, in W m^-2: of direct and indirect light.
+        """Return the radiosity (N, 3) at points of triangles, float64, W m^-2.
 
-        That is rho H, and of light on the other side what a diffuse base transmits.
+        It is rho H of direct and indirect light, plus light that a diffuse base transmits from the other side.
 
-        scene : that it is a solution of, see `check_scene`; whose reflectance it is
+        scene : scene of this solution, see `check_scene`
 
         Other parameters and errors are those of `irradiance`.
         """
@@ -212,7 +213,10 @@ class RadiositySolution:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write it as .npz, whole or not at all. Raises UsageError for another suffix, ImageError."""
+        """Write the solution as .npz, whole or not at all.
+
+        Raises UsageError for another suffix, and ImageError if the file cannot be written.
+        """
         check_suffix(path)
         plain = {
             "scene_hash": self.scene_hash,
@@ -249,10 +253,11 @@ class RadiositySolution:
     def to_vtk(self, scene: Scene) -> VtkMesh:
         """The elements as triangles, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
 
-        scene : that it is a solution of, see `check_scene`
+        scene : scene of this solution, see `check_scene`
 
-        On cells `front` and `back` (E, 3), irradiance, and `radiosity_front` and `radiosity_back`, what of it is
-        reflected; on points `front` and `back`, for smooth pictures. Raises SceneError for another scene.
+        Arrays of cells: irradiance in `front` and `back` (E, 3), reflected light in `radiosity_front` and
+        `radiosity_back`. Arrays of points: `front` and `back`, for smooth pictures. Raises SceneError for another
+        scene.
         """
         self.check_scene(scene)
         corners = path_traceable(scene.still()).triangles
@@ -311,7 +316,7 @@ class RadiositySolution:
 
 
 def check_suffix(path: str | Path) -> Path:
-    """`path`, if a solution can be written to a file of that name; else UsageError."""
+    """Return `path` as a Path. Raises UsageError unless its suffix is .npz."""
     path = Path(path)
     if path.suffix.lower() != ".npz":
         raise UsageError(f"{path}: a radiosity solution is written as .npz.", "For example -o solution.npz.")

@@ -30,7 +30,8 @@ from glpath.system.heartbeat import heartbeat
 SIDE = 128
 #: Path sets after which the bias is looked at; the last one decides.
 LOOKS = (6, 12, 24, 48, 64)
-# Standard errors to add, divided by the degrees of freedom, as the error itself is known from few sets.
+# Correction for standard errors that are estimated from few sets (Student's t). Divided by the degrees of freedom,
+# it is added to the number of standard errors.
 _STUDENT = 1.85
 
 
@@ -49,7 +50,10 @@ class BiasProbe:
             shared = engine
 
     def measure(self, sensor: Sensor, interrupted: Flag) -> dict[str, Any]:
-        """Return the sums of the bias as seen by a reduced sensor. Raises KeyboardInterrupt if the flag is set."""
+        """Return sums from which `bias_of` computes the bias, measured at a sensor of reduced resolution.
+
+        Raises KeyboardInterrupt if the flag is set.
+        """
         sets: tuple[list[Any], list[Any]] = ([], [])
         sums: dict[str, Any] = {}
         for engine in self._engines:
@@ -79,13 +83,13 @@ class BiasProbe:
 class BiasCheck:
     """The check of one render's bias.
 
-    context, scene : of the engines; the scene is traceable
-    sensor         : relative to the scene's origin
-    window         : of the engine that renders
-    say            : is called with the stage that begins
-    interrupted    : if it is set, KeyboardInterrupt is raised
-    probe          : of a check before, of the same plan
-    statistics     : what a film's metadata have of the check
+    context, scene : context and traceable scene of the engines
+    sensor         : sensor of the render, relative to the scene's origin
+    window         : window of the engine that renders
+    say            : called with the name of each stage
+    interrupted    : flag that raises KeyboardInterrupt if it is set
+    probe          : probe from an earlier check of the same plan
+    statistics     : results of the check for the film's metadata
     """
 
     context: Context

@@ -7,7 +7,7 @@ uniform vec3 volume_lower;
 uniform float volume_cell;  // side, scene units
 uniform ivec3 volume_size;
 
-// normal: out of the side that is asked for.
+// normal: unit normal that points out of the side that is looked up.
 vec4 volume_irradiance(vec3 position, vec3 normal, bool front)
 {
     vec3 from_middle = (position - volume_lower) / volume_cell - 0.5;

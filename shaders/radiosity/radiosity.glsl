@@ -1,8 +1,8 @@
 // radiosity.glsl: a radiosity solution, looked up at a point [PB A.4].
 // Needs:  <RADIOSITY>
-// Units:  irradiance W m^-2, linear Rec. 709; a: how much of the direct light there is in it, 0 to 1.
-// A triangle's edges are in n parts. The cell (i, j) of its lattice has a lower element, (i, j) (i + 1, j) (i, j + 1),
-// and an upper one beyond the diagonal, (i + 1, j + 1) (i, j + 1) (i + 1, j), but for the last cell of a row.
+// Units:  irradiance W m^-2, linear Rec. 709; a: share of the direct light that is included, 0 to 1.
+// Each edge of a triangle has n parts. Cell (i, j) of its lattice has a lower element with the corners (i, j),
+// (i + 1, j), (i, j + 1). Except in a row's last cell, it also has an upper one: (i + 1, j + 1), (i, j + 1), (i + 1, j).
 #include <RADIOSITY>
 
 // Where a point lies in its triangle's lattice.

@@ -16,19 +16,19 @@ from glpath.scene.model import Float64
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Difference between neighbouring elements, as a share of the brighter one, from which on it is abrupt.
+#: Minimum difference between neighbouring elements, relative to the brighter one, that counts as abrupt.
 _ABRUPT = 0.9
 
 
 def interpolate(vertices_of: Int64, leaf: Int64, vertices: Float64, elements: Float64) -> Float64:
-    """Return (2, E, 3, C): values at the corners of each element, between which it is linear.
+    """Return values (2, E, 3, C) at each element's corners, for linear interpolation within the element.
 
-    They are interpolated between the values of vertices, then shifted to the means of elements.
+    They are the values of the vertices, shifted so that their mean is the element's own.
 
-    vertices_of : (E, 3) see `vertices_of_elements`
-    leaf        : (E,) number of the solver's element that each element is part of
-    vertices    : (2, V, C), of fronts and backs
-    elements    : (2, E, C)
+    vertices_of : (E, 3) indices from `vertices_of_elements`
+    leaf        : (E,) index of the solver's element that each element is part of
+    vertices    : (2, V, C) values of C channels, for fronts and backs
+    elements    : (2, E, C) means over the elements
     """
     corners = vertices[:, vertices_of]
     mean, lowest = corners.mean(axis=2), corners.min(axis=2)
@@ -48,9 +48,9 @@ def interpolate(vertices_of: Int64, leaf: Int64, vertices: Float64, elements: Fl
 
 
 def abrupt(vertices_of: Int64, leaf: Int64, light: Float64) -> Bools:
-    """Return (2, E): True if one of an element and its neighbours on its triangle has much less light than another.
+    """Return (2, E): True if light differs abruptly among an element and its neighbours on the same triangle.
 
-    light : (2, E) of the fronts and backs of elements; for other parameters, see `interpolate`
+    light : (2, E) irradiance of fronts and backs; for other parameters, see `interpolate`
     """
     lowest, highest = (np.full((2, int(vertices_of.max(initial=-1)) + 1), fill) for fill in (np.inf, -np.inf))
     for corner in vertices_of.T:

@@ -92,11 +92,11 @@ class Quadtree:
 
 @dataclass(frozen=True)
 class Detail:
-    """Where the light changes by more than noise.
+    """Elements across which the light varies by more than noise.
 
-    tree       : of the lattices
+    tree       : quadtree of the lattices
     split      : for each level, (E,) bool: the element has to be divided
-    misplaced  : (T,) share of the energy that arrived which is misplaced within each triangle's finest elements
+    misplaced  : (T,) fraction of the arriving energy that each triangle's finest elements put into the wrong part
     """
 
     tree: Quadtree
@@ -124,7 +124,7 @@ class Detail:
             fine = tree.levels[level + 1]
             parts = arrived[level + 1][..., 0] / (areas[fine.triangle] / fine.n**2)
             difference = np.abs(parts - density[:, parent])
-            # If the four are alike, each has a quarter of the arrivals.
+            # Noise of one of the four parts, if each receives a quarter of the arrivals.
             noise = 2.0 * np.sqrt(squares[level][..., 0]) / area
             enough = np.maximum(threshold * (density + _DARK * mean), _SIGNIFICANT * noise)
             differs = (difference > enough[:, parent]).any(axis=0)

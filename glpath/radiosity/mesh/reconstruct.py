@@ -1,8 +1,8 @@
-"""From a value of each element, its irradiance, to a solution: lattices of the finest element, values at vertices.
+"""Build a radiosity solution from one irradiance per element: lattices of the smallest element, and vertices.
 
-A vertex gets the mean of the elements around it on its surface, and then what these still lack at their middles, so
-that gradients reach the border of a surface. Vertices in the middle of a longer edge get the mean of its ends
-(T-vertices: nothing tears); within an element all is linear.
+Each vertex takes the mean of the elements around it on its surface, then a correction for the remaining error at
+their centres, so that gradients reach the border of a surface. A vertex in the middle of a longer edge (a T-vertex)
+gets the mean of the edge's ends, so that nothing tears. Values are linear within an element.
 """
 
 from __future__ import annotations
@@ -89,10 +89,10 @@ def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = Non
 
 
 def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
-    """(E, 3, 3): barycentric coordinates of the corners (E, 3, 2) of lattice n in the elements that they lie in."""
+    """Return barycentric coordinates (E, 3, 3) of the corners (E, 3, 2) of lattice n within `leaf`."""
     ratio = (n // leaf.n)[:, None, None]
     origin = leaf.corners()[:, :1] * ratio
-    # The edges of an element go along the axes, forwards in a lower one and backwards in an upper.
+    # From its first corner, a lower element extends along the positive axes, an upper one along the negative axes.
     sign = np.where(leaf.upper, -1, 1)[:, None, None]
     x, y = np.moveaxis((corners - origin) * sign / ratio, 2, 0)
     return np.stack([1 - x - y, x, y], axis=2)
@@ -124,7 +124,7 @@ class _Nodes:
         middle, pairs = node[number[len(corners) :]][: len(ends)], node[number[len(corners) + len(ends) :]]
         found = np.column_stack([middle, pairs.reshape(-1, 2)])
         exists = (found >= 0).all(axis=1)
-        # The longest edge first; of several edges with one middle, which are alike, one is enough.
+        # Edges are sorted longest first. Of edges that share a midpoint, which are equivalent, one is kept.
         order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[exists], kind="stable")
         found = found[exists][order]
         self.hanging = found[np.sort(np.unique(found[:, 0], return_index=True)[1])]
@@ -150,14 +150,14 @@ class _Nodes:
         return np.where(known[:, None], elements, found[self.of].mean(axis=1)), found
 
     def _spread(self, values: Float64) -> Float64:
-        """(N, 3): sums over the elements around each node."""
+        """Return (N, 3) sums over the elements around each node."""
         of = self.of.ravel()
         return np.stack(
             [np.bincount(of, np.repeat(values[:, c], 3), minlength=self.size) for c in range(3)], axis=1
         )
 
     def _hang(self, values: Float64) -> None:
-        """Nodes in the middle of edges, from long edges to short ones, as the ends of these may hang themselves."""
+        """Set each hanging node to the mean of its edge's ends, longest edges first, as ends may hang as well."""
         for _ in range(_LONGEST_CHAIN):
             wanted = values[self.hanging[:, 1:]].mean(axis=1)
             if np.array_equal(values[self.hanging[:, 0]], wanted):
@@ -166,9 +166,9 @@ class _Nodes:
 
 
 def _edges_with_middles(corners_of: Float64, surface: Int64) -> tuple[Float64, Int64]:
-    """(m, 2, 3) ends of edges that may have a vertex in their middle, and their surfaces (m,).
+    """Return the ends (m, 2, 3) of edges that may have a vertex in their middle, and their surfaces (m,).
 
-    corners_of: (E, 3, 3). Halves of an edge are edges too, as long as their surface has edges as short as a half.
+    corners_of : (E, 3, 3). Half edges are included if their surface has edges that short
     """
     ends = np.stack([corners_of, np.roll(corners_of, -1, axis=1)], axis=2).reshape(-1, 2, 3)
     of = np.repeat(surface, 3)
