@@ -143,7 +143,7 @@ def figure_8(scale: float, say: Say) -> Outcome:
     hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
     reference = smaller(stored_reference(BOX, ALL_BOUNCES), len(hits.triangle))
-    constant, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
+    constant, smooth = (hits.radiance(solution, mode) for mode in ("constant", "smooth"))
     shown = (
         ("constant per element", constant, seconds),
         ("interpolated", smooth, seconds),

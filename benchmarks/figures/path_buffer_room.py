@@ -48,7 +48,7 @@ def figure_11(scale: float, say: Say) -> Outcome:
     hits = ShownHits.of(scene)
     (solution, seconds), (other, _) = (solved(say, scene, scale, seed) for seed in (0, 1))
     noise = _noise(solution, other, scene)
-    constant, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
+    constant, smooth = (hits.radiance(solution, mode) for mode in ("constant", "smooth"))
     measured = {
         "triangles": float(len(scene.triangles)),
         "elements": float(solution.element_count),

@@ -108,7 +108,7 @@ class ReflectingSides:
         return sparse.csr_array((values.astype(np.float32), (rows, columns)), shape=(count, count))
 
     def weights(self, hits: Hits, each: int = 1) -> Any:
-        """Return the sparse matrix (n / each, R) from radiosity to the mean irradiance of `each` points in a row."""
+        """Return the sparse matrix (n / each, R) from radiosity to the mean irradiance of `each` points."""
         from scipy import sparse
 
         number = self._number[np.maximum(hits.side, 0)]

@@ -12,23 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.shafts.rays import nearest, rays_of
-from glpath.radiosity.solution import Lookup, RadiositySolution
+from glpath.radiosity.solution import Mode, RadiositySolution
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
 
 
-def picture_of(solution: RadiositySolution, scene: Scene, lookup: Lookup = "interpolated") -> Float64:
+def picture_of(solution: RadiositySolution, scene: Scene, mode: Mode = "smooth") -> Float64:
     """(H, W, 3) float64 radiance at the middles of the camera's pixels: emitted, and reflected radiosity / pi.
 
     scene  : that it is a solution of, with the camera to look from
-    lookup : "interpolated" between the vertices, or "constant" over each element
+    mode   : of `RadiositySolution.irradiance`
 
-    Black where nothing is seen. Raises SceneError for a solution of another scene, UsageError for another lookup.
+    Black where nothing is seen. Raises SceneError for a solution of another scene, UsageError for another mode.
     """
     solution.check_scene(scene)
-    return EyeHits.of(scene, 1).radiance(solution, lookup)
+    return EyeHits.of(scene, 1).radiance(solution, mode)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class EyeHits:
         shape = (height, width, k * k)
         return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
 
-    def radiance(self, solution: RadiositySolution, mode: Lookup) -> Float64:
+    def radiance(self, solution: RadiositySolution, mode: Mode) -> Float64:
         """(H, W, 3) radiance: what is emitted and what the solution says is reflected, each pixel the mean."""
         seen = self.triangle >= 0
         t, back = self.triangle[seen], self.back[seen]

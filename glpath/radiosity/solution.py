@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,7 @@ from glpath.system.npz import open_npz
 
 Float32 = NDArray[np.float32]
 Lookup = Literal["interpolated", "constant"]
+Mode = Literal["interpolated", "constant", "smooth"]
 Part = Literal["both", "direct", "indirect"]
 
 #: Of the file: another number is another layout.
@@ -47,7 +48,7 @@ class RadiositySolution:
     """The irradiance of the surfaces of a scene, in elements.
 
     Each edge of triangle t has n = divisions[t] equal parts. Its n * n elements start at the sum of n * n over
-    earlier triangles. It has (n + 1)(n + 2) / 2 vertices; see `glpath.radiosity.mesh.lattice` for the order of both.
+    earlier triangles. It has (n + 1)(n + 2) / 2 vertices; `glpath.radiosity.mesh.lattice` has the order of both.
 
     scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
     divisions  : (T,) int32, n of each triangle
@@ -111,11 +112,15 @@ class RadiositySolution:
         return leaves(self.divisions.astype(np.int64), self.leaf_size)
 
     @cached_property
+    def _vertices_of(self) -> NDArray[np.int64]:
+        """(E, 3): indices of the vertices of each element."""
+        return vertices_of_elements(self.divisions.astype(np.int64))
+
+    @cached_property
     def _corners(self) -> Float64:
         """(2, 2, E, 3, 3): direct and indirect irradiance at the corners of the fronts and backs of elements."""
-        vertices_of = vertices_of_elements(self.divisions.astype(np.int64))
         parts = zip(self.vertices.astype(np.float64), self.elements.astype(np.float64), strict=True)
-        return np.stack([interpolate(vertices_of, self.leaf, *part) for part in parts])
+        return np.stack([interpolate(self._vertices_of, self.leaf, *part) for part in parts])
 
     @property
     def element_count(self) -> int:
@@ -127,24 +132,24 @@ class RadiositySolution:
         triangle: ArrayLike,
         barycentric: ArrayLike,
         back: ArrayLike = 0,
-        mode: Lookup = "interpolated",
+        mode: Mode = "interpolated",
         light: Part = "both",
     ) -> Float64:
-        """(N, 3) float64: irradiance at points of triangles, W m^-2.
+        """Return the irradiance (N, 3) at points of triangles, float64, W m^-2.
 
-        triangle    : (N,) numbers of the scene's triangles
+        triangle    : (N,) indices of the scene's triangles
         barycentric : (N, 2), b1 and b2 of c0 + b1 (c1 - c0) + b2 (c2 - c0)
         back        : (N,) or one: 0 the front, 1 the back
-        mode        : "interpolated" between the vertices, so that each element keeps its mean, or "constant" over
-                      each element
+        mode        : "interpolated" within each element, which keeps its mean; "constant" over each element; or
+                      "smooth" between the vertices, without steps, for display: light leaks around edges
         light       : "direct", straight from a lamp; "indirect", after one reflection or more; or "both"
 
         Raises UsageError for another mode or light, or a triangle that does not exist.
         """
         t = np.atleast_1d(np.asarray(triangle, np.int64))
         b = np.asarray(barycentric, np.float64).reshape(-1, 2)
-        side = np.asarray(back, np.int64)
-        for name, value, allowed in (("mode", mode, ("interpolated", "constant")), ("light", light, _PARTS)):
+        side = np.broadcast_to(np.asarray(back, np.int64), t.shape)
+        for name, value, allowed in (("mode", mode, get_args(Mode)), ("light", light, _PARTS)):
             if value not in allowed:
                 raise UsageError(f"RadiositySolution: {name} {value!r}; allowed are {', '.join(allowed)}.")
         if len(t) and not (t.min() >= 0 and t.max() < len(self.divisions)):
@@ -159,7 +164,10 @@ class RadiositySolution:
             found = [self.elements[part][side, element] for part in _PARTS[light]]
             return np.asarray(np.sum(found, axis=0, dtype=np.float64))
         weights = np.where(upper, (fx + fy - 1, 1 - fx, 1 - fy), (1 - fx - fy, fx, fy))
-        corners = sum(self._corners[part][side, element] for part in _PARTS[light])
+        if mode == "smooth":
+            corners = sum(self.vertices[part][side[:, None], self._vertices_of[element]] for part in _PARTS[light])
+        else:
+            corners = sum(self._corners[part][side, element] for part in _PARTS[light])
         return np.asarray(np.einsum("kn,nkc->nc", weights, corners))
 
     def lookup(
@@ -168,7 +176,7 @@ class RadiositySolution:
         triangle: ArrayLike,
         barycentric: ArrayLike,
         back: ArrayLike = 0,
-        mode: Lookup = "interpolated",
+        mode: Mode = "interpolated",
     ) -> Float64:
         """Return the radiosity (N, 3) at points of triangles, float64, W m^-2.
 

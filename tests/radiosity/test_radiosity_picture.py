@@ -24,7 +24,7 @@ def solution_of(scene: glpath.Scene, value: float) -> RadiositySolution:
     return RadiositySolution(scene.digest(camera=False), divisions, *values, "test", {}, {})
 
 
-@pytest.mark.parametrize("lookup", ["constant", "interpolated"])
+@pytest.mark.parametrize("lookup", ["constant", "interpolated", "smooth"])
 def test_fronts_show_radiosity_over_pi_and_lamps_their_emission(lookup: str) -> None:
     scene = glpath.load_scene("cornell-box-36").with_camera(resolution=(32, 32))
     image = picture_of(solution_of(scene, np.pi), scene, lookup)  # type: ignore[arg-type]

@@ -69,7 +69,7 @@ def test_what_the_eye_sees_is_emission_and_the_solution(box: Scene):
     hits = ShownHits.of(box)
     count = len(box.triangles)
     even = solution_of(box, 1, np.full(count, np.pi), np.full(3 * count, np.pi))
-    for mode in ("constant", "interpolated"):
+    for mode in ("constant", "interpolated", "smooth"):
         shown = hits.radiance(even, mode)
         assert shown[hits.reflecting] == pytest.approx(1)
         lamp = hits.only("light")
@@ -92,7 +92,7 @@ def test_the_steps_of_a_mesh_are_told_from_light_that_is_smooth(box: Scene):
     corners = box.triangles
     points = corners[:, :1] + np.einsum("vk,tkj->tvj", where, corners[:, 1:] - corners[:, :1])
     solution = solution_of(box, n, elements, (3 + points.sum(axis=2)).ravel() + 1)
-    stepped, smooth = (hits.radiance(solution, mode) for mode in ("constant", "interpolated"))
+    stepped, smooth = (hits.radiance(solution, mode) for mode in ("constant", "smooth"))
     assert mesh_step(stepped, hits, solution) > 0.04
     assert abs(mesh_step(smooth, hits, solution)) < 0.01
 

@@ -283,9 +283,8 @@ def test_elements_of_a_split_cover_their_parent():
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_nothing_tears_where_small_elements_meet_large_ones(seed, monkeypatch):
+def test_nothing_tears_where_small_elements_meet_large_ones(seed):
     # Triangles of uneven size, split at random: both sides of every edge have the same values along it.
-    monkeypatch.setattr("glpath.radiosity.mesh.interpolation._ABRUPT", 1.0)
     points = np.array([(0, 0), (4, 0), (4, 3), (0, 3), (1.2, 1.1), (3.1, 0.8)], float)
     faces = [(0, 1, 5), (0, 5, 4), (1, 2, 5), (5, 2, 4), (4, 2, 3), (0, 4, 3)]
     triangles = np.array([[(*points[i], 0.0) for i in face] for face in faces])
@@ -297,12 +296,9 @@ def test_nothing_tears_where_small_elements_meet_large_ones(seed, monkeypatch):
     for _ in range(3):
         mesh = mesh.refine(rng.random(len(mesh.elements)) < 0.25)
     values = rng.random((2, 2, len(mesh.elements), 3))
-    divisions, _, vertices, _ = resample(mesh, values)
-    from glpath.radiosity.mesh.interpolation import vertices_of_elements
+    divisions, elements, vertices, _ = resample(mesh, values)
     from glpath.radiosity.solution import RadiositySolution
 
-    # Elements whose mean is that of their corners need no shift.
-    elements = vertices[:, :, vertices_of_elements(divisions)].mean(axis=3)
     solution = RadiositySolution("", divisions, elements, vertices)
     along = np.linspace(0, 1, 101)
     edges = {}
@@ -311,7 +307,7 @@ def test_nothing_tears_where_small_elements_meet_large_ones(seed, monkeypatch):
             a, b = face[k], face[(k + 1) % 3]
             ends = np.array([(0, 0), (1, 0), (0, 1)], float)[[k, (k + 1) % 3]]
             places = ends[0] + along[:, None] * (ends[1] - ends[0])
-            found = solution.irradiance(np.full(101, t), places, light="indirect")
+            found = solution.irradiance(np.full(101, t), places, mode="smooth", light="indirect")
             edges.setdefault((min(a, b), max(a, b)), []).append(found if a < b else found[::-1])
     shared = [pair for pair in edges.values() if len(pair) == 2]
     assert len(shared) == 7
@@ -319,7 +315,7 @@ def test_nothing_tears_where_small_elements_meet_large_ones(seed, monkeypatch):
         np.testing.assert_allclose(ours, theirs, atol=2e-6)
     # Inside a triangle the lookup has no steps either.
     places = np.column_stack([np.linspace(0, 0.6, 4001), np.full(4001, 0.3)])
-    line = solution.irradiance(np.zeros(4001, int), places, light="direct")
+    line = solution.irradiance(np.zeros(4001, int), places, mode="smooth", light="direct")
     assert np.abs(np.diff(line, axis=0)).max() < 0.02
 
 
