@@ -6,8 +6,10 @@ Colours are linear, as Blender writes them. What the statements become:
     Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
     Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, instead of Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended
-    illum 4, 6, 7, 9      glass of index Ni and colour Tf, where d or Tf lets light through (6 and 7: always); that
-                          of 6 and 7 refracts. Sharp, as in the ray tracers that these were made for
+    illum 6, 7            glass of index Ni and colour Tf, which refracts. Sharp, as in the ray tracers that these
+                          were made for
+    illum 4, 9            the same without refraction, but only if d < 1 or Tf is neither 0 nor 1: Maya writes illum 4
+                          and Tf 1 for opaque paint
     Ke map_Ke             emission, W sr^-1 m^-2
     norm, map_Bump        normal map; a grey map_Bump is one of heights, which is not used
 
@@ -71,7 +73,15 @@ class Library:
         self._pictures = Pictures(self.folder)
 
     def add(self, name: str) -> None:
-        """Take in an MTL file of the folder."""
+        """Read the MTL file of that name in the folder, or the files, if `name` lists several."""
+        names = name.split()
+        if len(names) > 1 and not (self.folder / name).is_file():
+            for each in names:
+                self._add(each)
+        else:
+            self._add(name)
+
+    def _add(self, name: str) -> None:
         try:
             path = inside(self.folder, name)
             if path.stat().st_size > MAX_BYTES:
@@ -203,8 +213,8 @@ class _Reader:
         if illum not in _GLASS:
             return {}
         passes = self._colour("tf", 0.0)
-        if illum not in _REFRACTS and opacity >= 1 and not passes.any():
-            return {}  # what many exporters write of opaque things
+        if illum not in _REFRACTS and opacity >= 1 and (not passes.any() or (passes == 1).all()):
+            return {}  # many exporters write this for opaque surfaces
         colour = passes if passes.any() else np.ones(3)
         return {
             "reflectance": colour,

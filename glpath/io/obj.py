@@ -65,8 +65,9 @@ def plain(content: bytes, source: str) -> Plain:
     lines = []
     drawn: list[tuple[int, int]] = []
     widths = [len(words) - 1 for _, words in written if words[0] == "v"]
-    # Behind x, y and z, or w behind them. trimesh wants colours of all vertices or of none.
+    # trimesh needs colours for all vertices or for none.
     all_coloured = bool(widths) and min(widths) >= 6
+    column = _colour_column([words[1:] for _, words in written if words[0] == "v"]) if all_coloured else 3
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
     for number, words in written:
@@ -74,7 +75,7 @@ def plain(content: bytes, source: str) -> Plain:
         if kind in _USED:
             seen[kind] += 1
             if kind == "v" and all_coloured:
-                values = [*values[:3], *values[3 + (len(values) > 6) :][:3]]
+                values = [*values[:3], *values[column:][:3]]
             else:
                 # A texture of one dimension has no v.
                 values = [*values, "0"] if kind == "vt" and len(values) == 1 else values[: _USED[kind]]
@@ -102,6 +103,17 @@ def plain(content: bytes, source: str) -> Plain:
         max(widths, default=0) >= 6,
         np.array(drawn, np.int64).reshape(-1, 2) - 1,
     )
+
+
+def _colour_column(vertices: list[list[str]]) -> int:
+    """Return the index of the first colour: 3 after x y z (r g b, then perhaps alpha), or 4 after x y z weight.
+
+    Seven numbers are x y z r g b a, unless only the fourth is 1 for all vertices.
+    """
+    if min(map(len, vertices)) < 7:
+        return 3
+    weight, alpha = ([float(values[i]) for values in vertices] for i in (3, 6))
+    return 4 if set(weight) == {1.0} and set(alpha) != {1.0} else 3
 
 
 class NamesOnly:

@@ -335,6 +335,49 @@ def test_glass_light_and_opacity_of_mtl(tmp_path: Path) -> None:
     assert scene.sky is None
 
 
+@pytest.mark.parametrize("illum", [4, 9])
+@pytest.mark.parametrize(
+    ("written", "is_glass"),
+    [
+        ("Tf 1 1 1\nNi 1", False),  # as Maya writes opaque paint
+        ("d 1\nTf 1 1 1", False),
+        ("Tf 0 0 0", False),
+        ("d 0.2", True),
+        ("Tf 0.9 0.9 1", True),
+    ],
+)
+def test_illumination_models_4_and_9_are_glass_only_if_light_gets_through(
+    tmp_path: Path, illum: int, written: str, is_glass: bool
+) -> None:
+    paint = surfaces(
+        tmp_path, f"newmtl Paint\nKd 0.5 0.2 0.1\nillum {illum}\n{written}\nnewmtl Gold\nKd 1 1 1"
+    ).materials[0]
+    assert (paint.transmission > 0) == is_glass
+    if not is_glass:
+        assert paint.reflectance.tolist() == [0.5, 0.2, 0.1]
+        assert paint.opacity == 1
+
+
+def test_one_mtllib_statement_may_name_several_files(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("newmtl A\nKd 0.1 0.2 0.3\n")
+    (tmp_path / "b.mtl").write_text("newmtl B\nKd 0.4 0.5 0.6\n")
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl b.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl A\nf 1 2 3\nusemtl B\nf 3 2 1\n")
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["0.9 0.1 0.2", "0.9 0.1 0.2 1.0", "0.9 0.1 0.2 0.5", "1.0 0.9 0.1 0.2"],
+    ids=["rgb", "rgb1", "rgba", "weight"],
+)
+def test_colours_of_obj_vertices_follow_the_position_or_its_weight(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("".join(f"v {x} {y} 0 {row}\n" for x, y in ((0, 0), (1, 0), (1, 1))) + "f 1 2 3\n")
+    scene = quiet(path)
+    assert scene.materials[scene.shapes[0].material].reflectance == pytest.approx([0.7913, 0.0103, 0.0331], abs=1e-3)
+
+
 def test_textures_of_mtl(tmp_path: Path) -> None:
     colours = np.arange(48, dtype=np.uint8).reshape(4, 4, 3) * 5
     Image.fromarray(colours).save(tmp_path / "wood and oak.png")
