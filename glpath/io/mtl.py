@@ -8,8 +8,8 @@ Colours are linear, as Blender writes them. What the statements become:
     d, or Tr, map_d       opacity, blended
     illum 6, 7            glass of index Ni and colour Tf, which refracts. Sharp, as in the ray tracers that these
                           were made for
-    illum 4, 9            the same without refraction, but only if d < 1 or Tf is neither 0 nor 1: Maya writes illum 4
-                          and Tf 1 for opaque paint
+    illum 4, 9            the same without refraction, but only if d < 1 or Tf is neither 0 nor 1: Maya writes
+                          illum 4 and Tf 1 for opaque paint
     Ke map_Ke             emission, W sr^-1 m^-2
     norm, map_Bump        normal map; a grey map_Bump is one of heights, which is not used
 
