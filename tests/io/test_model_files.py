@@ -375,7 +375,8 @@ def test_colours_of_obj_vertices_follow_the_position_or_its_weight(tmp_path: Pat
     path = tmp_path / "a.obj"
     path.write_text("".join(f"v {x} {y} 0 {row}\n" for x, y in ((0, 0), (1, 0), (1, 1))) + "f 1 2 3\n")
     scene = quiet(path)
-    assert scene.materials[scene.shapes[0].material].reflectance == pytest.approx([0.7913, 0.0103, 0.0331], abs=1e-3)
+    found = scene.materials[scene.shapes[0].material].reflectance
+    assert found == pytest.approx([0.7913, 0.0103, 0.0331], abs=1e-3)
 
 
 def test_textures_of_mtl(tmp_path: Path) -> None:
