@@ -102,11 +102,13 @@ def _path_set(index: int, height: int, width: int) -> np.ndarray:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What `slow.txt` names is evidence."""
+    """Mark the tests of `slow.txt` as evidence. Evidence is compared with references, so it may warn of a bias."""
     slow = slow_tests()
     for item in items:
         if item.nodeid.removeprefix("tests/") in slow:
             item.add_marker(pytest.mark.evidence)
+        if item.get_closest_marker("evidence"):
+            item.add_marker(pytest.mark.filterwarnings("ignore:.*the bias of the"))
 
 
 def slow_tests() -> frozenset[str]:
