@@ -51,8 +51,8 @@ def bias_of_solution(
     rays = _RAYS // max(1, len(numbers))
     biased: list[Float64] = []
     unbiased: list[Float64] = []
-    for round_number in range(_ROUNDS):
-        of_round = seed + round_number
+    while True:
+        of_round = seed + len(biased) // BATCHES
         straight, reflected = [], []
         for hits in cast_hits(sides.surfaces, *chosen, rays, of_round, numbers):
             straight.append(np.where(hits.side < 0, np.float32(np.pi) * hits.weight, np.float32(0)))
@@ -63,9 +63,8 @@ def bias_of_solution(
         unbiased += _block_means(direct + followed)
         bias = bias_of(summed(biased, unbiased))
         assert bias is not None, "several batches"
-        if round_number == _ROUNDS - 1 or bias.is_small(SURE) or bias.is_large(SURE):
+        if len(biased) == _ROUNDS * BATCHES or bias.is_small(SURE) or bias.is_large(SURE):
             return bias
-    raise AssertionError("there is a round")
 
 
 def _block_means(light: NDArray[np.float32]) -> list[Float64]:

@@ -103,8 +103,22 @@ class Shooting(NamedTuple):
 
 
 @inner_kernel
-def _begin(shooting, p, r, count, state, d):  # type: ignore[no-untyped-def]
-    """Fill d (3,), the direction of ray r of point p, which has `count`. Return the random state and a weight."""
+def _first_state(shooting, p):  # type: ignore[no-untyped-def]
+    """Return the random state before the first ray of point p."""
+    state, _ = next_random(
+        np.uint64(shooting.seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(shooting.numbers[p])
+    )
+    return state
+
+
+@inner_kernel
+def _begin(shooting, p, r, count, state, o, d):  # type: ignore[no-untyped-def]
+    """Fill o and d (3,), the origin and direction of ray r of `count` rays of point p.
+
+    Returns the random state and the ray's weight.
+    """
+    for k in range(3):
+        o[k] = shooting.points[p, k]
     heights = count // (BATCHES * _TURNS)
     stratum = r % (heights * _TURNS)
     state, u = next_random(state)
@@ -201,13 +215,9 @@ def _cast(shooting, surfaces, side, weight, work):  # type: ignore[no-untyped-de
     o, d, found = work[0], work[1], work[2]
     count = side.shape[1]
     for p in range(len(shooting.points)):
-        state, _ = next_random(
-            np.uint64(shooting.seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(shooting.numbers[p])
-        )
+        state = _first_state(shooting, p)
         for r in range(count):
-            state, w = _begin(shooting, p, r, count, state, d)
-            for k in range(3):
-                o[k] = shooting.points[p, k]
+            state, w = _begin(shooting, p, r, count, state, o, d)
             hit, back, w, state = _to_diffuse(surfaces, o, d, -1, w, state, found)
             side[p, r], weight[p, r] = -1, w
             if hit >= 0:
@@ -230,13 +240,9 @@ def follow(shooting, surfaces, reflected, through, max_reflections, light, work)
     o, d, found = work[0], work[1], work[2]
     count = light.shape[1]
     for p in range(len(shooting.points)):
-        state, _ = next_random(
-            np.uint64(shooting.seed) * np.uint64(0xD1342543DE82EF95) + np.uint64(shooting.numbers[p])
-        )
+        state = _first_state(shooting, p)
         for r in range(count):
-            state, w = _begin(shooting, p, r, count, state, d)
-            for k in range(3):
-                o[k] = shooting.points[p, k]
+            state, w = _begin(shooting, p, r, count, state, o, d)
             own, walk = -1, state
             for reflections in range(max_reflections + 1):
                 hit, back, w, walk = _to_diffuse(surfaces, o, d, own, w, walk, found)
@@ -245,7 +251,7 @@ def follow(shooting, surfaces, reflected, through, max_reflections, light, work)
                 if hit < 0:
                     light[p, r] = w if reflections > 0 else 0.0
                     break
-                # Roulette by what the side sends on.
+                # Russian roulette by the side's reflectance and transmittance.
                 stays, goes = reflected[back, hit], through[back, hit]
                 walk, u = next_random(walk)
                 if u >= stays + goes:

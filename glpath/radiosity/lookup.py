@@ -36,7 +36,7 @@ NEVER = 1e30
 
 
 class LookupTable(NamedTuple):
-    """What is looked up at the elements of a scene's lattices, triangle after triangle.
+    """Irradiance that a gather looks up, for the elements of a scene's lattices, triangle after triangle.
 
     corners      : (2, E, 3, 4) float64, irradiance W m^-2 at the corners of fronts and backs, and how much of the
                    direct light is in it, 0 to 1

@@ -49,14 +49,12 @@ def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = Non
     buried : (2, E) sides that no light can reach, as a solid covers them. They get the mean of their neighbours, so
              that they do not darken these
     """
-    sides = values.reshape(-1, *values.shape[-2:])
     nodes = _Nodes(mesh)
-    if buried is None or not buried.any():
-        corner_values = np.stack([nodes.values(side)[nodes.of] for side in sides])
-    else:
-        filled = [nodes.filled(side, ~buried[number % 2]) for number, side in enumerate(sides)]
-        sides = np.stack([elements for elements, _ in filled])
-        corner_values = np.stack([at_nodes[nodes.of] for _, at_nodes in filled])
+    known = np.ones((2, len(mesh.elements)), np.bool_) if buried is None else ~buried
+    given = values.reshape(-1, *values.shape[-2:])
+    filled = [nodes.filled(side, known[number % 2]) for number, side in enumerate(given)]
+    sides = np.stack([elements for elements, _ in filled])
+    corner_values = np.stack([at_nodes[nodes.of] for _, at_nodes in filled])
     count = len(mesh.scene.triangles)
     divisions = np.ones(count, np.int64)
     np.maximum.at(divisions, mesh.elements.triangle, mesh.elements.n)
