@@ -57,7 +57,8 @@ def lookup_table(
 
     traced  : True to leave out direct light where the gather traces it, which is everywhere but near lamps
     in_gaps : True if paths may start in gaps that no camera sees, such as below a rug. Elements beside much
-              brighter or darker ones are then never looked up, as an edge of light may cross them
+              brighter or darker ones are then never looked up, as an edge of light may cross them. The same holds
+              for all solutions whose elements are not split where light changes
     """
     interpolated = lookup == "interpolated"
     divisions = solution.divisions.astype(np.int64)
@@ -74,7 +75,7 @@ def lookup_table(
         corners = interpolate(vertices_of, solution.leaf, vertices, elements)
     else:
         corners = np.repeat(elements[:, :, None], 3, axis=2)
-    if in_gaps:
+    if in_gaps or solution.leaf_size.max(initial=1) == 1:
         distance[abrupt(vertices_of, solution.leaf, elements[..., :3].mean(axis=2))] = NEVER
     return LookupTable(corners, solution.elements.sum(axis=0, dtype=np.float64), distance)
 

@@ -222,7 +222,10 @@ def test_furnace_is_the_endless_series_at_any_depth(depth: int, engine: str) -> 
 
 
 def test_a_dark_solution_leaves_what_is_traced() -> None:
-    """Direct light at the first vertex, at the second as well, and at a third where a path ended near by."""
+    """A gather traces direct light at its first vertices, and at all others if every look-up is too near.
+
+    The path-buffer's gather has one vertex more at most.
+    """
     size = (16, 16)
     dark = even(load_scene(BOX), 0.0)
     direct = glpath.render(BOX, max_depth=1, spp=256, resolution=size)
@@ -234,7 +237,7 @@ def test_a_dark_solution_leaves_what_is_traced() -> None:
     traced = gather(BOX, dark, branches=1, **options)
     np.testing.assert_allclose(traced.mean, two.mean, rtol=1e-5)
     # Elements of half a wall: every path ends near by.
-    for engine, cast, depth in (("path", "bvh", 4), ("path-buffer", "path-buffer", 3)):
+    for engine, cast, depth in (("path", "bvh", None), ("path-buffer", "path-buffer", 3)):
         further = glpath.render(BOX, max_depth=depth, spp=128, resolution=size, integrator=engine)
         near = gather(BOX, dark, spp=128, resolution=size, lookup_distance=1000, cast=cast)
         assert near.mean.mean() == pytest.approx(further.mean.mean(), rel=0.01), engine
@@ -594,11 +597,11 @@ def test_a_lattice_has_less_error_than_pairs_of_a_sobol_sequence() -> None:
     [pytest.param(100, True, marks=pytest.mark.evidence), (100, False), (500, False)],
 )
 def test_what_elements_do_is_estimated_without_a_reference(patches: int, looked_up: bool) -> None:
-    """From a third to all of what Mitsuba's picture shows. Measured: 1e-3, 6e-5 and 8e-6."""
+    """The estimate is from a third to all of the true error, measured beside Mitsuba: 1e-3, 1.1e-4 and 4.9e-6."""
     options: Any = {"direct_light": "solution", "lookup_distance": 0} if looked_up else {}
     solution = glpath.solve_radiosity("cornell-box-36", patches=patches)
     truth = read_image(ROOT / "benchmarks" / "references" / "cornell-box-36-depth64.npz")
-    known = {(100, True): 2.1e-3, (100, False): 1.3e-4, (500, False): 8e-6}[patches, looked_up]
+    known = {(100, True): 2.1e-3, (100, False): 1.3e-4, (500, False): 4.9e-6}[patches, looked_up]
     options["resolution"] = (128, 128)
     found = glpath.element_error("cornell-box-36", solution, spp=32, **options)
     assert known / 3.5 < found.relmse < 1.5 * known

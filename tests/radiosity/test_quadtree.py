@@ -225,6 +225,13 @@ def test_an_adaptive_solution_resumes_from_a_checkpoint_bit_for_bit(tmp_path) ->
     assert np.array_equal(resumed.elements, whole.elements)
 
 
+def test_undivided_elements_are_leaves_in_order() -> None:
+    """A solver's element that is not divided has the number of its element in the lattices."""
+    divisions = np.array([1, 3, 2, 4])
+    count = int((divisions**2).sum())
+    np.testing.assert_array_equal(leaves(divisions, np.ones(count, np.uint16)), np.arange(count))
+
+
 def test_parts_of_a_large_element_have_its_number() -> None:
     """Parts lie on a finer lattice than the elements of the other triangle."""
     divisions = np.array([4, 8])

@@ -77,7 +77,9 @@ def vertices_of_elements(divisions: Int64) -> Int64:
 
 
 def leaves(divisions: Int64, leaf_size: NDArray[np.uint16]) -> Int64:
-    """(E,): number of the solver's element that each element of the lattices is part of.
+    """Return (E,): number of the solver's element that each element of the lattices is part of.
+
+    Numbers follow the order of the lattices, so undivided elements have their own numbers.
 
     leaf_size : (E,) edge of the solver's element, in elements of the lattice; a power of two
     """
@@ -87,4 +89,7 @@ def leaves(divisions: Int64, leaf_size: NDArray[np.uint16]) -> Int64:
     while np.any(smaller := size > 1):
         upper = np.where(smaller, (i & 1) + (j & 1) + upper >= 2, upper)
         i, j, size = np.where(smaller, i >> 1, i), np.where(smaller, j >> 1, j), np.where(smaller, size >> 1, size)
-    return np.asarray(np.unique(((key << 15 | i) << 15 | j) << 1 | upper, return_inverse=True)[1])
+    _, first, leaf = np.unique(((key << 15 | i) << 15 | j) << 1 | upper, return_index=True, return_inverse=True)
+    number = np.empty_like(first)
+    number[np.argsort(first)] = np.arange(len(first))
+    return np.asarray(number[leaf])

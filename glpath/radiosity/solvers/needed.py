@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from glpath.accel import bvh
-from glpath.radiosity import lookup
 from glpath.radiosity.form_factors import form_factor, lights
 from glpath.radiosity.shafts import casting, occluders, points, search
 from glpath.radiosity.solvers import particles, progressive
@@ -18,7 +17,7 @@ _FORM_FACTORS = (
 _OF_METHOD: dict[str, tuple[Any, ...]] = {
     "progressive": (*_FORM_FACTORS, progressive._energy, progressive._shoot),
     "matrix": _FORM_FACTORS,
-    "monte-carlo": (particles.shoot_batch, lookup._closest),
+    "monte-carlo": (particles.shoot_batch,),
 }
 
 
