@@ -460,13 +460,18 @@ def test_a_camera_may_be_far_away(engine: str) -> None:
     """
     options = ENGINES[engine] | {"spp": 4, "seed": 2}
     scene, solved = hut(), engine in ("guided", "gather", "gather by scans")
+    if options["integrator"] == "gather":
+        # One solution for both cameras: by default its elements are finer where the camera looks.
+        options["radiosity"] = glpath.solve_radiosity(scene, method="monte-carlo", for_camera=False)
     near = render(seen_from(scene, 6.0, "orthographic"), **options).mean
     for distance in (1e4,) if solved else (1e3, 1e4, 1e5):
         far = render(seen_from(scene, distance, "orthographic"), **options).mean
-        assert far.mean() == pytest.approx(near.mean(), rel=1e-3 if solved else 1e-5)
-        assert np.abs(far - near).mean() < (3e-3 if solved else 1e-5) * near.mean()
+        # Another camera makes other guides, and so other noise: 0.24 and 1.2 %.
+        mean, pixel = {"guided": (5e-3, 2e-2)}.get(engine, (1e-3, 3e-3) if solved else (1e-5, 1e-5))
+        assert far.mean() == pytest.approx(near.mean(), rel=mean)
+        assert np.abs(far - near).mean() < pixel * near.mean()
     if solved:
-        return  # a solution is another one for another lens, by its own error
+        return  # the rest is of what lenses alone change
     # Without the lamp, one sample of which is 2 % of the picture's mean.
     dim, options = replace(scene, shapes=Shapes(s for s in scene.shapes if not s.emits)), options | {"spp": 16}
     views = [(6.0, "orthographic"), (1e3, "perspective"), (1e4, "perspective")]
