@@ -50,7 +50,7 @@ def parameters(ctx: typer.Context, incomplete: str) -> Completions:
     given = ctx.params.get("scene") or ctx.params.get("scenes")
     named = [given] if isinstance(given, str) else list(given or GENERATED)
     found = {
-        f"{key}=": f"{description} (default {default})"
+        f"{key}=": description if default is None else f"{description} (default {default})"
         for name in named
         for key, (default, description) in scene_parameters(name).items()
     }

@@ -21,6 +21,7 @@ from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.film.units import Unit, symbol
 from glpath.io import (
+    parameters_from_options,
     scene_animations,
     scene_cameras,
     scene_parameters,
@@ -84,7 +85,8 @@ def info(
     summary["animations"] = [{"name": each, "seconds": length} for each, length in scene_animations(scene)]
     summary["variants"] = list(scene_variants(scene))
     summary["parameters"] = {
-        key: {"default": default, "description": text} for key, (default, text) in scene_parameters(scene).items()
+        key: {"default": default, "description": text}
+        for key, (default, text) in scene_parameters(scene, parameters_from_options(parameters or ())).items()
     }
     if as_json:
         say_json(summary, indent=2)
@@ -280,7 +282,8 @@ def _parameters(summary: dict[str, Any]) -> list[Table]:
         return []
     table = _table("Parameters (-D KEY=VALUE)", "key", "default", "what it is")
     for key, parameter in summary["parameters"].items():
-        table.add_row(key, escape(str(parameter["default"])), escape(parameter["description"]))
+        default = "" if parameter["default"] is None else str(parameter["default"])
+        table.add_row(key, escape(default), escape(parameter["description"]))
     if summary["cameras"]:
         listed = ", ".join(f"{index} {name}" for index, name in enumerate(summary["cameras"]))
         table.add_row("", "", escape(f"cameras: {listed}"))

@@ -132,14 +132,20 @@ def shipped_scenes() -> dict[str, str]:
     return dict(sorted(described.items()))
 
 
-def scene_parameters(name: str) -> dict[str, tuple[object, str]]:
-    """Default and description of each parameter of a generated scene or of a file; empty for others."""
+def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> dict[str, tuple[object, str]]:
+    """Default and description of each parameter of a generated scene or of a file; empty for others.
+
+    given : values of some of them. A default of None means that the parameter must be given.
+    """
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
     if name.lower().endswith(".xml"):
         from glpath.io.mitsuba import mitsuba_parameters
 
-        return {key: (value, "as the file has it") for key, value in mitsuba_parameters(Path(name)).items()}
+        return {
+            key: (value, "must be given" if value is None else "as the file has it")
+            for key, value in mitsuba_parameters(Path(name), given).items()
+        }
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)
     if name.lower().endswith(".hbjson"):

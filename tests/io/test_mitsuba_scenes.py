@@ -646,8 +646,52 @@ def test_files_are_looked_for_where_paths_and_the_scene_are(tmp_path: Path) -> N
     include = '<path value="shared"/><include filename="parts/part.xml"/>'
     scene = glpath.load_scene(file(tmp_path, include, CAMERA, LAMP))
     assert scene.shapes.total("triangle") == 2 * 12 + 2
-    with pytest.raises(SceneError, match=r"<path>.* names .*lost, which is not a folder"):
+    with pytest.raises(SceneError, match=r"<path>.* names .*lost, which is no folder"):
         glpath.load_scene(file(tmp_path, '<path value="lost"/>', LAMP))
+
+
+def test_a_path_of_an_included_file_may_start_at_the_scene(tmp_path: Path) -> None:
+    """As in the scenes of Mitsuba's documentation, whose includes name folders from the scene on."""
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared/lamp.xml").write_text(f'<scene version="3.0.0">{LAMP}</scene>')
+    file(tmp_path / "parts", '<path value="shared"/>', name="paths.xml")
+    scene = glpath.load_scene(
+        file(tmp_path, '<include filename="parts/paths.xml"/><include filename="lamp.xml"/>', FLOOR, CAMERA)
+    )
+    assert [shape.name for shape in scene.shapes] == ["lamp", "floor"]
+
+
+def test_defaults_of_an_included_file_hold_after_it(tmp_path: Path) -> None:
+    file(tmp_path, '<default name="res" value="20"/>', name="defaults.xml")
+    path = file(tmp_path, '<include filename="defaults.xml"/>', CAMERA.replace('"32"', '"$res"'), LAMP, FLOOR)
+    assert glpath.load_scene(path).camera.resolution == (20, 24)
+    assert glpath.load_scene(path, {"res": 10}).camera.resolution == (10, 24)
+
+
+@pytest.mark.parametrize("command", ["info", "validate"])
+def test_a_parameter_without_a_default_is_taken_by_every_command(command: str, tmp_path: Path) -> None:
+    path = file(tmp_path, CAMERA.replace('"32"', '"$res"'), LAMP, FLOOR)
+    assert scene_parameters(str(path)) == {"res": (None, "must be given")}
+    done = run(command, path, "-D", "res=12")
+    assert done.exit_code == 0, done.output
+    assert "-D res=" in run(command, path).output + run(command, path).stderr
+    assert glpath.load_scene(path, {"res": 12}).camera.resolution == (12, 24)
+
+
+def test_an_included_file_may_be_named_by_a_parameter(tmp_path: Path) -> None:
+    file(tmp_path, LAMP, name="night.xml")
+    path = file(tmp_path, '<include filename="$time.xml"/>', CAMERA, FLOOR)
+    assert scene_parameters(str(path)) == {"time": (None, "must be given")}
+    done = run("info", path, "-D", "time=night")
+    assert done.exit_code == 0, done.output
+
+
+def test_a_shape_may_refer_to_a_light_of_the_scene(tmp_path: Path) -> None:
+    """As Mitsuba's own cbox-rgb.xml does."""
+    shine = '<emitter type="area" id="shine"><rgb name="radiance" value="3 2 1"/></emitter>'
+    scene = glpath.load_scene(file(tmp_path, shine, CAMERA, FLOOR, ball('<ref id="shine"/>')))
+    assert shape_named(scene, "ball").emission.tolist() == [3, 2, 1]
 
 
 def test_a_pinhole_may_have_a_focus(tmp_path: Path) -> None:

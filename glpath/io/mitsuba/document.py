@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 
 from glpath.errors import SceneError
@@ -65,12 +64,12 @@ class Document:
 
     root       : the element <scene>
     identified : elements by their id
-    defaults   : `<default>`s, in order, as text
+    defaults   : `<default>`s, in order, as text; None for a parameter that is used without one
     """
 
     root: Element
     identified: dict[str, Element]
-    defaults: dict[str, str]
+    defaults: dict[str, str | None]
 
     def resolved(self, element: Element) -> Element:
         """The element that a `<ref>` is to; itself of any other. Raises SceneError."""
@@ -88,12 +87,13 @@ class Document:
         return found
 
 
-def read_document(path: Path, parameters: Mapping[str, object]) -> Document:
+def read_document(path: Path, parameters: Mapping[str, object], *, complete: bool = True) -> Document:
     """The document of a file. Raises SceneError, also for parameters that the file does not have.
 
-    parameters : stand for the values of its `<default>`s
+    parameters : stand for the values of its `<default>`s, and for `$name` without one
+    complete   : raise SceneError for a `$name` without a value; otherwise it is empty text
     """
-    reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent])
+    reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
     root = reader.read(path, SourceLocation(str(path)), 0)
     if root.tag != "scene":
         raise root.location.error(
@@ -101,7 +101,7 @@ def read_document(path: Path, parameters: Mapping[str, object]) -> Document:
         )
     for name in parameters:
         if name not in reader.defaults:
-            allowed = ", ".join(f"{key}={value}" for key, value in reader.defaults.items()) or "none"
+            allowed = ", ".join(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
             near = difflib.get_close_matches(name, reader.defaults, 1)
             raise SourceLocation(str(path)).error(
                 f"has no parameter `{name}`. Allowed: {allowed}.",
@@ -111,13 +111,15 @@ def read_document(path: Path, parameters: Mapping[str, object]) -> Document:
 
 
 class _Reader:
-    def __init__(self, given: Mapping[str, str], searched: list[Path]) -> None:
-        self._given = given
+    """Reads a file and its includes in document order: a `<default>`, `<path>` or `<alias>` holds from there on."""
+
+    def __init__(self, given: Mapping[str, str], searched: list[Path], complete: bool) -> None:
         self._searched = searched
+        self._scene_folder = searched[0]
         self._values = dict(given)
-        self.defaults: dict[str, str] = {}
+        self._complete = complete
+        self.defaults: dict[str, str | None] = {}
         self.identified: dict[str, Element] = {}
-        self._aliases: list[Element] = []
 
     def read(self, path: Path, location: SourceLocation, depth: int) -> Element:
         """The root element of a file; `location` is where it is named."""
@@ -132,27 +134,19 @@ class _Reader:
             content = read_bytes(path)
         except OSError as error:
             raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions.") from error
-        root = _parsed(content, path, self._searched, self._substituted)
+        root = _parsed(content, path, self._searched)
         _check_old_names(root)
-        self._included(root, depth)
+        self._resolve(root, depth)
         return root
 
-    def _substituted(self, element: Element) -> None:
-        """Put values for `$name`; a `<default>` gives one to those that follow."""
+    def _resolve(self, element: Element, depth: int) -> None:
+        """Substitute `$name` in an element, register its id, then do the same for its children in order.
+
+        Includes are replaced by their content.
+        """
         for key, text in element.attributes.items():
             if "$" in text:
                 element.attributes[key] = _DOLLAR.sub(lambda found: self._value(found[1], element), text)
-        if element.tag == "default":
-            name, value = element.attribute("name"), element.attribute("value")
-            self.defaults.setdefault(name, value)
-            self._values.setdefault(name, value)
-        if element.tag == "path":
-            folder = element.folder / element.attribute("value")
-            if not folder.is_dir():
-                raise element.location.error(
-                    f"names {folder}, which is not a folder.", "Files are looked for in it."
-                )
-            self._searched.append(folder)
         name = element.attributes.get("id", "")
         if element.tag not in ("ref", "alias", "default") and name:
             if name in self.identified:
@@ -161,23 +155,13 @@ class _Reader:
                     f"has the id {shown(name)}, which the element of {before} has.", "Give each its own."
                 )
             self.identified[name] = element
-
-    def _value(self, name: str, element: Element) -> str:
-        # As Mitsuba has it: the longest name that is known, so that `$widthpx` may be `$width` and px.
-        for end in range(len(name), 0, -1):
-            if name[:end] in self._values:
-                return self._values[name[:end]] + name[end:]
-        raise element.location.error(
-            f"names the parameter `${name}`, which has no value.",
-            f'Give it one: -D {name}=..., or <default name="{name}" value="..."/> before it.',
-        )
-
-    def _included(self, parent: Element, depth: int) -> None:
-        """Put the content of files for each `<include>`."""
         children = []
-        for child in parent.children:
+        for child in element.children:
+            self._resolve(child, depth)
             if child.tag == "include":
                 path = child.file(child.attribute("filename"))
+                if not (self._complete or os.path.isfile(path)):
+                    continue
                 root = self.read(path, child.location, depth + 1)
                 children += root.children if root.tag == "scene" else [root]
             elif child.tag == "alias":
@@ -185,14 +169,45 @@ class _Reader:
                 if known not in self.identified:
                     raise child.location.error(f"is of {shown(known)}, an id that no element before it has.")
                 self.identified[child.attribute("as")] = self.identified[known]
-            elif child.tag not in ("default", "path"):
-                self._included(child, depth)
+            elif child.tag == "default":
+                key, value = child.attribute("name"), child.attribute("value")
+                if self.defaults.get(key) is None:
+                    self.defaults[key] = value
+                self._values.setdefault(key, value)
+            elif child.tag == "path":
+                self._search(child)
+            else:
                 children.append(child)
-        parent.children = children
+        element.children = children
+
+    def _search(self, element: Element) -> None:
+        """Add the folder of a `<path>`: in the folder of its own file, or in that of the scene."""
+        folders = [folder / element.attribute("value") for folder in (element.folder, self._scene_folder)]
+        found = [folder for folder in folders if folder.is_dir()]
+        if not found:
+            raise element.location.error(
+                f"names {' and '.join(map(str, dict.fromkeys(folders)))}, which is no folder.",
+                "Files are looked for in it.",
+            )
+        self._searched.append(found[0])
+
+    def _value(self, name: str, element: Element) -> str:
+        # As Mitsuba has it: the longest name that is known, so that `$widthpx` may be `$width` and px.
+        for end in range(len(name), 0, -1):
+            if name[:end] in self._values:
+                self.defaults.setdefault(name[:end], None)
+                return self._values[name[:end]] + name[end:]
+        self.defaults.setdefault(name, None)
+        if not self._complete:
+            return ""
+        raise element.location.error(
+            f"names the parameter `${name}`, which has no value.",
+            f'Give it one: -D {name}=..., or <default name="{name}" value="..."/> before it.',
+        )
 
 
-def _parsed(content: bytes, path: Path, searched: list[Path], started: Any) -> Element:
-    """The root of a file's elements. started: called with each as it begins, with its attributes."""
+def _parsed(content: bytes, path: Path, searched: list[Path]) -> Element:
+    """The root of a file's elements."""
     parser = expat.ParserCreate()
     stack: list[Element] = []
     roots: list[Element] = []
@@ -204,7 +219,6 @@ def _parsed(content: bytes, path: Path, searched: list[Path], started: Any) -> E
         if len(stack) > _NESTED:
             raise location.error(f"is in more than {_NESTED} elements; a scene needs ten.")
         element = Element(_RENAMED.get(tag, tag), dict(attributes), location, path.parent, searched)
-        started(element)
         (stack[-1].children if stack else roots).append(element)
         stack.append(element)
 

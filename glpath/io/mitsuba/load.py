@@ -40,6 +40,8 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         element = document.resolved(child)
         if element.tag == "shape":
             reader.add(Plugin(element, document))
+        elif element.tag == "emitter" and element.attributes.get("type") == "area" and element.attributes.get("id"):
+            continue  # a definition, for the shapes that refer to it
         elif element.tag == "emitter":
             emitters.add(Plugin(element, document))
         elif element.tag == "sensor" and camera is None:
@@ -69,6 +71,9 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     return replace(completed(scene, has_camera=camera is not None), source=str(path))
 
 
-def mitsuba_parameters(path: Path) -> dict[str, str]:
-    """The names and values of a file's `<default>`s. Raises SceneError."""
-    return read_document(path, {}).defaults
+def mitsuba_parameters(path: Path, given: Mapping[str, object] | None = None) -> dict[str, str | None]:
+    """Names and default values of a file's parameters, None for one without a `<default>`. Raises SceneError.
+
+    given : values of some of them, of which the names of included files may be made
+    """
+    return read_document(path, given or {}, complete=False).defaults
