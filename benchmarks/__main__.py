@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench NAME`, and figure, gallery, khronos, look, scene and walks.
+"""`python -m benchmarks bench NAME`, and figure, gallery, khronos, look, mitsuba-scenes, scene and walks.
 
 `make bench` and `make figure` call it. Errors, warnings and exit codes are those of the `glpath` command.
 """
@@ -23,6 +23,11 @@ app = program(
         ),
         "khronos": Part(
             "benchmarks.khronos_command", GROUP, "Compare sample models of glTF with Cycles, on a page."
+        ),
+        "mitsuba-scenes": Part(
+            "benchmarks.mitsuba_scenes_command",
+            GROUP,
+            "Load Mitsuba's own files, and compare their pictures with Mitsuba's.",
         ),
         "scene": Part(
             "benchmarks.scene_command",

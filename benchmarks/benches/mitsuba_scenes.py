@@ -1,0 +1,260 @@
+"""Mitsuba's own files, read and rendered by glpath and by Mitsuba: which load, and how closely the pictures agree.
+
+The files are those of public repositories (mitsuba-data, mitsuba-tutorials, sionna-rt), of which none ships here.
+Pictures have 96 pixels on the longer side and are rendered in batches, whose spread is the noise. Two figures are
+taken of each pair: the ratio of the means of that channel which differs most, and the largest relative difference
+of a block of 16 x 16 pixels, after three standard errors are taken off. A block darker than a tenth of the picture
+is compared with that tenth. More samples are taken until the noise of the worst block allows a verdict.
+
+verdict:
+    same         : no warning, the mean within 1 % and each block within 5 %, beyond noise
+    warned       : loads, and a warning names the cause of any difference
+    differs      : no warning, though the pictures differ beyond these limits, or noise hides whether they do
+    not compared : no warning, but Mitsuba cannot render the file, or not in time
+    refused      : an error names the element that is not read
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.verdict import Condition, Report, judge, machine
+from glpath.errors import GlpathError, SceneWarning
+from glpath.gl.context import get_context
+from glpath.io import load_scene, scene_parameters
+from glpath.io.completed import aside
+from glpath.rendering.calls import render
+from glpath.scene.model import Float64, Scene
+from glpath.system.versions import versions
+
+RULE = (Condition("loaded", ">=", 100), Condition("same", ">=", 85), Condition("differs", "<=", 0))
+MAX_MEAN_DIFFERENCE = 0.01
+MAX_BLOCK_DIFFERENCE = 0.05
+#: Values of parameters for which a file has no <default>.
+PARAMETERS = {"spp": "16", "res": "96", "integrator": "path", "max_depth": "16"}
+
+_SIDE = 96
+_BLOCK = 16
+_DEPTH = 16
+_BATCHES = 6
+_SAMPLES = (16, 128, 512)  # of a batch; more only if noise hides the verdict
+_SIGMAS = 3.0
+_DARK = 0.1
+_MITSUBA_SECONDS = 240.0
+#: A noisier picture takes no further samples if the last ones took longer, seconds.
+_LONG = 60.0
+
+
+def files_of(folder: Path) -> list[Path]:
+    """All .xml files below a folder, but those in hidden folders."""
+    found = sorted(folder.rglob("*.xml"))
+    return [path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+
+
+def examine(folder: Path, path: Path) -> dict[str, Any]:
+    """The row of one file: whether it loads, its warnings, how far the pictures differ, and the verdict."""
+    row: dict[str, Any] = {"file": path.relative_to(folder).as_posix(), "loads": False, "warnings": []}
+
+    def shortened(text: object) -> str:
+        return " ".join(str(text).replace(f"{folder}/", "").split())
+
+    try:
+        parameters = _parameters(path)
+        with warnings.catch_warnings(record=True) as caught, aside("picture"):
+            warnings.simplefilter("always", SceneWarning)
+            scene = load_scene(path, parameters)
+    except GlpathError as error:
+        return row | {"verdict": "refused", "error": shortened(str(error).splitlines()[0])}
+    row |= {"loads": True, "parameters": parameters}
+    row["warnings"] = list(dict.fromkeys(shortened(each.message) for each in caught))
+    try:
+        row |= _compared(scene, path, parameters)
+    except (GlpathError, subprocess.SubprocessError) as error:
+        row["error"] = shortened(str(error).splitlines()[-1])[:300]
+    return row | {"verdict": verdict(row)}
+
+
+def verdict(row: Mapping[str, Any]) -> str:
+    """The word for a row; see the module."""
+    if not row["loads"]:
+        return "refused"
+    if row["warnings"]:
+        return "warned"
+    if "worst_block" not in row:
+        return "not compared"
+    close = row["mean_difference"] <= MAX_MEAN_DIFFERENCE and row["worst_block"] <= MAX_BLOCK_DIFFERENCE
+    return "same" if close and row["noise"] <= MAX_BLOCK_DIFFERENCE else "differs"
+
+
+def report(rows: Sequence[dict[str, Any]]) -> Report:
+    """The result of all files."""
+    counts = {name: float(sum(row["verdict"] == name for row in rows)) for name in VERDICTS}
+    measured = {"files": float(len(rows)), "loaded": float(sum(row["loads"] for row in rows)), **counts}
+    claim, holds = judge("Mitsuba's files load, and look as in Mitsuba or name the difference", RULE, measured)
+    return Report(
+        "mitsuba-scenes",
+        claim,
+        measured,
+        holds,
+        rows=list(rows),
+        machine=machine(get_context().info.renderer),
+        versions=versions("glpath", "moderngl", "numpy", "mitsuba"),
+    )
+
+
+VERDICTS = ("same", "warned", "differs", "not compared", "refused")
+
+
+def _parameters(path: Path) -> dict[str, str]:
+    """Values for the parameters that a file does not have a default of. Raises GlpathError."""
+    missing = [name for name, (default, _) in scene_parameters(str(path)).items() if default is None]
+    return {name: PARAMETERS[name] for name in missing if name in PARAMETERS}
+
+
+def _compared(scene: Scene, path: Path, parameters: dict[str, str]) -> dict[str, Any]:
+    """Figures of a row. Raises GlpathError, and SubprocessError from Mitsuba."""
+    width, height = scene.camera.resolution
+    shrink = min(1.0, _SIDE / max(width, height))
+    seen = scene.with_camera(resolution=(max(1, round(width * shrink)), max(1, round(height * shrink))))
+    figures: dict[str, Any] = {}
+    for samples in _SAMPLES:
+        start = time.perf_counter()
+        theirs = _mitsubas(seen, path, parameters, samples)
+        ours = _ours(seen, samples)
+        figures = {"samples": samples * _BATCHES, **difference(ours, theirs)}
+        decided = figures["noise"] <= MAX_BLOCK_DIFFERENCE and figures["mean_noise"] <= 0.5 * MAX_MEAN_DIFFERENCE
+        if decided or time.perf_counter() - start > _LONG:
+            break
+    return figures
+
+
+def difference(ours: Float64, theirs: Float64) -> dict[str, float]:
+    """How far two sets of pictures (batches, H, W, 3) differ.
+
+    mean_ratio      : ours over theirs, of the channel that differs most
+    mean_difference : of that channel, relative, beyond `_SIGMAS` standard errors, which are mean_noise
+    worst_block     : the largest of all blocks, likewise; noise is that of the block with the most
+    """
+    channels = [pictures.mean(axis=(1, 2)) for pictures in (ours, theirs)]
+    means, errors = zip(*(_mean_and_error(each) for each in channels), strict=True)
+    scale = np.maximum(means[1], _DARK * means[1].max())
+    scale = np.where(scale > 0, scale, 1.0)
+    mean_noise = _SIGMAS * np.hypot(*errors) / scale
+    beyond = np.maximum(np.abs(means[0] - means[1]) / scale - mean_noise, 0.0)
+    worst = int(np.argmax(beyond + 1e-9 * np.abs(means[0] - means[1])))
+    blocks = [_blocks(pictures.mean(axis=3)) for pictures in (ours, theirs)]
+    block_means, block_errors = zip(*(_mean_and_error(each) for each in blocks), strict=True)
+    block_scale = np.maximum(block_means[1], _DARK * block_means[1].mean())
+    block_scale = np.where(block_scale > 0, block_scale, 1.0)
+    noise = _SIGMAS * np.hypot(*block_errors) / block_scale
+    block_beyond = np.maximum(np.abs(block_means[0] - block_means[1]) / block_scale - noise, 0.0)
+    return {
+        "mean_ratio": _rounded(1.0 + (means[0] - means[1])[worst] / scale[worst]),
+        "mean_difference": _rounded(beyond.max()),
+        "mean_noise": _rounded(mean_noise.max()),
+        "worst_block": _rounded(block_beyond.max()),
+        "noise": _rounded(noise.max()),
+    }
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 5)
+
+
+def _mean_and_error(batches: Float64) -> tuple[Float64, Float64]:
+    """Mean over the first axis, and its standard error."""
+    return batches.mean(axis=0), batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
+
+
+def _blocks(pictures: Float64) -> Float64:
+    """(batches, blocks) means of blocks of pixels; those at the right and bottom edge may be smaller."""
+    rows = np.arange(0, pictures.shape[1], _BLOCK)
+    columns = np.arange(0, pictures.shape[2], _BLOCK)
+    sums = np.add.reduceat(np.add.reduceat(pictures, rows, axis=1), columns, axis=2)
+    ones = np.ones(pictures.shape[1:])
+    counts = np.add.reduceat(np.add.reduceat(ones, rows, axis=0), columns, axis=1)
+    return np.asarray((sums / counts).reshape(len(pictures), -1))
+
+
+def _ours(scene: Scene, samples: int) -> Float64:
+    """(batches, H, W, 3). Raises GlpathError."""
+    films = [
+        render(scene, integrator="path", spp=samples, seed=seed, max_depth=_DEPTH).mean for seed in range(_BATCHES)
+    ]
+    return np.stack(films).astype(np.float64)
+
+
+def _mitsubas(scene: Scene, path: Path, parameters: dict[str, str], samples: int) -> Float64:
+    """(batches, H, W, 3). Raises SubprocessError and GlpathError."""
+    camera = scene.camera
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "pictures.npy"
+        request = {
+            "path": str(path.resolve()),
+            "output": str(output),
+            "parameters": parameters,
+            "size": camera.resolution,
+            "camera": {
+                "position": camera.position.tolist(),
+                "target": camera.target.tolist(),
+                "up": camera.up.tolist(),
+                "fov": camera.fov,
+            },
+            "samples": samples,
+            "batches": _BATCHES,
+            "depth": _DEPTH,
+            "first_seed": 100 + samples,
+        }
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks.peers.mitsuba_file"],
+            input=json.dumps(request),
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_MITSUBA_SECONDS,
+        )
+        if done.returncode:
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise GlpathError(f"Mitsuba ends with {done.returncode}: {last}")
+        return np.asarray(np.load(output), np.float64)
+
+
+def examine_all(
+    folder: Path,
+    kept: Mapping[str, dict[str, Any]],
+    on_rows: Callable[[list[dict[str, Any]]], None],
+    progress: Callable[[str], None] = lambda text: None,
+) -> Report:
+    """Examine all files of a folder but those whose rows are `kept` already; `on_rows` gets all after each.
+
+    Raises GlpathError for a folder without files.
+    """
+    paths = files_of(folder)
+    if not paths:
+        raise GlpathError(f"mitsuba-scenes: {folder} has no .xml file.", "Bring Mitsuba's repositories into it.")
+    rows = {name: kept[name] for name in (path.relative_to(folder).as_posix() for path in paths) if name in kept}
+    for path in paths:
+        name = path.relative_to(folder).as_posix()
+        if name in rows:
+            continue
+        start = time.perf_counter()
+        rows[name] = examine(folder, path)
+        progress(f"{name}: {_summary(rows[name])} ({time.perf_counter() - start:.0f} s)")
+        on_rows([rows[each] for each in sorted(rows)])
+    return report([rows[each] for each in sorted(rows)])
+
+
+def _summary(row: Mapping[str, Any]) -> str:
+    if "worst_block" in row:
+        return f"{row['verdict']}, mean x {row['mean_ratio']:.4f}, worst block {100 * row['worst_block']:.1f} %"
+    return f"{row['verdict']}: {row.get('error', '')}"
