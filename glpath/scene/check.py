@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glpath.scene.camera import CameraKey
 from glpath.scene.choices import PROJECTIONS
-from glpath.scene.model import Camera, Light, Mesh, Scene
+from glpath.scene.model import Camera, Light, Mesh, Scene, Shape
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
 from glpath.scene.source_location import SourceLocation, coordinates
 
@@ -172,12 +172,26 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
         ]
     # A box may be meant as a room, and so may a sphere that shines to its inside.
     shapes = [scene.shapes[index] for index in around]
-    return [
+    found = [
         f'The camera stands inside the sphere "{shape.name}" and sees nothing but its inside. '
         "Move it out, or give the sphere flip_normals = true if it is meant as a room."
         for shape in shapes
         if shape.primitive == "sphere" and not (shape.emits and shape.emission_two_sided)
     ]
+    black = [shape.name for shape in shapes if shape.primitive == "triangle" and _has_black_back(scene, shape)]
+    if black:
+        more = f" (and {len(black) - 1} more shapes)" if len(black) > 1 else ""
+        found.append(
+            f'The camera stands inside the shape "{black[0]}"{more}, whose material has one side, and sees its '
+            "black back. Move the camera out, or give the material two sides: two_sided = true, or doubleSided in "
+            "glTF."
+        )
+    return found
+
+
+def _has_black_back(scene: Scene, shape: Shape) -> bool:
+    material = scene.materials[shape.material]
+    return not (material.two_sided or material.culled or material.alpha != "opaque" or material.transmission > 0)
 
 
 def _about_darkness(scene: Scene) -> list[str]:

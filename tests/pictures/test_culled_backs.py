@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ import pytest
 import glpath
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.io.gltf import read_gltf
 from glpath.scene.model import Float64, Mesh, Scene
+from glpath.scene.tessellate import box_mesh
 from tests.support.gltf_files import Gltf
 
 ENGINES: dict[str, dict[str, Any]] = {
@@ -157,6 +160,93 @@ def test_files_of_viewers_have_no_backs_unless_asked(tmp_path: Path) -> None:
     assert not kept.two_sided
     with DeviceScene(get_context().gl, glpath.load_scene(path, {"backs": "black"})) as device:
         assert not {"HAS_ALPHA", "HAS_CULLING"} & device.defines.keys()
+
+
+def closed_box(folder: Path, name: str, pbr: dict[str, Any], faces: int = 6, eye: float = 4.0, **also: Any) -> Path:
+    """A cube of side 2 around the origin, its fronts outward, with the alpha of `also` in its vertices if given.
+
+    faces : so many of its six faces are of the material; the others are of an opaque one of the same mesh
+    eye   : z of the camera
+    """
+    file = Gltf()
+    alpha = also.pop("vertex_alpha", None)
+    cube = box_mesh((-1, -1, -1), (1, 1, 1))
+    corners, uv, triangles = cube.vertices, cube.uv, cube.faces.reshape(6, 6)
+    assert uv is not None
+    colours = {} if alpha is None else {"COLOR_0": np.tile([1, 1, 1, alpha], (len(corners), 1))}
+    image = np.full((8, 8, 4), 255, np.uint8)
+    image[:, 4:, 3] = 0
+    pbr = {"metallicFactor": 0, "roughnessFactor": 1} | pbr
+    if pbr.pop("holes", False):
+        pbr["baseColorTexture"] = {"index": file.texture(image, magFilter=9728)}
+    material = file.add("materials", pbrMetallicRoughness=pbr, **also)
+    opaque = file.add("materials", pbrMetallicRoughness={"metallicFactor": 0}, doubleSided=also["doubleSided"])
+    mesh = file.mesh(corners, triangles[:faces].ravel(), TEXCOORD_0=uv, material=material, **colours)
+    if faces < 6:
+        other = file.mesh(corners, triangles[faces:].ravel(), TEXCOORD_0=uv, material=opaque)
+        file.json["meshes"][mesh]["primitives"] += file.json["meshes"].pop(other)["primitives"]
+    file.node(mesh=mesh)
+    camera = file.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1, "aspectRatio": 1.0})
+    file.node(camera=camera, translation=[0, 0, eye])
+    return file.write(folder, name)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")
+@pytest.mark.parametrize(
+    ("eye", "given"),
+    [
+        (4.0, {"pbr": {"holes": True}, "alphaMode": "MASK"}),
+        (4.0, {"pbr": {"holes": True}, "alphaMode": "BLEND"}),
+        (4.0, {"pbr": {"baseColorFactor": [0.8, 0.6, 0.4, 0.3]}, "alphaMode": "BLEND"}),
+        (4.0, {"pbr": {}, "alphaMode": "BLEND", "vertex_alpha": 0.4}),
+        (4.0, {"pbr": {"holes": True}, "alphaMode": "MASK", "faces": 4}),
+        (0.5, {"pbr": {"holes": True}, "alphaMode": "MASK"}),
+        (4.0, {"pbr": {}, "faces": 4, "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}}),
+    ],
+    ids=["mask", "blend", "factor", "vertices", "two materials", "eye inside", "glass and paint"],
+)
+def test_far_walls_of_a_closed_mesh_that_lets_light_through_are_lit_as_with_two_sides(
+    eye: float, given: dict[str, Any], tmp_path: Path
+) -> None:
+    """Viewers show nothing there: glass keeps the two sides that it always has, in both files."""
+    found = []
+    for two_sided in (False, True):
+        path = closed_box(tmp_path, f"{two_sided}.gltf", eye=eye, doubleSided=two_sided, **given)
+        scene = glpath.load_scene(path)
+        assert not any(scene.materials[shape.material].culled for shape in scene.shapes)
+        found.append(glpath.render(scene, spp=16, resolution=(24, 24)).mean)
+    assert found[0][8:16, 8:16].min() > 0
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")
+@pytest.mark.parametrize(
+    ("eye", "given", "culled"),
+    [
+        (4.0, {"pbr": {}, "alphaMode": "BLEND"}, False),
+        (4.0, {"pbr": {"holes": True}, "alphaMode": "OPAQUE"}, False),
+        (4.0, {"pbr": {"baseColorFactor": [1, 1, 1, 0.6]}, "alphaMode": "MASK"}, False),
+        (0.5, {"pbr": {}}, True),
+    ],
+    ids=["blend of alpha 1", "opaque", "mask of alpha above its cutoff", "eye inside"],
+)
+def test_backs_of_a_closed_opaque_mesh_are_absent_only_if_the_eye_is_inside(
+    eye: float, given: dict[str, Any], culled: bool, tmp_path: Path
+) -> None:
+    (material,) = glpath.load_scene(closed_box(tmp_path, "a.gltf", eye=eye, doubleSided=False, **given)).materials
+    assert (material.two_sided, material.culled) == (False, culled)
+
+
+def test_an_open_mesh_of_the_same_material_keeps_its_absent_backs(tmp_path: Path) -> None:
+    path = closed_box(tmp_path, "a.gltf", {"holes": True}, alphaMode="MASK", doubleSided=False)
+    file = json.loads(path.read_text())
+    file["meshes"].append({"primitives": [{**file["meshes"][0]["primitives"][0]}]})
+    del file["meshes"][1]["primitives"][0]["indices"]  # the corners in their order are not closed
+    file["nodes"].append({"mesh": 1, "translation": [5, 0, 0]})
+    path.write_text(json.dumps(file))
+    model = read_gltf(path)
+    sides = [(model.materials[s.material].two_sided, model.materials[s.material].culled) for s in model.shapes]
+    assert sides == [(True, False), (False, True)]
 
 
 def test_what_has_a_back_cannot_be_culled() -> None:

@@ -141,6 +141,15 @@ def test_a_light_below_the_ground_is_warned_of():
     assert 'The light "lamp" and the camera are on different sides of the plane "ground"' in warning
 
 
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_a_camera_inside_of_a_mesh_with_one_side_is_warned_of(two_sided: bool):
+    found = scene(type="box", min=[-1, -1, -1], max=[1, 1, 1], radius=None, subdivisions=None)
+    found = replace(found, materials=tuple(replace(each, two_sided=two_sided) for each in found.materials))
+    warnings = check_scene(found.with_camera(position=[0.3, 0.2, 0], target=[0, 0, 0]))
+    assert any("whose material has one side, and sees its black back" in each for each in warnings) != two_sided
+    assert check_scene(found.with_camera(position=[3, 2, 1], target=[0, 0, 0])) == []
+
+
 def test_a_camera_inside_a_sphere_is_warned_of():
     inside = {"eye": (0.3, 0, 0), "target": (0, 0, 0)}
     (warning,) = warnings_of(BALL, **inside)

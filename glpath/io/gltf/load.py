@@ -31,16 +31,19 @@ from glpath.io.gltf.surfaces import Surfaces
 from glpath.io.gltf.table import Table
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.values import LARGEST
+from glpath.scene.appearance import opacity_of
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
+from glpath.scene.sight import winding_number
 from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
+from glpath.scene.tessellate import without_area
 
 #: A mark of `glpath export` in a file's extras: the backs of one-sided materials were black in the scene.
 BLACK_BACKS = {"backs": "black"}
 
-# The shortest axis of a mapped unit sphere over its longest: below it is flat.
-_FLAT = 1e-9
+# The shortest axis of a mapped unit sphere over its longest: below it, numbers of 32 bits mix front and back.
+_FLAT = 1e-7
 # Faces above which it is not asked whether a mesh is closed.
 _LONG_TEST = 2**20
 # Meshes that a note names.
@@ -130,11 +133,15 @@ def read_gltf(
         path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
     look = chosen_variant(document, variant)
     made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
-    shapes = made.all()
+    written = nodes.tables.values
+    views = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
+    cameras = tuple(each for each in views if each is not None)
+    eyes = [camera.position for camera in cameras] if backs == "absent" and not made.backs_were_black else None
+    shapes = made.all(eyes)
     if not shapes:  # points and lines alone are drawn
         made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
         made.primitives.strokes = True
-        shapes = made.all()
+        shapes = made.all(eyes)
         if shapes:
             radii = f"{min(made.primitives.radii):.3g}", f"{max(made.primitives.radii):.3g}"
             warn(
@@ -142,16 +149,11 @@ def read_gltf(
                 f"radius {' to '.join(dict.fromkeys(radii))} in units of their meshes."
             )
             document.notes.texts.pop(ONLY_TRIANGLES, None)
-    if backs == "absent" and not made.backs_were_black:
-        made.cull_backs()
     if shapes:
         warn_of_steps(document.location, made.step, made.low, made.high)
     profiles = Profiles(document)
-    written = nodes.tables.values
     extended = [i for i in nodes.drawn if "extensions" in written[i]]
     lights = [light_of(document, nodes.tables[i], nodes.world[i], light_factor, profiles) for i in extended]
-    found = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
-    cameras = tuple(each for each in found if each is not None)
     if path_of is not None:
         if any(light is not None and path_of.of(i) is not None for light, i in zip(lights, extended, strict=True)):
             document.notes.add("Lights that move while the shutter is open: they are where it opens.")
@@ -228,7 +230,7 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
     raise UsageError(f"{document.location} camera {shown(wanted)} was asked for, but the file has {listed}.")
 
 
-@dataclass
+@dataclass(eq=False)
 class _Group:
     """Instances of one mesh of one primitive, until all are found.
 
@@ -248,6 +250,19 @@ class _Group:
         if self.nodes:
             self.maps.append(world[self.nodes, :3])
             self.nodes = []
+
+    def encloses(self, points: Sequence[Float64]) -> bool:
+        """Return True if an instance of the mesh is closed around one of the points."""
+        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
+        for maps in self.maps if len(points) else ():
+            centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
+            extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
+            for point in points:
+                for world in maps[np.all(np.abs(point - centre) <= extent, axis=1)]:
+                    corners = self.mesh.vertices @ world[:, :3].T + world[:, 3]
+                    if winding_number(corners[self.mesh.faces], point) > 0.5:
+                        return True
+        return False
 
 
 @dataclass
@@ -283,8 +298,12 @@ class _Shapes:
         self.primitives = Primitives(accessors)
         self.skins: dict[int, Skin] = {}
         self.turned: dict[Mesh, Mesh] = {}
+        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # by the axis along which it has no extent
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.parts: dict[int, list[_Part]] = {}  # by the number of the mesh
+        #: Groups that are the primitives of one mesh, by its number and whether it is mirrored; by -1 - node where
+        #: the mesh is the node's own.
+        self.wholes: dict[tuple[int, bool], dict[tuple[Mesh, int, int], _Group]] = {}
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
@@ -294,7 +313,11 @@ class _Shapes:
         #: Names of meshes that change their form while the shutter is open.
         self.bent: list[str] = []
 
-    def all(self) -> list[Shape]:
+    def all(self, eyes: Sequence[Float64] | None = None) -> list[Shape]:
+        """Return a shape for each primitive.
+
+        eyes : positions of cameras, for which backs are lit or absent if they see them; None keeps all backs black
+        """
         for index in self.nodes.drawn:
             number = self._plain_mesh(index)
             if number is None:
@@ -304,9 +327,13 @@ class _Shapes:
         for parts in self.parts.values():
             for part in parts:
                 self._check_extent(part.mesh, self.nodes.world[part.nodes, :3], part.primitive)
-        shapes = []
         for group in self.groups.values():
             group.add_instances(self.nodes.world)
+        if eyes is not None:
+            self._light_backs()
+            self._cull_backs(eyes)
+        shapes = []
+        for group in self.groups.values():
             surface = self.surfaces.surfaces[group.surface]
             shapes.append(
                 Shape(
@@ -326,7 +353,9 @@ class _Shapes:
         values = self.nodes.tables.values[index]
         if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
             return None
-        if self.paths is not None and (self.paths.moving[index] or self.paths.bend(index, [])):
+        if self._flat[index] or (
+            self.paths is not None and (self.paths.moving[index] or self.paths.bend(index, []))
+        ):
             return None
         number: int | None = self.nodes.tables[index].index("mesh", self.document.all("meshes"), "meshes")
         return number
@@ -335,9 +364,6 @@ class _Shapes:
         if number not in self.parts:
             self.parts[number] = self._parts(number)
         for part in self.parts[number]:
-            if self._flat[index]:
-                self.document.notes.add("Meshes that are scaled to nothing.")
-                continue
             self._count(len(part.mesh.faces), part.primitive)
             part.nodes.append(index)
             geometry = self._turned(part.mesh) if self._mirrored[index] else part.mesh
@@ -347,6 +373,7 @@ class _Shapes:
                 suffix = _MIRRORED if self._mirrored[index] else ""
                 self.groups[key] = _Group(f"{name}{part.name}{suffix}", geometry, part.surface, [])
             self.groups[key].nodes.append(index)
+            self.wholes.setdefault((number, self._mirrored[index]), {})[key] = self.groups[key]
 
     def _parts(self, number: int) -> list[_Part]:
         mesh = self.document.all("meshes")[number]
@@ -431,7 +458,7 @@ class _Shapes:
         determinant, size = _stretch(maps[:, :, :3])
         flat = ~(np.abs(determinant) > _FLAT * size)
         if flat.any():
-            self.document.notes.add("Meshes that are scaled to nothing.")
+            self._add_flat(name, mesh, surface, maps[flat], primitive, node)
         mirrored = determinant < 0
         self._count(len(mesh.faces) * int(np.count_nonzero(~flat)), primitive)
         self._check_extent(mesh, maps[~flat], primitive)
@@ -446,6 +473,7 @@ class _Shapes:
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])
+            self.wholes.setdefault((-1 - node, bool(suffix)), {})[key] = self.groups[key]
             self.groups[key].add_instances(self.nodes.world)
             self.groups[key].maps.append(maps[chosen])
             if path is not None:
@@ -455,6 +483,31 @@ class _Shapes:
                 if (before := self.groups[key].motion) is not None:
                     placed = np.concatenate([before.placed, placed])
                 self.groups[key].motion = Motion(self.paths.times, path, placed)
+
+    def _add_flat(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
+        """Instances whose maps flatten them into a plane: of a mesh that is flat itself, by maps that do not."""
+        if self.paths is not None and self.paths.of(node) is not None:
+            self.document.notes.add("Meshes that are scaled to 0 along an axis and move while the shutter is open.")
+            return
+        for world in maps:
+            left, scale, right = np.linalg.svd(world[:, :3])
+            if not scale[1] > _FLAT * scale[0]:  # a line or a point
+                self.document.notes.add("Meshes that are scaled to nothing.")
+                continue
+            axis = right[2] * np.sign(right[2][np.argmax(np.abs(right[2]))])
+            normal = np.linalg.det(left) * np.linalg.det(right) * left[:, 2] * np.sign(axis @ right[2])
+            key = mesh, np.round(axis, 9).tobytes()
+            if key not in self.flat:
+                corners = mesh.vertices - np.outer(mesh.vertices @ axis, axis)
+                self.flat[key] = replace(mesh, vertices=corners, normals=None).without_faces(
+                    without_area(corners[mesh.faces])
+                )
+            if not len(self.flat[key].faces):
+                self.document.notes.add("Meshes of which no triangle has an area.")
+                continue
+            upright = world.copy()
+            upright[:, :3] += np.outer(scale[0] * normal - world[:, :3] @ axis, axis)
+            self._add_shape(name, self.flat[key], surface, upright[None], primitive, node)
 
     def _check_extent(self, mesh: Mesh, maps: Float64, primitive: Table) -> None:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -476,16 +529,70 @@ class _Shapes:
         extras = self.document.root.values.get("extras")  # of any type
         return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
 
-    def cull_backs(self) -> None:
+    def _light_backs(self) -> None:
+        """Give two sides to one-sided materials of closed meshes that one can see into.
+
+        One sees into a closed mesh through holes, or where it lets light through. Viewers show no far wall there.
+        """
+        surfaces = self.surfaces.surfaces
+        seen: dict[int, list[_Group]] = {}  # by the number of the surface
+        for groups in self.wholes.values():
+            clear = [group for group in groups.values() if self._is_see_through(group)]
+            if not clear:
+                continue
+            if len(groups) > 1 and _is_solid(*(group.mesh for group in groups.values())):
+                clear = [group for group in groups.values() if group in clear or not _is_solid(group.mesh)]
+            else:
+                clear = [group for group in clear if _is_solid(group.mesh)]
+            for group in clear:
+                material = surfaces[group.surface].material
+                if (
+                    not material.two_sided
+                    and material.transmission == 0
+                    and group not in seen.get(group.surface, ())
+                ):
+                    seen.setdefault(group.surface, []).append(group)
+        for number, groups_of in seen.items():
+            lit = replace(surfaces[number], material=replace(surfaces[number].material, two_sided=True))
+            if all(group in groups_of for group in self.groups.values() if group.surface == number):
+                surfaces[number] = lit
+                continue
+            surfaces.append(lit)
+            for group in groups_of:
+                group.surface = len(surfaces) - 1
+
+    def _is_see_through(self, group: _Group) -> bool:
+        material = self.surfaces.surfaces[group.surface].material
+        if material.transmission > 0 or material.diffuse_transmission > 0:
+            return True
+        alpha = 1.0
+        if material.texture is not None:
+            image = self.surfaces.textures[material.texture.texture].image
+            if image.shape[2] == 4:
+                alpha = float(image[..., 3].min()) / (255 if image.dtype == np.uint8 else 1)
+        if group.mesh.colours is not None:
+            alpha *= float(group.mesh.colours[:, 3:].min(initial=1.0))
+        return float(opacity_of(material, np.array(alpha))) < 1
+
+    def _cull_backs(self, eyes: Sequence[Float64]) -> None:
         """Of materials that are not doubleSided, where backs can be seen: those of solids cannot from outside."""
         surfaces = self.surfaces.surfaces
         for number, surface in enumerate(surfaces):
             material = surface.material
             if material.two_sided or material.transmission > 0:
                 continue
-            meshes = [group.mesh for group in self.groups.values() if group.surface == number]
-            if not all(len(mesh.faces) <= _LONG_TEST and is_solid(mesh) for mesh in meshes):
+            groups = [group for group in self.groups.values() if group.surface == number]
+            if not all(_is_solid(group.mesh) and not group.encloses(eyes) for group in groups):
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
+
+
+def _is_solid(*meshes: Mesh) -> bool:
+    """Return True if meshes together are closed, with their fronts outward; False if there are too many faces."""
+    if sum(len(mesh.faces) for mesh in meshes) > _LONG_TEST:
+        return False
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = np.concatenate([mesh.faces + at for mesh, at in zip(meshes, first[:-1], strict=True)])
+    return is_solid(Mesh(np.concatenate([mesh.vertices for mesh in meshes]), faces.astype(np.int32)))
 
 
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:

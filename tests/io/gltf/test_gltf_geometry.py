@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from glpath import SceneWarning
 from glpath.io.gltf import Model, read_gltf
 from glpath.scene.model import Mesh, Shapes
+from glpath.scene.tessellate import box_mesh
 from tests.support.gltf_files import TRIANGLE, Gltf
 from tests.support.repository import ROOT
 
@@ -234,6 +236,70 @@ def test_mirrored_nodes_keep_their_fronts_and_normals_outside(tmp_path: Path) ->
     normals = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
     np.testing.assert_allclose(normals, [[0, 0, 1]] * 2)
     np.testing.assert_allclose(shapes.vertex_normals, [[0, 0, 1]] * 6)
+
+
+@pytest.mark.parametrize("flat", [0.0, 1e-9, -1e-9])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_box_scaled_to_zero_along_an_axis_is_its_two_faces_in_a_plane(
+    axis: int, flat: float, tmp_path: Path
+) -> None:
+    """3 x 2, and with both sides: the four faces around it have no area."""
+    scale = np.insert([3.0, 2.0], axis, flat)
+    cube = box_mesh((0, 0, 0), (1, 1, 1))
+    for turn in ([0, 0, 0, 1], [0.5, 0.5, 0.5, 0.5], [0.1, 0.2, 0.3, np.sqrt(0.86)]):
+        file = Gltf()
+        mesh = file.mesh(cube.vertices, cube.faces.ravel(), NORMAL=np.tile([0.0, 1, 0], (len(cube.vertices), 1)))
+        file.node(mesh=mesh, scale=scale.tolist(), rotation=turn, translation=[4, 5, 6])
+        model = read(file, tmp_path)
+        (shape,) = model.shapes
+        found = Shapes(model.shapes)
+        assert not model.notes
+        assert found.triangles.shape == (4, 3, 3)
+        cross = np.cross(
+            found.triangles[:, 1] - found.triangles[:, 0], found.triangles[:, 2] - found.triangles[:, 0]
+        )
+        assert np.linalg.norm(cross, axis=1).sum() / 2 == pytest.approx(2 * 6)
+        np.testing.assert_allclose(cross.sum(axis=0), 0, atol=1e-9)  # one face looks each way
+        expected = Rotation.from_quat(turn).apply(cube.vertices * scale) + np.array([4, 5, 6])
+        gap = np.abs(expected[:, None] - found.triangles.reshape(-1, 3)[None]).max(axis=2)
+        assert gap.min(axis=1).max() < 1e-8
+        assert gap.min(axis=0).max() < 1e-8
+        assert abs(np.linalg.det(shape.world_from_object[0][:, :3])) > 1
+
+
+def test_fronts_of_a_flattened_sheet_are_those_of_its_triangles(tmp_path: Path) -> None:
+    """A sheet in the plane z = 0 that is scaled to 0 along z, as programs write it, is the sheet itself."""
+    file = Gltf()
+    file.node(mesh=file.mesh(NORMAL=[[0, 0, 1]] * 3), scale=[1, 1, 0])
+    np.testing.assert_array_equal(Shapes(read(file, tmp_path).shapes).triangles, [TRIANGLE])
+
+
+@pytest.mark.parametrize("scale", [[0, 0, 2], [1, 0, 0], [0, 0, 0]])
+def test_two_or_three_zero_axes_leave_nothing_and_say_so(scale: list[float], tmp_path: Path) -> None:
+    file = Gltf()
+    cube = box_mesh((0, 0, 0), (1, 1, 1))
+    mesh = file.mesh(cube.vertices, cube.faces.ravel())
+    file.node(mesh=mesh, scale=scale)
+    file.node(mesh=mesh)
+    model = read(file, tmp_path)
+    assert [len(shape.world_from_object) for shape in model.shapes] == [1]
+    assert model.notes == ("Meshes that are scaled to nothing.",)
+
+
+def test_flattened_gpu_instances_share_a_mesh_and_stand_beside_whole_ones(tmp_path: Path) -> None:
+    file = Gltf()
+    file.json["extensionsRequired"] = ["EXT_mesh_gpu_instancing"]
+    cube = box_mesh((0, 0, 0), (1, 1, 1))
+    scale = file.accessor([[1, 1, 1], [1, 0, 1], [2, 0, 3]])
+    place = file.accessor([[0, 0, 0], [5, 0, 0], [9, 0, 0]])
+    attributes = {"SCALE": scale, "TRANSLATION": place}
+    file.node(
+        mesh=file.mesh(cube.vertices, cube.faces.ravel()),
+        extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}},
+    )
+    model = read(file, tmp_path)
+    assert sorted((shape.count, len(shape.world_from_object)) for shape in model.shapes) == [(8, 2), (12, 1)]
+    assert Shapes(model.shapes).bounds[1].tolist() == [11, 1, 3]
 
 
 def test_gpu_instances_stand_where_their_arrays_say(tmp_path: Path) -> None:
