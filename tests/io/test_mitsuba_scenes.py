@@ -270,6 +270,43 @@ def test_surfaces(tmp_path: Path) -> None:
     assert principled.ior == pytest.approx(1.5)
 
 
+def test_shape_without_a_surface_is_black_if_it_is_an_emitter(tmp_path: Path) -> None:
+    """Mitsuba's default surface is diffuse 0.5, and diffuse 0 beside an area emitter, even one of radiance 0."""
+    emitter = '<emitter type="area"><rgb name="radiance" value="{}"/></emitter>'
+    for radiance in ("9 8 7", "0"):
+        scene, _ = read(room(tmp_path, ball(emitter.format(radiance)), '<shape type="cube" id="plain"/>'))
+        materials = [scene.materials[shape_named(scene, name).material] for name in ("ball", "lamp", "plain")]
+        assert [material.reflectance.tolist() for material in materials] == [[0.0] * 3, [0.0] * 3, [0.5] * 3]
+    own = '<bsdf type="diffuse"><float name="reflectance" value="0.3"/></bsdf>'
+    assert surface(tmp_path, emitter.format("1") + own).reflectance.tolist() == [0.3] * 3
+
+
+def test_rotation_about_an_axis_of_another_length_stretches(tmp_path: Path) -> None:
+    steps = '<transform name="to_world"><rotate y="1" z="1" angle="35"/></transform>'
+    scene, _ = read(file(tmp_path, CAMERA, LAMP, f'<shape type="cube" id="it">{steps}</shape>'))
+    # The matrix of Mitsuba 3.9.1: ScalarTransform4f().rotate([0, 1, 1], 35).
+    expected = [[0.819152, -0.573576, 0.573576], [0.573576, 1, 0.180848], [-0.573576, 0.180848, 1]]
+    np.testing.assert_allclose(shape_named(scene, "it").world_from_object[0][:, :3], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_emitters_that_are_hidden_are_no_background(inside: bool, tmp_path: Path) -> None:
+    hides = '<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>'
+    if inside:
+        hides = f'<integrator type="aov"><string name="aovs" value="d:depth"/>{hides}</integrator>'
+    sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+    scene, told = read(file(tmp_path, hides, CAMERA, sky, FLOOR))
+    assert scene.background is not None
+    assert scene.background.transparent
+    assert told == []
+    film = glpath.render(scene, spp=4, max_depth=2, integrator="path")
+    assert film.mean[:4].max() == 0.0  # Mitsuba's film is black there, with alpha 0
+    assert film.mean[-4:].min() > 0.1
+    scene, told = read(file(tmp_path, hides, CAMERA, LAMP, FLOOR))
+    assert scene.background is None
+    assert any("`hide_emitters` is not read" in text for text in told)
+
+
 def test_nonlinear_plastic_is_darker_by_what_is_absorbed_between_bounces(tmp_path: Path) -> None:
     made = surface(
         tmp_path,

@@ -15,6 +15,7 @@ from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.mitsuba.shapes import Reader
 from glpath.io.mitsuba.surfaces import Surfaces
 from glpath.io.mitsuba.textures import Textures
+from glpath.scene.background import Background
 from glpath.scene.check import check_camera
 from glpath.scene.model import Scene, Shapes
 from glpath.scene.source_location import SourceLocation
@@ -36,6 +37,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     textures = Textures()
     surfaces = Surfaces(textures)
     reader, emitters, camera = Reader(surfaces, textures), Emitters(), None
+    hides_emitters = False
     for child in document.root.children:
         element = document.resolved(child)
         if element.tag == "shape":
@@ -48,12 +50,16 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
             camera = camera_of(Plugin(element, document))
         elif element.tag == "sensor":
             emitters.notes["of several sensors the first is taken"] = None
+        elif element.tag == "integrator":
+            hides_emitters = _hides_emitters(Plugin(element, document))
         elif element.tag not in _ASIDE:
             allowed = ", ".join(("shape", "emitter", "sensor", *_ASIDE))
             raise element.location.error(f"is an element of a scene that is not read. Allowed: {allowed}.")
     reader.finish()
     if not reader.shapes:
         raise location.error("has no shapes, so there is nothing to see.", 'Add a <shape type="sphere"/>.')
+    if hides_emitters and any(shape.emits for shape in reader.shapes):
+        emitters.notes["`hide_emitters` is not read: the camera sees the area lights"] = None
     for note in (*surfaces.notes, *emitters.notes):
         warn(f"{path}: {note}.")
     scene = Scene(
@@ -65,10 +71,17 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         textures=tuple(textures.textures),
         lights=tuple(emitters.lights),
         sky=emitters.sky,
+        background=Background(transparent=True) if hides_emitters and emitters.sky is not None else None,
     )
     if camera is not None:
         check_camera(scene.camera, location)
     return replace(completed(scene, has_camera=camera is not None), source=str(path))
+
+
+def _hides_emitters(integrator: Plugin) -> bool:
+    """Return True if an integrator, or one inside it, hides emitters from the camera."""
+    inside = [_hides_emitters(each) for each in integrator.nested("integrator")]
+    return integrator.flag("hide_emitters", False) or any(inside)
 
 
 def mitsuba_parameters(path: Path, given: Mapping[str, object] | None = None) -> dict[str, str | None]:

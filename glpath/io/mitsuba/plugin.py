@@ -11,7 +11,6 @@ from glpath.io.mitsuba.document import Document, Element
 from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.pyrr_matrices import matrix44
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
@@ -254,9 +253,12 @@ def _rotate(step: Element) -> Float64:
     axis = _vector(step, 0.0)
     if not np.linalg.norm(axis) > 0:
         raise step.location.error("has an axis of length zero.", 'For example <rotate y="1" angle="30"/>.')
-    (angle,) = _numbers(step, "angle", (1,))
-    # pyrr multiplies row vectors from the left.
-    return np.asarray(matrix44.create_from_axis_rotation(axis, np.radians(angle)), np.float64).T
+    (degrees,) = _numbers(step, "angle", (1,))
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    # Rodrigues' formula. Mitsuba does not normalize the axis, so another length than 1 also stretches.
+    matrix = np.eye(4)
+    matrix[:3, :3] = cosine * np.eye(3) + sine * np.cross(np.eye(3), axis) + (1.0 - cosine) * np.outer(axis, axis)
+    return matrix
 
 
 def _matrix(step: Element) -> Float64:

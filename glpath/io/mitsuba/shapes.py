@@ -88,10 +88,11 @@ class Reader:
 
     def _part(self, plugin: Plugin, name: str) -> _Part:
         surface = next(iter(plugin.nested("bsdf")), None)
-        emission, look = self._light(plugin)
+        emitter = self._emitter(plugin)
+        emission, look = (np.zeros(3), None) if emitter is None else self._light(emitter)
         interior = next(iter(plugin.nested("medium", "interior")), None)
         coloured = self.surfaces.coloured(surface)
-        material = self.surfaces.number(surface, interior, look, name)
+        material = self.surfaces.number(surface, interior, look, name, emits=emitter is not None)
         matrix = plugin.transform("to_world")
         flips = plugin.flag("flip_normals", False)
         geometry: Mesh | Literal["sphere"]
@@ -134,14 +135,17 @@ class Reader:
             self._meshes[*key, "turned"] = self._meshes[key].turned()
         return self._meshes[*key, "turned"]
 
-    def _light(self, plugin: Plugin) -> tuple[Float64, Look | None]:
-        """The radiance of a shape, and the picture that it is multiplied by."""
+    def _emitter(self, plugin: Plugin) -> Plugin | None:
+        """The area light of a shape, if it has one."""
         emitters = plugin.nested("emitter")
         if not emitters:
-            return np.zeros(3), None
-        emitter = emitters[0]
-        if emitter.kind != "area" or len(emitters) > 1:
-            raise error_of_kind(emitter.element, "light of a shape", {"area": None})
+            return None
+        if emitters[0].kind != "area" or len(emitters) > 1:
+            raise error_of_kind(emitters[0].element, "light of a shape", {"area": None})
+        return emitters[0]
+
+    def _light(self, emitter: Plugin) -> tuple[Float64, Look | None]:
+        """The radiance of an area light, and the picture that multiplies it."""
         texture = emitter.texture("radiance")
         radiance = emitter.colour("radiance", 1.0, light=True) if texture is None else np.ones(3)
         if "sampling_weight" in emitter:

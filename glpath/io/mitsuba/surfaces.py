@@ -50,17 +50,27 @@ class Surfaces:
     _made: dict[int, Fields] = field(default_factory=dict)
     _names: set[str] = field(default_factory=set)
 
-    def number(self, plugin: Plugin | None, interior: Plugin | None, emission: Look | None, name: str) -> int:
+    def number(
+        self,
+        plugin: Plugin | None,
+        interior: Plugin | None,
+        emission: Look | None,
+        name: str,
+        *,
+        emits: bool = False,
+    ) -> int:
         """The index of a shape's material.
 
-        plugin   : its surface; None is Mitsuba's default, diffuse grey of one side
+        plugin   : its surface; None is Mitsuba's default, diffuse of one side: grey, or black if the shape emits
         interior : the medium in it
         emission : the picture of its light
         name     : of the shape, for a material without an id
         """
-        key = (plugin and id(plugin.element), interior and id(interior.element), emission and id(emission))
+        surface: object = ("default", emits) if plugin is None else id(plugin.element)
+        key = (surface, interior and id(interior.element), emission and id(emission))
         if key not in self._known:
-            fields = dict(self._fields(plugin)) if plugin is not None else _diffuse(np.full(3, 0.5))
+            default = _diffuse(np.full(3, 0.0 if emits else 0.5))
+            fields = dict(self._fields(plugin)) if plugin is not None else default
             if interior is not None:
                 fields["attenuation"] = self._attenuation(interior, fields)
             if emission is not None:
