@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 VARIANT = "scalar_rgb"
-#: Colours in which Sionna previews its radio materials, linear Rec. 709 (sionna-rt, ITURadioMaterial).
+#: A plugin that is Sionna's.
 RADIO_MATERIAL = "itu-radio-material"
 
 
@@ -83,15 +83,15 @@ def render_file(
 
 
 def _preview(mi: Any, properties: Any) -> None:
-    """Replace a radio material by the diffuse surface in which Sionna shows it."""
-    from glpath.io.mitsuba.radio_materials import radio_colour
+    """Replace a radio material by the diffuse surface that Sionna shows."""
+    from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
 
-    own = properties.get("color", None)
-    colour = radio_colour(str(properties["type"])) if own is None else np.array(own, np.float64)
+    colour = properties.get("color", RADIO_COLOURS[str(properties["type"])])
     for key in list(properties.keys()):
         del properties[key]
-    properties.set_plugin_name("diffuse")
-    properties["reflectance"] = mi.ScalarColor3f(*(float(each) for each in colour))
+    reflectance = {"type": "rgb", "value": [float(each) for each in colour]}
+    properties.set_plugin_name("twosided")
+    properties["shown"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
 
 
 def _sensor(mi: Any, camera: dict[str, Any], size: tuple[int, int]) -> Any:

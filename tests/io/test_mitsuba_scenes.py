@@ -470,8 +470,24 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
         (ball('<bsdf type="diffuse"><float name="reflectance" value="2"/></bsdf>'), "must be between 0 and 1"),
         (ball('<bsdf type="diffuse"><float name="reflectance" value="two"/></bsdf>'), 'has value="two"'),
         (
-            ball('<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.1, 700:0.2"/></bsdf>'),
-            "is a spectrum by wavelengths",
+            ball('<bsdf type="diffuse"><spectrum name="reflectance" value="700:0.1, 400:0.2"/></bsdf>'),
+            "has wavelengths that do not ascend",
+        ),
+        (
+            ball('<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.1:3"/></bsdf>'),
+            "Allowed: pairs of a wavelength",
+        ),
+        (
+            ball('<bsdf type="diffuse"><spectrum name="reflectance" type="d56"/></bsdf>'),
+            'is a spectrum of the type "d56".*Did you mean "d65"',
+        ),
+        (
+            ball('<bsdf type="diffuse"><spectrum name="reflectance" type="blackbody"/></bsdf>'),
+            "which is the spectrum of a light only",
+        ),
+        (
+            ball('<bsdf type="itu-radio-material"><string name="type" value="mud"/></bsdf>'),
+            "must be one of: marble, concrete",
         ),
         (
             ball('<bsdf type="diffuse"><boolean name="reflectance" value="true"/></bsdf>'),
@@ -483,10 +499,9 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
         ),
         (
             ball(
-                '<bsdf type="dielectric"><float name="int_ior" value="1"/>'
-                '<float name="ext_ior" value="1.5"/></bsdf>'
+                '<bsdf type="plastic"><float name="int_ior" value="1"/><float name="ext_ior" value="1.5"/></bsdf>'
             ),
-            "flip_normals",
+            "Exchange int_ior and ext_ior",
         ),
         (ball('<bsdf type="conductor"><string name="material" value="Xx"/></bsdf>'), "Or give eta and k"),
         (
@@ -495,10 +510,10 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
         ),
         (ball('<bsdf type="twosided"><bsdf type="dielectric"/></bsdf>'), "Take it out of it"),
         (
-            ball('<bsdf type="twosided"><bsdf type="diffuse"/><bsdf type="diffuse"/></bsdf>'),
-            "Of two sides that differ, make two shapes",
+            ball(f'<bsdf type="twosided">{3 * """<bsdf type="diffuse"/>"""}</bsdf>'),
+            "has 3 surfaces in it, but must have one or two",
         ),
-        (ball('<bsdf type="bumpmap"/>'), "bumpmap"),
+        (ball('<bsdf type="bumpmap"/>'), "has 0 textures in it, but must have one, of heights"),
         (
             ball('<bsdf type="blendbsdf"><bsdf type="plastic"/><bsdf type="diffuse"/></bsdf>'),
             "which is no one material here",
@@ -512,7 +527,8 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
             ball('<emitter type="area"><blackbody name="radiance" temperature="3000"/></emitter>'),
             "<blackbody .*is an element that is not read",
         ),
-        (ball("", "cylinder"), "Make triangles of it, as PLY"),
+        (ball("", "sdfgrid"), "Make triangles of it, as PLY"),
+        (ball('<point name="p1" value="0 0 0"/>', "cylinder"), "has p0 and p1 at one point"),
         (
             '<shape type="ply"><string name="filename" value="no.ply"/></shape>',
             "names the mesh file .*no.ply, which does not exist",
@@ -563,6 +579,188 @@ def test_the_command_takes_a_file_of_mitsuba_with_its_parameters(tmp_path: Path)
     assert "12 x 24" in done.output
 
 
+# Spectra
+
+
+@pytest.mark.parametrize(
+    ("values", "rgb"),
+    [
+        # By scalar_rgb of Mitsuba 3.9.1, as it prints the loaded plugin.
+        ("400:0.343, 500:0.747, 600:0.74, 700:0.737", (0.722753, 0.759588, 0.535498)),
+        ("400:0,450:0.9,500:1,700:0", (0.250554, 0.827118, 0.811504)),
+        ("400:3, 500:.4, 600:.5,700:.6", (0.616618, 0.338803, 1.0)),
+    ],
+)
+def test_a_reflectance_by_wavelengths_has_the_colour_that_mitsuba_gives_it(
+    values: str, rgb: tuple[float, ...], tmp_path: Path
+) -> None:
+    text = f'<bsdf type="diffuse"><spectrum name="reflectance" value="{values}"/></bsdf>'
+    np.testing.assert_allclose(surface(tmp_path, text).reflectance, rgb, rtol=2e-3)
+    (tmp_path / "a.spd").write_text("# nm, share\n" + values.replace(":", " ").replace(",", "\n"))
+    text = '<bsdf type="diffuse"><spectrum name="reflectance" filename="a.spd"/></bsdf>'
+    np.testing.assert_allclose(surface(tmp_path, text).reflectance, rgb, rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("spectrum", "rgb"),
+    [
+        ('value="400:0, 500:8, 600:15.6, 700:18.4"', (20.7108, 10.8546, 2.77115)),
+        ('value="490:1, 510:1"', (0, 0.116647, 0.0436783)),
+        ('value="2"', (2.40959, 1.89658, 1.81783)),
+        ('type="d65"', (1, 1, 1)),
+        # By scalar_spectral of Mitsuba 3.9.1, to its noise.
+        ('type="blackbody"><float name="temperature" value="5000"/', (15267, 12096, 9551)),
+        ('type="uniform"><float name="value" value="2"/', (2, 2, 2)),
+        (
+            'type="irregular"><string name="wavelengths" value="400, 500, 600, 700"/>'
+            '<string name="values" value="0, 8, 15.6, 18.4"/',
+            (20.7108, 10.8546, 2.77115),
+        ),
+        (
+            'type="regular"><float name="wavelength_min" value="400"/><float name="wavelength_max" value="700"/>'
+            '<string name="values" value="0, 8, 15.6, 18.4"/',
+            (20.7108, 10.8546, 2.77115),
+        ),
+    ],
+)
+def test_a_light_by_wavelengths_has_the_colour_that_mitsuba_gives_it(
+    spectrum: str, rgb: tuple[float, ...], tmp_path: Path
+) -> None:
+    end = "/>" if "><" not in spectrum else "></spectrum>"
+    light = f'<emitter type="point"><spectrum name="intensity" {spectrum}{end}</emitter>'
+    (lamp,) = glpath.load_scene(file(tmp_path, FLOOR, CAMERA, light)).lights
+    np.testing.assert_allclose(lamp.intensity, rgb, rtol=5e-3, atol=1e-3)
+
+
+# Shapes and surfaces of Mitsuba's own scenes
+
+
+def test_two_sides_are_two_shapes_each_without_its_back(tmp_path: Path) -> None:
+    sides = "".join(
+        f'<bsdf type="diffuse" id="{name}"><rgb name="reflectance" value="{rgb}"/></bsdf>'
+        for name, rgb in (("front", "1 0 0"), ("back", "0 0 1"))
+    )
+    square = f'<shape type="rectangle" id="square"><bsdf type="twosided">{sides}</bsdf></shape>'
+    colours = []
+    for z in (4, -4):
+        view = CAMERA.replace("0, 1.5, 6", f"0, 0, {z}").replace("0, 0.8, 0", "0, 0, 0")
+        scene = glpath.load_scene(file(tmp_path, '<emitter type="constant"/>', view, square))
+        colours.append(glpath.render(scene, spp=64, integrator="path", resolution=(8, 8)).mean[4, 4])
+    np.testing.assert_allclose(colours, [[1, 0, 0], [0, 0, 1]], rtol=0.1)
+
+
+def test_a_cylinder_is_an_open_tube(tmp_path: Path) -> None:
+    tube = '<point name="p0" value="1 2 3"/><point name="p1" value="1 2 5"/><float name="radius" value="0.5"/>'
+    scene = glpath.load_scene(file(tmp_path, CAMERA, LAMP, f'<shape type="cylinder" id="tube">{tube}</shape>'))
+    mesh = shape_named(scene, "tube").geometry
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(normals, axis=1).sum() / 2 == pytest.approx(2 * np.pi * 0.5 * 2, rel=1e-3)
+    outward = corners.mean(axis=1)[:, :2] - (1, 2)
+    assert np.all(np.einsum("ij,ij->i", normals[:, :2], outward) > 0)
+    assert (mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()) == (3, 5)
+
+
+@pytest.mark.parametrize("element", ["vertex", "face"])
+def test_colours_of_ply_elements_are_read_by_their_names(element: str, tmp_path: Path) -> None:
+    """As in Mitsuba's own meshes: vertex_color is color_0 to color_2 of vertices, face_color of faces."""
+    colour = "".join(f"property float color_{channel}\n" for channel in range(3))
+    of_vertex, of_face = (colour if each == element else "" for each in ("vertex", "face"))
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        f"{of_vertex}element face 2\nproperty list uchar int vertex_indices\n{of_face}end_header\n"
+        + "".join(
+            f"{x} {y} 0{f' 0.{x} 0.{y} 0.5' if of_vertex else ''}\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))
+        )
+        + "".join(
+            f"3 {face}{f' 0.{number} 0.2 0.3' if of_face else ''}\n"
+            for number, face in ((1, "0 1 2"), (4, "0 2 3"))
+        )
+    )
+    scene = glpath.load_scene(
+        file(
+            tmp_path,
+            CAMERA,
+            LAMP,
+            '<shape type="ply" id="it"><string name="filename" value="a.ply"/><bsdf type="diffuse"><texture '
+            f'type="mesh_attribute" name="reflectance"><string name="name" value="{element}_color"/></texture>'
+            "</bsdf></shape>",
+        )
+    )
+    mesh = shape_named(scene, "it").geometry
+    if element == "vertex":
+        np.testing.assert_allclose(
+            mesh.colours[:, :3], [[0, 0, 0.5], [0.1, 0, 0.5], [0.1, 0.1, 0.5], [0, 0.1, 0.5]]
+        )
+    else:
+        np.testing.assert_allclose(mesh.colours[mesh.faces][:, :, 0], [[0.1] * 3, [0.4] * 3])
+
+
+def test_textured_alphas_are_roughness_and_a_direction(tmp_path: Path) -> None:
+    alphas = "".join(
+        f'<texture name="{name}" type="checkerboard"><float name="color0" value="{first}"/>'
+        f'<float name="color1" value="{second}"/></texture>'
+        for name, first, second in (("alpha_u", 0.04, 0.25), ("alpha_v", 0.25, 0.04))
+    )
+    scene, told = read(
+        room(
+            tmp_path, ball(f'<bsdf type="roughconductor"><string name="distribution" value="ggx"/>{alphas}</bsdf>')
+        )
+    )
+    assert told == []
+    (material,) = (scene.materials[each.material] for each in scene.shapes if each.name == "ball")
+    rough, turned = (
+        scene.textures[slot.texture].image for slot in (material.surface_texture, material.anisotropy_texture)
+    )
+    np.testing.assert_allclose(rough[..., 1], 0.2, rtol=1e-6)
+    # Stretched along v where the first colour is, along u where the second is.
+    np.testing.assert_allclose(turned[0, :, 0], [0.5, 1.0])
+    np.testing.assert_allclose(turned[0, :, 1], [1.0, 0.5])
+    # KHR_materials_anisotropy: alpha along the tangent is mix(alpha, 1, anisotropy^2).
+    np.testing.assert_allclose(0.04 + (1 - 0.04) * turned[..., 2] ** 2, 0.25, rtol=1e-6)
+
+
+def test_glass_that_is_denser_outside_is_turned(tmp_path: Path) -> None:
+    """A bubble of air in water."""
+    bubble = (
+        '<bsdf type="dielectric"><string name="int_ior" value="air"/><string name="ext_ior" value="water"/></bsdf>'
+    )
+    scene = glpath.load_scene(room(tmp_path, ball(bubble)))
+    shape = shape_named(scene, "ball")
+    assert scene.materials[shape.material].ior == pytest.approx(1.333 / 1.000277)
+    assert np.linalg.det(shape.world_from_object[0, :, :3]) < 0
+
+
+def test_radio_materials_have_the_colours_of_sionna(tmp_path: Path) -> None:
+    walls = "".join(
+        ball(f'<bsdf type="itu-radio-material"><string name="type" value="{kind}"/></bsdf>').replace("ball", kind)
+        for kind in ("brick", "glass")
+    )
+    scene, told = read(room(tmp_path, walls))
+    assert len(told) == 1
+    assert "radio materials are diffuse surfaces" in told[0]
+    brick = scene.materials[shape_named(scene, "brick").material]
+    assert brick.reflectance.tolist() == [0.402, 0.112, 0.087]
+    assert brick.two_sided
+
+
+def test_what_changes_nothing_is_read(tmp_path: Path) -> None:
+    principled = '<bsdf type="principled"><float name="sheen_tint" value="0.5"/></bsdf>'
+    path = tmp_path / "grey.png"
+    path.write_bytes(encode_png(np.full((2, 2, 3), 128, np.uint8)))
+    texture = (
+        '<texture type="bitmap" name="reflectance"><string name="filename" value="grey.png"/>'
+        '<string name="format" value="variant"/></texture>'
+    )
+    flat = '<texture type="rawconstant" name="normalmap"><vector name="value" value="0.5, 0.5, 1"/></texture>'
+    for text in (
+        principled,
+        f'<bsdf type="diffuse">{texture}</bsdf>',
+        f'<bsdf type="normalmap">{flat}<bsdf type="diffuse"/></bsdf>',
+    ):
+        assert read(room(tmp_path, ball(text)))[1] == []
+
+
 # Mitsuba itself
 
 
@@ -609,6 +807,19 @@ WITNESSES = {
     "textured": f'<bsdf type="diffuse">{IMAGE.format("reflectance")}</bsdf>',
     "checkers": '<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">'
     '<transform name="to_uv"><scale x="4" y="2"/></transform></texture></bsdf>',
+    "woven": '<bsdf type="roughconductor"><string name="distribution" value="ggx"/>'
+    + "".join(
+        f'<texture type="checkerboard" name="{name}"><transform name="to_uv"><scale x="6" y="3"/></transform>'
+        f'<float name="color0" value="{first}"/><float name="color1" value="{second}"/></texture>'
+        for name, first, second in (("alpha_u", 0.05, 0.4), ("alpha_v", 0.4, 0.05))
+    )
+    + "</bsdf>",
+    "bump": f'<bsdf type="bumpmap">{IMAGE.format("heights")}<float name="scale" value="0.2"/>'
+    '<bsdf type="diffuse"/></bsdf>',
+    "bubble": '<bsdf type="dielectric"><string name="int_ior" value="air"/>'
+    '<string name="ext_ior" value="water"/></bsdf>',
+    "spectral": '<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.3, 550:0.4, 700:0.8"/></bsdf>',
+    "two sides": '<bsdf type="twosided"><bsdf type="diffuse"/><bsdf type="conductor"/></bsdf>',
     "veil": '<bsdf type="mask"><float name="opacity" value="0.6"/>'
     '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>',
 }
@@ -617,7 +828,7 @@ OFF = {"beckmann": 0.05, "principled": 0.03, "plastic": 0.04, "nonlinear": 0.03,
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("shape", ["sphere", "cube"])
+@pytest.mark.parametrize("shape", ["sphere", "cube", "cylinder"])
 @pytest.mark.parametrize("name", WITNESSES)
 def test_a_surface_looks_as_mitsuba_has_it(name: str, shape: str, tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(encode_png(np.random.default_rng(0).integers(0, 256, (4, 8, 3), np.uint8)))

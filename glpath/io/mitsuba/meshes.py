@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh.exchange.ply import load_ply
 
 from glpath.io.export.geometry import v_downwards
 from glpath.io.meshes import mesh_of_loaded, read_mesh_file
 from glpath.io.mitsuba.plugin import Plugin
-from glpath.scene.geometry import Float64, Mesh, unit_normals
+from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
 from glpath.system.files import read_bytes
 
-_SEGMENTS = 128  # of a disk
+_SEGMENTS = 128  # of a disk or a cylinder
 # Of a cube's faces the corners where uv is (0, 1), (1, 1), (1, 0) and (0, 0), v downwards.
 _CUBE = np.array(
     [
@@ -37,16 +38,12 @@ _CUBE = np.array(
 _CUBE_UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
 _CUBE_FACES = np.concatenate([np.array([(0, 1, 2), (3, 0, 2)], np.int32) + 4 * face for face in range(6)])
 _SERIALIZED = 0x041C
-_PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
-_PLY_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
-_PLY_TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
-_PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
 
-def read_file(plugin: Plugin, suffix: str, *, coloured: bool) -> Mesh:
+def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
     """The mesh of an OBJ, PLY or serialized file. Raises SceneError.
 
-    coloured : with the colours of its vertices, which it must have
+    attribute : whose colours it has, and must have in its file, such as vertex_color or face_color
     """
     name = plugin.text("filename")
     where = plugin.where("filename")
@@ -68,15 +65,40 @@ def read_file(plugin: Plugin, suffix: str, *, coloured: bool) -> Mesh:
         mesh = replace(mesh, normals=None)
     elif mesh.normals is None:
         mesh = replace(mesh, normals=smooth_normals(mesh))
-    if not coloured:
+    if not attribute:
         return mesh
-    colours = _ply_colours(read_bytes(path)) if suffix == ".ply" else None
-    if colours is None or len(colours) != len(mesh.vertices):
+    of_faces = attribute.startswith("face_")
+    colours = _ply_attribute(path, attribute) if suffix == ".ply" else None
+    if colours is None or len(colours) != len(mesh.faces if of_faces else mesh.vertices):
+        element, _, stem = attribute.partition("_")
         raise where.error(
-            f"names {name}, whose vertices have no colours r, g and b, but its surface asks for vertex_color.",
+            f"names {name}, whose {element} elements have no {stem}_0, {stem}_1 and {stem}_2, but its surface asks "
+            f"for {attribute}.",
             "Write the file with them, or give the surface a colour.",
         )
-    return replace(mesh, colours=np.concatenate([colours, np.ones((len(colours), 1))], axis=1))
+    colours = np.concatenate([colours, np.ones((len(colours), 1))], axis=1)
+    if not of_faces:
+        return replace(mesh, colours=colours)
+    corners = mesh.faces.ravel()
+    apart = {name: None if each is None else each[corners] for name, each in mesh.of_vertices.items()}
+    apart["colours"] = np.repeat(colours, 3, axis=0)
+    return Mesh(mesh.vertices[corners], np.arange(len(corners), dtype=np.int32).reshape(-1, 3), **apart)
+
+
+def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:
+    """Scene units of one u and of one v: means over the area of a mesh; 1 without texture coordinates."""
+    if mesh.uv is None:
+        return 1.0, 1.0
+    corners = placed(mesh.vertices, world_from_mesh)[mesh.faces]
+    uv = mesh.uv[mesh.faces]
+    sides, uv_sides = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    valid = np.abs(np.linalg.det(uv_sides)) > 1e-12
+    if not area[valid].sum() > 0:
+        return 1.0, 1.0
+    along = np.linalg.norm(np.linalg.solve(uv_sides[valid], sides[valid]), axis=2)
+    u, v = np.average(along, axis=0, weights=area[valid])
+    return float(u), float(v)
 
 
 def rectangle() -> Mesh:
@@ -103,6 +125,29 @@ def disk() -> Mesh:
     number = np.arange(_SEGMENTS)
     faces = np.stack([_SEGMENTS + 1 + number, number, number + 1], axis=1).astype(np.int32)
     return _v_down(Mesh(vertices, faces, uv=uv))
+
+
+def cylinder(start: Float64, end: Float64, radius: float) -> Mesh:
+    """A tube from one point to another without caps, its front outside. u is the angle, v the way along it."""
+    angles = 2.0 * np.pi * np.arange(_SEGMENTS + 1) / _SEGMENTS
+    axis = end - start
+    length = float(np.linalg.norm(axis))
+    # Mitsuba's frame about the axis [Duff et al. 2017].
+    x, y, z = axis / length
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    frame = np.array([[sign * x * x * a + 1.0, sign * b, -sign * x], [b, y * y * a + sign, -y]])
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ frame
+    # The polygon has the mean radius of the circle, so that the tube is as wide in the mean.
+    rim = radius * (np.pi / _SEGMENTS) / np.sin(np.pi / _SEGMENTS) * normals
+    u = np.arange(_SEGMENTS + 1) / _SEGMENTS
+    uv = np.concatenate([np.stack([u, np.full_like(u, v)], axis=1) for v in (0.0, 1.0)])
+    low = np.arange(_SEGMENTS)
+    high = low + _SEGMENTS + 1
+    faces = np.concatenate([np.stack([low, low + 1, high + 1], 1), np.stack([low, high + 1, high], 1)])
+    vertices = np.concatenate([start + rim, end + rim])
+    return _v_down(Mesh(vertices, faces.astype(np.int32), uv, np.concatenate([normals, normals])))
 
 
 def smooth_normals(mesh: Mesh) -> Float64:
@@ -139,41 +184,23 @@ def _joined(meshes: list[Mesh]) -> Mesh:
     )
 
 
-def _ply_colours(content: bytes) -> Float64 | None:
-    """(V, 3) of the properties r, g and b of a PLY's vertices, numbers of any kind; None without.
+def _ply_attribute(path: Path, attribute: str) -> Float64 | None:
+    """(N, 3) of the vertices or faces of a PLY: NAME_0 to NAME_2, NAME_0 alone, or r, g and b; None without.
 
-    trimesh knows colours of bytes only.
+    attribute : vertex_NAME or face_NAME
     """
-    header, _, body = content.partition(b"end_header")
-    body = body[body.index(b"\n") + 1 :]
-    lines = header.decode("ascii", errors="replace").splitlines()
-    order = next((line.split()[1] for line in lines if line.startswith("format ")), "")
-    names: list[tuple[str, str]] = []
-    count, in_vertices = 0, False
-    for words in (line.split() for line in lines):
-        if words[:1] == ["element"]:
-            in_vertices = words[1] == "vertex"
-            if not in_vertices and not count:
-                return None  # vertices that are not first
-            count = int(words[2]) if in_vertices else count
-        elif words[:1] == ["property"] and in_vertices:
-            if words[1] not in _PLY_TYPES:
-                return None
-            names.append((words[2], _PLY_TYPES[words[1]]))
-    if not {"r", "g", "b"} <= {name for name, _ in names}:
+    element, _, stem = attribute.partition("_")
+    with path.open("rb") as file:
+        data = load_ply(file)["metadata"]["_ply_raw"].get(element, {}).get("data")
+    known = () if data is None else data.dtype.names if isinstance(data, np.ndarray) else data
+    names = [f"{stem}_{channel}" for channel in range(3)]
+    if stem == "color" and {"r", "g", "b"} <= set(known or ()):
+        names = list("rgb")
+    elif f"{stem}_1" not in (known or ()):
+        names = [f"{stem}_0"] * 3
+    if data is None or not set(names) <= set(known or ()):
         return None
-    if order == "ascii":
-        rows = np.loadtxt(body.decode("ascii").splitlines()[:count], ndmin=2)
-        columns = [rows[:, [name for name, _ in names].index(letter)] for letter in "rgb"]
-    elif order in _PLY_ORDERS:
-        dtype = np.dtype([(name, _PLY_ORDERS[order] + kind) for name, kind in names])
-        if len(body) < count * dtype.itemsize:
-            return None
-        table = np.frombuffer(body, dtype, count)
-        columns = [table[letter] for letter in "rgb"]
-    else:
-        return None
-    return np.stack(columns, axis=1).astype(np.float64)
+    return np.stack([np.asarray(data[name], np.float64).ravel() for name in names], axis=1)
 
 
 def _serialized(plugin: Plugin, path: Path) -> Mesh:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from glpath.io.mitsuba.document import Document, Element
+from glpath.io.mitsuba.spectra import colour_of_black_body, colour_of_spectrum
 from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.files import read_bytes
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
 #: Linear Rec. 709 of light that is alike at all wavelengths, which a light's `<spectrum>` of one number is.
 EQUAL_ENERGY = np.array([1.204795, 0.948289, 0.908916])
+#: Types of a `<spectrum>`.
+_SPECTRA = dict.fromkeys(("d65", "blackbody", "uniform", "srgb", "regular", "irregular"))
 _PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform")
 
 
@@ -102,11 +107,10 @@ class Plugin:
         child = self._take(name, ("rgb", "spectrum", "float"))
         if child is None:
             return np.full(3, default)
+        if child.tag == "spectrum" and "type" in child.attributes:
+            return _spectrum_plugin(Plugin(child, self.document), light)
         if child.tag == "spectrum" and ("filename" in child.attributes or ":" in child.attributes.get("value", "")):
-            raise child.location.error(
-                "is a spectrum by wavelengths, but colours here are linear Rec. 709.",
-                f'Write <rgb name="{name}" value="r, g, b"/>.',
-            )
+            return colour_of_spectrum(*_by_wavelengths(child), light=light)
         if child.attributes.get("value", "").lstrip().startswith("#"):
             raise child.location.error("is of hexadecimal digits, but must be one or three numbers.")
         values = _numbers(child, "value", (1, 3) if child.tag == "rgb" else (1,))
@@ -118,6 +122,8 @@ class Plugin:
     def share(self, name: str, default: float) -> Float64:
         """A colour of which no channel is above 1. Raises SceneError."""
         colour = self.colour(name, default)
+        if self.kind_of(name) == "spectrum":
+            return np.minimum(colour, 1.0)  # as Mitsuba does with colours outside of the gamut
         if np.any(colour > 1):
             raise self.where(name).error(
                 f"is {shown(colour)}, but must be between 0 and 1.", "A surface reflects at most what it receives."
@@ -129,6 +135,17 @@ class Plugin:
         self._asked[name] = None
         found = self.nested("texture", name)
         return found[0] if found else None
+
+    def numbers(self, name: str) -> list[float]:
+        """Numbers of a text, apart by commas or spaces; at least one. Raises SceneError."""
+        text = self.text(name)
+        try:
+            values = [float(word) for word in text.replace(",", " ").split()]
+        except ValueError:
+            values = []
+        if not values:
+            raise self.where(name).error(f"lacks numbers for `{name}`: {shown(text)}.")
+        return values
 
     def vector(self, name: str, default: Sequence[float] | None = None) -> Float64:
         """(3,) of a point or a vector; one that must be there without a default."""
@@ -189,6 +206,68 @@ class Plugin:
         if child is not None and child.tag not in tags:
             raise child.location.error(f"is {_an(child.tag)}, but must be: {' or '.join(tags)}.")
         return child
+
+
+def _spectrum_plugin(plugin: Plugin, light: bool) -> Float64:
+    """(3,) linear Rec. 709 of a `<spectrum type="...">`. Raises SceneError."""
+    of_kind(plugin, _SPECTRA, "a spectrum")
+    match plugin.kind:
+        case "d65":
+            colour = np.full(3, plugin.number("scale", 1.0, 0.0))
+        case "uniform":
+            colour = np.full(3, plugin.number("value", 1.0, 0.0))
+        case "srgb":
+            colour = plugin.colour("color", 0.0)
+        case "blackbody":
+            if not light:
+                raise plugin.location.error("is a black body, which is the spectrum of a light only.")
+            colour = colour_of_black_body(plugin.number("temperature", 5000.0, 1.0, 1e6))
+        case "regular":
+            values = plugin.numbers("values")
+            first, last = plugin.number("wavelength_min", 360.0), plugin.number("wavelength_max", 830.0)
+            wavelengths = np.linspace(first, last, len(values)).tolist()
+            _check_wavelengths(wavelengths, values, plugin.location)
+            colour = colour_of_spectrum(wavelengths, values, light=light)
+        case _:
+            wavelengths, values = plugin.numbers("wavelengths"), plugin.numbers("values")
+            _check_wavelengths(wavelengths, values, plugin.location)
+            colour = colour_of_spectrum(wavelengths, values, light=light)
+    plugin.check_all_read()
+    return colour
+
+
+def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
+    """Wavelengths in nm and values, of value="400:0.3, 500:0.7" or of the lines of a file. Raises SceneError."""
+    if "filename" in element.attributes:
+        path = element.file(element.attributes["filename"])
+        try:
+            lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
+        except OSError as error:
+            raise element.location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
+        rows = [line.replace(",", " ").split() for line in lines]
+        pairs = [row for row in rows if row and not row[0].startswith("#")]
+    else:
+        pairs = [pair.split(":") for pair in element.attribute("value").replace(",", " ").split()]
+    try:
+        wavelengths, values = zip(*((float(first), float(second)) for first, second in pairs), strict=True)
+    except ValueError as error:
+        raise element.location.error(
+            "is a spectrum that is not read. Allowed: pairs of a wavelength in nm and a value.",
+            'For example value="400:0.3, 550:0.5, 700:0.4".',
+        ) from error
+    _check_wavelengths(wavelengths, values, element.location)
+    return list(wavelengths), list(values)
+
+
+def _check_wavelengths(wavelengths: Sequence[float], values: Sequence[float], location: SourceLocation) -> None:
+    """Raise SceneError unless the wavelengths ascend, each with a value of 0 or more."""
+    if len(wavelengths) != len(values):
+        raise location.error(f"has {len(wavelengths)} wavelengths, but {len(values)} values.")
+    if not all(before < after for before, after in pairwise(wavelengths)):
+        raise location.error("has wavelengths that do not ascend.", "Sort its pairs, each wavelength once.")
+    for value in values:
+        if not 0 <= value <= LARGEST:
+            raise location.error(f"has the value {value:g}, but must have values of 0 or more.")
 
 
 def _an(tag: str) -> str:

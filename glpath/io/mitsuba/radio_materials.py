@@ -5,10 +5,6 @@ Source: Sionna 1.0, `ITURadioMaterial`, whose preview and renderer show them so;
 
 from __future__ import annotations
 
-import numpy as np
-
-from glpath.scene.geometry import Float64
-
 #: Linear Rec. 709, by the parameter `type`.
 RADIO_COLOURS = {
     "marble": (0.701, 0.644, 0.485),
@@ -26,8 +22,3 @@ RADIO_COLOURS = {
     "medium_dry_ground": (0.539, 0.181, 0.076),
     "wet_ground": (0.539, 0.027, 0.147),
 }
-
-
-def radio_colour(name: str) -> Float64:
-    """(3,) linear Rec. 709 of a radio material; grey for an unknown one."""
-    return np.array(RADIO_COLOURS.get(name, (0.5, 0.5, 0.5)))

@@ -17,7 +17,7 @@ from glpath.io.mitsuba.textures import Look, Textures
 from glpath.io.transform import mirrors
 from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64, Mesh, Shape, placed
-from glpath.scene.tessellate import with_area
+from glpath.scene.tessellate import unit_sphere, with_area
 from glpath.scene.triangulate import turned
 
 _FILES = {"obj": ".obj", "ply": ".ply", "serialized": ".serialized"}
@@ -26,9 +26,9 @@ _MADE: dict[str, Callable[[], Mesh]] = {
     "cube": meshes.cube,
     "disk": meshes.disk,
 }
-_KINDS = dict.fromkeys((*_FILES, *_MADE, "sphere", "instance", "shapegroup"))
+_KINDS = dict.fromkeys((*_FILES, *_MADE, "cylinder", "sphere", "instance", "shapegroup"))
 # A mirroring transform turns the normals of these, as those of instances, with them; of others only the corners.
-_OF_NORMALS = ("rectangle", "disk")
+_OF_NORMALS = ("rectangle", "disk", "cylinder")
 
 
 @dataclass
@@ -63,7 +63,8 @@ class Reader:
             self._instance(plugin)
         else:
             name = self._name(plugin)
-            self._put(name, self._part(plugin, name), plugin)
+            for part in self._parts(plugin, name):
+                self._put(name, part, plugin)
 
     def finish(self) -> None:
         """Add the instances, each mesh with all of its maps."""
@@ -86,30 +87,52 @@ class Reader:
             geometry = with_area(geometry, matrix, name, plugin.location)
         self.shapes.append(Shape(name, geometry, part.material, matrix[None], part.emission))
 
-    def _part(self, plugin: Plugin, name: str) -> _Part:
+    def _parts(self, plugin: Plugin, name: str) -> list[_Part]:
+        """A shape; two of it if its sides have different surfaces, each without its back."""
         surface = next(iter(plugin.nested("bsdf")), None)
         emitter = self._emitter(plugin)
         emission, look = (np.zeros(3), None) if emitter is None else self._light(emitter)
         interior = next(iter(plugin.nested("medium", "interior")), None)
-        coloured = self.surfaces.coloured(surface)
-        material = self.surfaces.number(surface, interior, look, name, emits=emitter is not None)
-        matrix = plugin.transform("to_world")
-        flips = plugin.flag("flip_normals", False)
-        geometry: Mesh | Literal["sphere"]
-        if plugin.kind == "sphere":
-            centre, radius = plugin.vector("center", (0, 0, 0)), plugin.number("radius", 1.0, 1e-15)
-            local = np.eye(4)
-            local[:3, :3], local[:3, 3] = radius * np.eye(3), centre
-            matrix = matrix @ local
-            sphere_map = turned(matrix[:3]) if mirrors(matrix) != flips else matrix[:3]
-            geometry, world = "sphere", np.asarray(sphere_map)
-        else:
-            turns = flips != (plugin.kind in _OF_NORMALS and mirrors(matrix))
-            geometry, world = self._mesh(plugin, coloured, turns), matrix[:3]
+        back = self.surfaces.back(surface)
+        flips = plugin.flag("flip_normals", False) != self.surfaces.is_turned(surface)
+        geometry, world = self._placed(plugin, flips, self.surfaces.colour_attribute(surface))
+        lengths = (1.0, 1.0)
+        if self.surfaces.is_bumpy(surface):
+            lengths = meshes.uv_lengths(unit_sphere(3, with_uv=True) if geometry == "sphere" else geometry, world)
+        number = self.surfaces.number(
+            surface,
+            interior,
+            look,
+            name,
+            emits=emitter is not None,
+            one_side=back is not None,
+            uv_lengths=lengths,
+        )
+        parts = [_Part(geometry, world, number, emission)]
+        if back is not None:
+            number = self.surfaces.number(back, None, None, f"{name}-back", one_side=True)
+            attribute = self.surfaces.colour_attribute(back)
+            parts.append(_Part(*self._placed(plugin, not flips, attribute), number, np.zeros(3)))
         plugin.check_all_read()
-        return _Part(geometry, world, material, emission)
+        return parts
 
-    def _mesh(self, plugin: Plugin, coloured: bool, turns: bool) -> Mesh:
+    def _placed(self, plugin: Plugin, flips: bool, attribute: str) -> tuple[Mesh | Literal["sphere"], Float64]:
+        """Geometry of a shape, and its map into the world.
+
+        flips     : the front is on the other side
+        attribute : of the mesh, whose colours it has; empty for none
+        """
+        matrix = plugin.transform("to_world")
+        if plugin.kind != "sphere":
+            turns = flips != (plugin.kind in _OF_NORMALS and mirrors(matrix))
+            return self._mesh(plugin, attribute, turns), matrix[:3]
+        centre, radius = plugin.vector("center", (0, 0, 0)), plugin.number("radius", 1.0, 1e-15)
+        local = np.eye(4)
+        local[:3, :3], local[:3, 3] = radius * np.eye(3), centre
+        matrix = matrix @ local
+        return "sphere", np.asarray(turned(matrix[:3]) if mirrors(matrix) != flips else matrix[:3])
+
+    def _mesh(self, plugin: Plugin, attribute: str, turns: bool) -> Mesh:
         """A mesh, the same one for shapes of one file."""
         if plugin.kind in _FILES:
             path: Path = plugin.element.file(plugin.text("filename"))
@@ -119,16 +142,24 @@ class Reader:
                 path,
                 given,
                 plugin.whole("shape_index", 0) if plugin.kind == "serialized" else 0,
-                coloured,
+                attribute,
             )
             if key not in self._meshes:
-                made = meshes.read_file(plugin, _FILES[plugin.kind], coloured=coloured)
+                made = meshes.read_file(plugin, _FILES[plugin.kind], attribute=attribute)
                 self._meshes[key] = made.without_faces(np.zeros(len(made.faces), np.bool_))
         else:
-            if coloured:
-                raise plugin.location.error("has no colours of vertices, but its surface asks for vertex_color.")
-            key = (plugin.kind,)
-            self._meshes.setdefault(key, _MADE[plugin.kind]())
+            if attribute:
+                raise plugin.location.error(f"has no attributes, but its surface asks for {attribute}.")
+            if plugin.kind == "cylinder":
+                start, end = plugin.vector("p0", (0, 0, 0)), plugin.vector("p1", (0, 0, 1))
+                radius = plugin.number("radius", 1.0, 1e-15)
+                if not np.linalg.norm(end - start) > 0:
+                    raise plugin.location.error("has p0 and p1 at one point.", "Move one of them.")
+                key = (plugin.kind, *start, *end, radius)
+                self._meshes.setdefault(key, meshes.cylinder(start, end, radius))
+            else:
+                key = (plugin.kind,)
+                self._meshes.setdefault(key, _MADE[plugin.kind]())
         if not turns:
             return self._meshes[key]
         if (*key, "turned") not in self._meshes:
@@ -163,10 +194,10 @@ class Reader:
                 allowed = {kind: None for kind in _KINDS if kind not in ("instance", "shapegroup")}
                 raise error_of_kind(child.element, "a shape of a group", allowed)
             name = self._name(child, plugin.id)
-            part = self._part(child, name)
-            if part.emission.any():
+            made = self._parts(child, name)
+            if made[0].emission.any():
                 raise child.location.error("shines, but shapes of a group cannot.", "Take it out of the group.")
-            parts.append((name, part))
+            parts += [(name, part) for part in made]
         plugin.check_all_read()
         self._groups[key] = parts
 
@@ -201,6 +232,6 @@ def _composed(after: Float64, world_from_object: Float64) -> Float64:
 
 
 def _remedy(kind: str) -> str:
-    if kind in ("cylinder", "bsplinecurve", "linearcurve", "sdfgrid", "heightfield", "hair"):
+    if kind in ("bsplinecurve", "linearcurve", "sdfgrid", "heightfield", "hair"):
         return "Make triangles of it, as PLY."
     return ""

@@ -19,7 +19,8 @@ import numpy as np
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.optical_constants import INDICES, METALS
 from glpath.io.mitsuba.plugin import Plugin
-from glpath.io.mitsuba.textures import Look, Textures, baked
+from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
+from glpath.io.mitsuba.textures import Look, Textures, baked, bent
 from glpath.scene.geometry import Float64
 from glpath.scene.material import SMOOTH, Material
 from glpath.scene.source_location import shown
@@ -58,16 +59,22 @@ class Surfaces:
         name: str,
         *,
         emits: bool = False,
+        one_side: bool = False,
+        uv_lengths: tuple[float, float] = (1.0, 1.0),
     ) -> int:
         """The index of a shape's material.
 
-        plugin   : its surface; None is Mitsuba's default, diffuse of one side: grey, or black if the shape emits
-        interior : the medium in it
-        emission : the picture of its light
-        name     : of the shape, for a material without an id
+        plugin     : its surface; None is Mitsuba's default, diffuse of one side: grey, or black if the shape emits
+        interior   : the medium in it
+        emission   : the picture of its light
+        name       : of the shape, for a material without an id
+        one_side   : nothing is there of the other side, which has a material of its own
+        uv_lengths : scene units of one u and one v, for bump maps
         """
+        bump = None if plugin is None else self._fields(plugin).get("bump")
         surface: object = ("default", emits) if plugin is None else id(plugin.element)
-        key = (surface, interior and id(interior.element), emission and id(emission))
+        key: tuple[object, ...] = (surface, interior and id(interior.element), emission and id(emission))
+        key += (one_side, uv_lengths if bump else None)
         if key not in self._known:
             default = _diffuse(np.full(3, 0.0 if emits else 0.5))
             fields = dict(self._fields(plugin)) if plugin is not None else default
@@ -75,15 +82,32 @@ class Surfaces:
                 fields["attenuation"] = self._attenuation(interior, fields)
             if emission is not None:
                 fields["emission_texture"] = self.textures.slot(emission)
-            for aside in ("vertex_colours", "reflects_alike"):
+            if one_side:
+                fields |= {"two_sided": False, "culled": True}
+            if bump is not None:
+                look, scale = bump
+                fields["normal_texture"] = self.textures.slot(bent(look, scale, uv_lengths))
+            for aside in ("vertex_colours", "reflects_alike", "back", "turned", "bump"):
                 fields.pop(aside, None)
             self.materials.append(Material(self._name((plugin and plugin.id) or name), **fields))
             self._known[key] = len(self.materials) - 1
         return self._known[key]
 
-    def coloured(self, plugin: Plugin | None) -> bool:
-        """Whether a surface has the colours of its shape's vertices."""
-        return plugin is not None and bool(self._fields(plugin).get("vertex_colours"))
+    def is_bumpy(self, plugin: Plugin | None) -> bool:
+        """True if a surface has a bump map, for which the size of the texture on the shape is asked."""
+        return plugin is not None and bool(self._fields(plugin).get("bump"))
+
+    def colour_attribute(self, plugin: Plugin | None) -> str:
+        """The attribute of meshes whose colours a surface has, such as vertex_color; empty for none."""
+        return "" if plugin is None else str(self._fields(plugin).get("vertex_colours", ""))
+
+    def back(self, plugin: Plugin | None) -> Plugin | None:
+        """The surface of the back, if it differs from that of the front."""
+        return None if plugin is None else self._fields(plugin).get("back")
+
+    def is_turned(self, plugin: Plugin | None) -> bool:
+        """True if the denser side of glass is outside, so that the shape must be turned."""
+        return plugin is not None and bool(self._fields(plugin).get("turned"))
 
     def _name(self, wanted: str) -> str:
         name, number = wanted, 1
@@ -112,11 +136,13 @@ class Surfaces:
             return {"reflectance": plugin.share(name, default)}
         if texture.kind == "mesh_attribute":
             of = texture.text("name")
-            if of != "vertex_color":
-                raise texture.where("name").error(f"is {shown(of)}, but must be vertex_color.")
+            if not of.startswith(("vertex_", "face_")):
+                raise texture.where("name").error(
+                    f"is {shown(of)}, but must start with vertex_ or face_.", "For example vertex_color."
+                )
             scale = texture.number("scale", 1.0, 0.0, 1.0)
             texture.check_all_read()
-            return {"reflectance": np.full(3, scale), "vertex_colours": True}
+            return {"reflectance": np.full(3, scale), "vertex_colours": of}
         look = self.textures.look(texture)
         if look.image.dtype != np.uint8 and look.image.max(initial=0) > 1:
             raise texture.location.error(
@@ -138,11 +164,40 @@ class Surfaces:
         alpha = self._scalar(plugin, "alpha", default)
         if isinstance(alpha, Look):
             return self._surface_texture(baked(alpha, np.sqrt), None)
-        u, v = (plugin.number(key, alpha, 0.0, 1.0) for key in ("alpha_u", "alpha_v"))
+        alphas = [self._scalar(plugin, key, alpha) for key in ("alpha_u", "alpha_v")]
+        if any(isinstance(each, Look) for each in alphas):
+            return self._anisotropic_texture(plugin, *alphas)
+        u, v = (float(each) for each in alphas if not isinstance(each, Look))
         along, across = max(u, v), min(u, v)
         if along - across < 1e-6:
             return {"roughness": float(np.sqrt(u)), **_ROUGH}
         return {**_stretched(along, across), "anisotropy_angle": 0.0 if u > v else 90.0, **_ROUGH}
+
+    def _anisotropic_texture(self, plugin: Plugin, u: float | Look, v: float | Look) -> Fields:
+        """Roughness and anisotropy as textures, of GGX's alpha along u and along v."""
+        looks = [each for each in (u, v) if isinstance(each, Look)]
+        first = looks[0]
+        if not all(each.looked_up_as(first) for each in looks):
+            raise plugin.location.error(
+                "has textures of other sizes or maps for `alpha_u` and `alpha_v`.",
+                "Make both pictures as large, with one to_uv.",
+            )
+        shape = first.image.shape[:2]
+        alphas = [each.grey if isinstance(each, Look) else np.full(shape, each) for each in (u, v)]
+        along, across = np.maximum(*alphas), np.minimum(*alphas)
+        anisotropy = np.sqrt((along - across) / np.maximum(1.0 - across, 1e-9))
+        image = np.ones((*shape, 3), np.float32)
+        image[..., 1] = np.sqrt(across)
+        # Red and green are the tangent, from -1 to 1: along u, or along v.
+        along_u = alphas[0] >= alphas[1]
+        tangent = np.stack([0.5 + 0.5 * along_u, 1.0 - 0.5 * along_u, anisotropy], axis=2).astype(np.float32)
+        return {
+            "roughness": 1.0,
+            "surface_texture": self.textures.slot(first.with_image(first.name, image)),
+            "anisotropy": 1.0,
+            "anisotropy_texture": self.textures.slot(first.with_image(first.name, tangent)),
+            **_ROUGH,
+        }
 
     def _surface_texture(self, rough: float | Look, metal: float | Look | None) -> Fields:
         """Roughness and metal as one texture, as glTF has them: green and blue."""
@@ -159,7 +214,7 @@ class Surfaces:
         return fields | {"surface_texture": self.textures.slot(first.with_image(first.name, image))}
 
     def _ratio(self, plugin: Plugin, inside: str) -> float:
-        """The index inside over that outside. Raises SceneError where it is below one."""
+        """The index inside over that outside. Raises SceneError where one is not known."""
         indices = []
         for name, default in (("int_ior", inside), ("ext_ior", "air")):
             if plugin.kind_of(name) == "string":
@@ -171,11 +226,6 @@ class Surfaces:
                 indices.append(INDICES[medium])
             else:
                 indices.append(plugin.number(name, INDICES[default], 1e-3, 10.0))
-        if indices[0] < indices[1]:
-            raise plugin.where("int_ior").error(
-                f"is {indices[0]:g}, below that outside, {indices[1]:g}: here the inside of a shape is the denser.",
-                "Exchange int_ior and ext_ior, and turn the shape: flip_normals.",
-            )
         return indices[0] / indices[1]
 
     # --- surfaces ---
@@ -184,13 +234,17 @@ class Surfaces:
         return {**_diffuse(np.zeros(3)), **_without_look(self._base(plugin, "reflectance", 0.5))}
 
     def _two_sided(self, plugin: Plugin) -> Fields:
-        inner = self._one_inside(plugin)
-        fields = self._fields(inner)
-        if fields.get("transmission", 0.0) > 0:
-            raise inner.location.error(
-                'lets light through, but stands in "twosided", which is of opaque surfaces.', "Take it out of it."
-            )
-        return {**fields, "two_sided": True}
+        parts = plugin.nested("bsdf")
+        if len(parts) not in (1, 2):
+            raise plugin.location.error(f"has {len(parts)} surfaces in it, but must have one or two.")
+        for part in parts:
+            if self._fields(part).get("transmission", 0.0) > 0:
+                raise part.location.error(
+                    'lets light through, but stands in "twosided", which is of opaque surfaces.',
+                    "Take it out of it.",
+                )
+        fields = {**self._fields(parts[0]), "two_sided": True}
+        return fields if len(parts) == 1 else {**fields, "back": parts[1]}
 
     def _conductor(self, plugin: Plugin) -> Fields:
         rough = self._rough(plugin, 0.1) if plugin.kind == "roughconductor" else {"roughness": 0.0}
@@ -224,6 +278,11 @@ class Surfaces:
             kept = self._kept_under(plugin)
             fields = self._rough(plugin, 0.1)
         ratio = self._ratio(plugin, "polypropylene")
+        if ratio < 1:
+            raise plugin.where("int_ior").error(
+                f"is {ratio:g} times the index outside, but a plastic's must be at least that.",
+                "Exchange int_ior and ext_ior.",
+            )
         reflected = plugin.share("specular_reflectance", 1.0)
         weight = float(reflected.max())
         fields |= {"two_sided": False, "ior": ratio, "specular_weight": weight}
@@ -257,11 +316,24 @@ class Surfaces:
             rough = self._rough(plugin, 0.1)
             if rough["roughness"] ** 2 < SMOOTH:
                 rough = {"roughness": 0.0}
-        plugin.refuse_unless("specular_reflectance", 1.0, "glass reflects all that it does not let through")
+        reflected = plugin.share("specular_reflectance", 1.0)
         base = _without_look(self._base(plugin, "specular_transmittance", 1.0))
         ratio = self._ratio(plugin, "bk7")
-        fields = {"two_sided": False, "transmission": 1.0, "thin": False, "ior": ratio, **rough, **base}
-        if plugin.kind == "thindielectric":
+        is_thin = plugin.kind == "thindielectric"
+        fields = {"two_sided": False, "transmission": 1.0, "thin": False, **rough, **base}
+        if ratio < 1:
+            # The same surface, seen from its other side.
+            ratio = 1.0 / ratio
+            fields["turned"] = not is_thin
+            if is_thin:
+                self.notes["a thin dielectric of a lower index than outside is one of the inverse index"] = None
+        fields["ior"] = ratio
+        weight = float(reflected.max())
+        if reflected.min() < 1:
+            self.notes["`specular_reflectance` of glass lets light pass that Mitsuba loses"] = None
+            fields["specular_weight"] = weight
+            fields["specular_colour"] = reflected / weight if weight > 0 else np.ones(3)
+        if is_thin:
             # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all; ours F once.
             once = ((ratio - 1.0) / (ratio + 1.0)) ** 2
             root = np.sqrt(2.0 * once / (1.0 + once))
@@ -269,8 +341,9 @@ class Surfaces:
         return fields
 
     def _principled(self, plugin: Plugin) -> Fields:
-        for name in ("spec_tint", "sheen", "sheen_tint", "flatness"):
+        for name in ("spec_tint", "sheen", "flatness"):
             plugin.refuse_unless(name, 0.0, "glpath's material has no such lobe")
+        self._unused(plugin, "sheen_tint")  # of a sheen that is not there
         fields: Fields = {"two_sided": False, **_ROUGH, **_without_look(self._base(plugin, "base_color", 0.5))}
         rough, metal = self._scalar(plugin, "roughness", 0.5), self._scalar(plugin, "metallic", 0.0)
         if isinstance(rough, Look) or isinstance(metal, Look):
@@ -304,6 +377,20 @@ class Surfaces:
             fields["clearcoat_roughness"] = float(np.sqrt(0.1 - 0.099 * gloss))
         return fields
 
+    def _unused(self, plugin: Plugin, name: str) -> None:
+        """Read a number or texture that changes nothing."""
+        if plugin.texture(name) is None:
+            plugin.number(name, 0.0)
+
+    def _radio_material(self, plugin: Plugin) -> Fields:
+        """Sionna's radio material, as the diffuse surface in which Sionna shows it."""
+        kind = plugin.text("type", "", tuple(RADIO_COLOURS))
+        for name in ("thickness", "scattering_coefficient", "xpd_coefficient"):
+            plugin.number(name, 0.0)
+        colour = plugin.share("color", 0.0) if "color" in plugin else np.array(RADIO_COLOURS[kind])
+        self.notes["radio materials are diffuse surfaces of the colours in which Sionna shows them"] = None
+        return {**_diffuse(colour), "two_sided": True}
+
     def _normal_map(self, plugin: Plugin) -> Fields:
         texture = plugin.texture("normalmap")
         if texture is None:
@@ -312,6 +399,15 @@ class Surfaces:
         if look.srgb:
             raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
         return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
+
+    def _bump_map(self, plugin: Plugin) -> Fields:
+        """A surface bent by a texture of heights, which becomes a normal map where the size of a shape is known."""
+        textures = plugin.nested("texture")
+        if len(textures) != 1:
+            raise plugin.location.error(f"has {len(textures)} textures in it, but must have one, of heights.")
+        self.notes["a bump map is a normal map, made for the mean size of the texture on its shape"] = None
+        look, scale = self.textures.look(textures[0]), plugin.number("scale", 1.0)
+        return {**self._fields(self._one_inside(plugin)), "bump": (look, scale)}
 
     def _mask(self, plugin: Plugin) -> Fields:
         texture = plugin.texture("opacity")
@@ -367,7 +463,7 @@ class Surfaces:
         if len(parts) != 1:
             raise plugin.location.error(
                 f"has {len(parts)} surfaces in it, but must have one.",
-                "Of two sides that differ, make two shapes." if len(parts) == 2 else "",
+                "Two sides that differ stand in a twosided." if len(parts) == 2 else "",
             )
         return parts[0]
 
@@ -454,7 +550,9 @@ _KINDS: dict[str, Callable[[Surfaces, Plugin], Fields]] = {
     "thindielectric": Surfaces._dielectric,
     "roughdielectric": Surfaces._dielectric,
     "principled": Surfaces._principled,
+    "itu-radio-material": Surfaces._radio_material,
     "normalmap": Surfaces._normal_map,
+    "bumpmap": Surfaces._bump_map,
     "mask": Surfaces._mask,
     "blendbsdf": Surfaces._blend,
 }

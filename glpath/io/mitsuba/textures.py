@@ -21,7 +21,7 @@ from glpath.io.scene_pictures import stored_picture
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 
-_KINDS = ("bitmap", "checkerboard")
+_KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 
 
@@ -78,7 +78,10 @@ class Textures:
         key = id(plugin.element)
         if key not in self._looks:
             of_kind(plugin, dict.fromkeys(_KINDS), "a texture")
-            made = self._bitmap(plugin) if plugin.kind == "bitmap" else _checkerboard(plugin)
+            if plugin.kind == "bitmap":
+                made = self._bitmap(plugin)
+            else:
+                made = _checkerboard(plugin) if plugin.kind == "checkerboard" else _constant(plugin)
             plugin.check_all_read()
             self._looks[key] = made
         return self._looks[key]
@@ -97,6 +100,7 @@ class Textures:
         if not name:
             raise plugin.location.error("lacks the parameter `filename`, which must be there.")
         raw = plugin.flag("raw", False)
+        plugin.text("format", "auto", ("auto", "variant", "fp16", "fp32"))  # how Mitsuba stores it
         filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
         wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
         path = plugin.element.file(name)
@@ -137,6 +141,13 @@ def _checkerboard(plugin: Plugin) -> Look:
     return Look(plugin.id or "checkerboard", image, False, "nearest", "repeat", _to_uv(plugin))
 
 
+def _constant(plugin: Plugin) -> Look:
+    """A picture of one colour, of a texture without a pattern."""
+    name = "color" if plugin.kind == "srgb" else "value"
+    colour = plugin.vector(name) if plugin.kind_of(name) in ("point", "vector") else plugin.colour(name, 1.0)
+    return Look(plugin.id or plugin.kind, np.array([[colour]], np.float32), False, "nearest")
+
+
 def _to_uv(plugin: Plugin) -> Float64:
     """(2, 3): the map of our coordinates, v upwards, that is Mitsuba's `to_uv` of v downwards."""
     given = plugin.transform("to_uv")
@@ -150,3 +161,20 @@ def _to_uv(plugin: Plugin) -> Float64:
 def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
     """A picture whose linear colours are changed."""
     return look.with_image(look.name, change(look.linear.astype(np.float64)).astype(np.float32))
+
+
+def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
+    """The normal map of a picture of heights.
+
+    scale      : scene units of a height of one
+    uv_lengths : scene units of one u and one v
+    """
+    heights = scale * look.grey
+    rows, columns = heights.shape
+    # By the picture's own coordinates, of which the second points from the last row to the first.
+    across = 0.5 * columns * (np.roll(heights, -1, axis=1) - np.roll(heights, 1, axis=1))
+    upwards = 0.5 * rows * (np.roll(heights, 1, axis=0) - np.roll(heights, -1, axis=0))
+    slopes = np.einsum("kij,kl->ijl", np.stack([across, upwards]), look.matrix[:, :2]) / uv_lengths
+    normals = np.concatenate([-slopes, np.ones((rows, columns, 1))], axis=2)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    return look.with_image(f"{look.name}-normals", (0.5 + 0.5 * normals).astype(np.float32))
