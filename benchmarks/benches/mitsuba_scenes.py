@@ -33,6 +33,7 @@ from glpath.errors import GlpathError, SceneWarning
 from glpath.gl.context import get_context
 from glpath.io import load_scene, scene_parameters
 from glpath.io.completed import aside
+from glpath.io.mitsuba.document import read_document
 from glpath.rendering.calls import render
 from glpath.scene.model import Float64, Scene
 from glpath.system.versions import versions
@@ -75,7 +76,7 @@ def examine(folder: Path, path: Path) -> dict[str, Any]:
             scene = load_scene(path, parameters)
     except GlpathError as error:
         return row | {"verdict": "refused", "error": shortened(str(error).splitlines()[0])}
-    row |= {"loads": True, "parameters": parameters}
+    row |= {"loads": True, "parameters": parameters, "plugins": plugins_of(path, parameters)}
     row["warnings"] = list(dict.fromkeys(shortened(each.message) for each in caught))
     try:
         row |= _compared(scene, path, parameters, _SAMPLES[:1] if row["warnings"] else _SAMPLES)
@@ -112,7 +113,26 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
     )
 
 
+#: Tags of plugins that change a picture.
+_LISTED = ("bsdf", "texture", "shape", "emitter", "sensor", "medium")
 VERDICTS = ("same", "warned", "differs", "not compared", "refused")
+
+
+def plugins_of(path: Path, parameters: Mapping[str, str]) -> list[str]:
+    """Plugins that a file uses, such as "bsdf diffuse", sorted. Raises SceneError."""
+    document = read_document(path, parameters)
+    used: set[str] = set()
+    examined: set[int] = set()
+    waiting = [each for each in document.root.children if each.tag not in ("bsdf", "texture")]
+    while waiting:
+        element = document.resolved(waiting.pop())
+        if id(element) in examined:
+            continue
+        examined.add(id(element))
+        if element.tag in _LISTED:
+            used.add(f"{element.tag} {element.attributes.get('type', '')}")
+        waiting += element.children
+    return sorted(used)
 
 
 def _parameters(path: Path) -> dict[str, str]:

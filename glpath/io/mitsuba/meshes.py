@@ -128,7 +128,7 @@ def disk() -> Mesh:
 
 
 def cylinder(start: Float64, end: Float64, radius: float) -> Mesh:
-    """A tube from one point to another without caps, its front outside. u is the angle, v the way along it."""
+    """A tube from one point to another without caps, its front outside. u is the angle, v runs along it."""
     angles = 2.0 * np.pi * np.arange(_SEGMENTS + 1) / _SEGMENTS
     axis = end - start
     length = float(np.linalg.norm(axis))
