@@ -50,8 +50,8 @@ class _Reader:
             library.add(name)
         shapes: list[Shape] = []
         uses_colours = False
-        for loaded in self.file.in_order:
-            number, mesh = self.file.material_number(loaded), mesh_of_loaded(loaded, self.path)
+        for loaded in self.file.meshes:
+            number, mesh = loaded.metadata.get("material", -1), mesh_of_loaded(loaded, self.path)
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
                 prefix = which(self.path, self.location)
                 raise self.location.error(

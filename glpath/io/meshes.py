@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError, SceneWarning, warn
 from glpath.io import obj
+from glpath.io.off import read_off
+from glpath.io.polygons import split_faces, split_polygons, warn_of_crossing
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.strokes import balls, line_radius, point_radius, rods
 from glpath.io.text import decoded
@@ -29,7 +31,6 @@ from glpath.io.values import LARGEST, nearby_files
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
-from glpath.scene.tessellate import split_faces
 from glpath.system.files import read_bytes
 from glpath.system.private_interfaces import given_trimesh_normals
 
@@ -42,8 +43,6 @@ _POINTS = re.compile(rb"\belement\s+vertex\s+[1-9]")
 _TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\s+0*[1-9]")
 _SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
 _COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
-# The first word of an OFF, with the number of vertices.
-_OFF = re.compile(rb"([A-Za-z]+)(\d+)")
 #: Keys of the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
@@ -51,7 +50,7 @@ MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 def inline_mesh(
     vertices: list[tuple[float, float, float]], faces: list[list[int]], location: SourceLocation
 ) -> Mesh:
-    """The mesh of vertices, and faces of three or four of them; `location` is the shape's. Raises SceneError."""
+    """The mesh of vertices, and faces of three or more of them; `location` is the shape's. Raises SceneError."""
     for name, given in (("vertices", vertices), ("faces", faces)):
         if not given:
             raise location.field(name).error("is empty, but a mesh needs three vertices and one face.")
@@ -59,7 +58,10 @@ def inline_mesh(
         for vertex in face:
             if not 0 <= vertex < len(vertices):
                 raise _no_such_vertex(location.field("faces").item(index), vertex, len(vertices))
-    return Mesh(np.array(vertices, np.float64), split_faces(faces))
+    positions = np.array(vertices, np.float64)
+    triangles, crossing = split_faces(positions, faces)
+    warn_of_crossing(str(location.field("faces")), crossing)
+    return Mesh(positions, triangles)
 
 
 def mesh_of_table(table: Mapping[str, Any], location: SourceLocation, known: dict[int, Mesh]) -> Mesh | None:
@@ -111,7 +113,7 @@ def mesh_of_arrays(
 ) -> Mesh:
     """The mesh of vertices (V, 3), faces (F, 3) or (F, 4), texture coordinates (V, 2). Raises SceneError.
 
-    Faces of four are split along the line from the first vertex to the third. `location` is the shape's.
+    `location` is the shape's.
     """
     numbers, whole = "numbers", "whole numbers"
     for name, array, columns, kinds, what in (
@@ -146,11 +148,10 @@ def mesh_of_arrays(
             f"has {len(uv)} pairs, but the mesh has {len(vertices)} vertices.",
             "List one pair [u, v] for each vertex, in the same order.",
         )
-    if faces.shape[1] == 4:
-        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-    return Mesh(
-        np.array(vertices, np.float64), faces.astype(np.int32), None if uv is None else np.array(uv, np.float64)
-    )
+    positions, corners = np.array(vertices, np.float64), faces.astype(np.int32).ravel()
+    split = split_polygons(positions, corners, np.full(len(faces), faces.shape[1]))
+    warn_of_crossing(str(location.field("faces")), split.crossing)
+    return Mesh(positions, corners[split.triangles], None if uv is None else np.array(uv, np.float64))
 
 
 def read_mesh(path: Path, location: SourceLocation) -> Mesh:
@@ -183,27 +184,17 @@ class MeshFile:
     """A file as trimesh loads it.
 
     meshes   : objects of trimesh, each with faces
-    obj      : the file in plain form, where it is an OBJ
+    obj      : the contents of an OBJ file
     texture  : the name of the picture that a PLY has
     coloured : vertices or faces have colours, in the file
     single   : its vertices are numbers of 32 bits
     """
 
     meshes: list[Any]
-    obj: obj.Plain | None = None
+    obj: obj.ObjFile | None = None
     texture: str | None = None
     coloured: bool = False
     single: bool = False
-
-    def material_number(self, loaded: Any) -> int:
-        """The number of the material of one of `meshes` in an OBJ; -1 without."""
-        name = str(getattr(getattr(loaded.visual, "material", None), "name", ""))
-        return int(name) if self.obj is not None and name.isdecimal() else -1
-
-    @property
-    def in_order(self) -> list[Any]:
-        """`meshes` in the order in which the file first uses their materials; trimesh has the last first."""
-        return sorted(self.meshes, key=self.material_number)
 
 
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
@@ -279,13 +270,19 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     import trimesh
 
     suffix, content = path.suffix.lower(), read_bytes(path)
-    plain, texture = None, None
+    texture = None
     options: dict[str, Any] = {}
     if suffix == ".obj":
-        plain = obj.plain(content, str(path))
-        content = plain.text
-        options = {"resolver": obj.NamesOnly(len(plain.materials))}
-    elif suffix == ".ply":
+        plain = obj.read_obj(content, str(path))
+        meshes = [_loaded(part) for part in plain.parts]
+        if colours and not meshes:
+            meshes = _strokes_of_obj(plain, path)
+        return MeshFile(meshes, plain, coloured=plain.coloured)
+    if suffix == ".off":
+        positions, triangles, has_colours = read_off(content, str(path))
+        meshes = [trimesh.Trimesh(positions, triangles, process=False)] if len(triangles) else []
+        return MeshFile(meshes, coloured=has_colours)
+    if suffix == ".ply":
         header, end, _ = content.partition(b"end_header")
         if end and not _TRIANGLES.search(header):  # trimesh takes the points of some for a broken file
             return MeshFile(_points_of_ply(content, path) if colours else [])
@@ -295,43 +292,56 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     # One by one, as `load_mesh` joins them and forgets the normals.
     meshes = [loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry]
     meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
-    if plain is not None and colours and not meshes:
-        meshes = _strokes_of_obj(plain, path)
     for mesh in meshes:
         for array in (mesh.vertices, mesh.faces):
             if np.ndim(array) != 2 or np.shape(array)[1] != 3:
                 raise ValueError(f"its vertices or faces have {np.shape(array)} numbers, not three each")
     coloured = False
-    if plain is not None:
-        coloured = plain.coloured
-    elif suffix == ".ply":
+    if suffix == ".ply":
         coloured = _RED.search(content.partition(b"end_header")[0]) is not None
-    elif suffix == ".off":
-        coloured = _checked_off(content)
     single = False
     if suffix == ".stl":  # binary, which may begin as one of text does
         single = len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
     elif suffix == ".ply":  # of text as well, which trimesh takes at its word
         single = _SINGLE.search(content.partition(b"end_header")[0]) is not None
-    return MeshFile(meshes, plain, texture, coloured, single)
+    return MeshFile(meshes, None, texture, coloured, single)
 
 
-def _strokes_of_obj(plain: obj.Plain, path: Path) -> list[Any]:
+def _loaded(part: obj.Part) -> Any:
+    """A mesh of trimesh's of a part of an OBJ."""
+    import trimesh
+
+    visual = None if part.uv is None else trimesh.visual.TextureVisuals(uv=part.uv)  # type: ignore[no-untyped-call]
+    return trimesh.Trimesh(
+        part.positions,
+        part.faces,
+        vertex_normals=part.normals,
+        vertex_colors=part.colours,
+        visual=visual,
+        metadata={"material": part.material},
+        process=False,
+    )
+
+
+def _strokes_of_obj(plain: obj.ObjFile, path: Path) -> list[Any]:
     """The lines of a file without faces as a mesh of rods, else its vertices as balls; with their colours."""
-    points, colours = plain.vertices()
-    if not len(points) or not np.isfinite(points).all():
+    points, colours = plain.positions, plain.colours
+    is_finite = np.asarray(np.isfinite(points).all(axis=1))
+    if not is_finite.any():
         return []
-    if len(plain.lines):
-        used = np.unique(plain.lines)
+    lines = plain.lines[is_finite[plain.lines].all(axis=1)]
+    if len(lines):
+        used = np.unique(lines)
         radius = line_radius(points[used])
-        made = rods(points, plain.lines, radius)
-        drawn = f"{len(plain.lines):,} lines are drawn as rods"
+        made = rods(points, lines, radius)
+        drawn = f"{len(lines):,} lines are drawn as rods"
     else:
+        points, colours = points[is_finite], None if colours is None else colours[is_finite]
         radius = point_radius(points)
         made = balls(points, radius)
         drawn = f"{len(points):,} points are drawn as balls"
     warn(f"{path}: has no triangles, so its {drawn} of radius {radius:.3g}.")
-    return [_stroked(*made, None if colours is None else np.clip(colours, 0.0, 1.0))]
+    return [_stroked(*made, colours)]
 
 
 def _stroked(vertices: Float64, faces: NDArray[Any], normals: Float64, of: NDArray[Any], colours: Any) -> Any:
@@ -357,24 +367,6 @@ def _points_of_ply(content: bytes, path: Path) -> list[Any]:
     colours: Any = getattr(cloud, "colors", None)
     warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
     return [_stroked(*balls(points, radius), colours if np.shape(colours) == (len(points), 4) else None)]
-
-
-def _checked_off(content: bytes) -> bool:
-    """Whether an OFF file has colours: of vertices, by the keyword COFF, or of faces, after the corners.
-
-    trimesh reads neither, and takes as many faces as there are of a file that is cut off: ValueError.
-    """
-    lines = [line for line in (raw.partition(b"#")[0].split() for raw in content.splitlines()) if line]
-    keyword = lines[0].pop(0).upper()
-    if joined := _OFF.fullmatch(keyword):  # a number may follow it without a space
-        keyword = joined[1]
-        lines[0].insert(0, joined[2])
-    body = lines if lines[0] else lines[1:]
-    vertices, faces = int(body[0][0]), int(body[0][1])
-    found = body[1 + vertices :][:faces]
-    if len(found) < faces:
-        raise ValueError(f"it announces {faces} faces and has {len(found)}")
-    return b"C" in keyword or any(len(face) > 1 + int(face[0]) for face in found)
 
 
 def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:

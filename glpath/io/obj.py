@@ -1,152 +1,277 @@
-"""OBJ files in the plain form that trimesh reads, from all that the format allows and that exporters write.
+"""OBJ files as arrays: all that the format allows of polygons, and all that exporters write.
 
-Indices count from 1, or backwards from the vertex before; for what else there is see `text`. The materials that
-faces name are numbered, as trimesh takes a name for one word.
+Indices count from 1, or backwards from the vertex before; `text` has the rules for lines and comments. Normals and
+texture coordinates that are NaN or infinite are left out, and faces with such a vertex, with one warning.
 
 Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
+from itertools import islice, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.io.text import decoded, statements
+from glpath.errors import SceneError
+from glpath.io.polygons import split_finite
+from glpath.io.text import decoded, parse_numbers, statements
 from glpath.scene.source_location import SourceLocation
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-# Numbers of a vertex, texture coordinate and normal that are used; a vertex may have a weight or a colour behind.
-_USED = {"v": 3, "vt": 2, "vn": 3}
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
-# Statements for trimesh beside vertices and faces.
-_KEPT = ("o", "g", "usemtl")
+_DIGITS = b"0123456789"
 
 
 @dataclass(frozen=True)
-class Plain:
-    """An OBJ file with one statement a line, separated by blanks, and indices that count from 1.
+class Part:
+    """Triangles of an OBJ file that have one material.
 
-    materials : names of those that faces have: `usemtl 3` is materials[3]
+    material  : index into `ObjFile.materials`; -1 without a material
+    positions : (V, 3)
+    faces     : (F, 3) indices of positions
+    uv        : (V, 2); None if any corner has none
+    normals   : (V, 3), zeros where the file has none; None if no corner has one
+    colours   : (V, 3) in [0, 1]; None without
+    """
+
+    material: int
+    positions: Float64
+    faces: Int64
+    uv: Float64 | None
+    normals: Float64 | None
+    colours: Float64 | None
+
+
+@dataclass(frozen=True)
+class ObjFile:
+    """Contents of an OBJ file.
+
+    positions : (V, 3)
+    colours   : (V, 3) in [0, 1]; None unless all vertices have one
+    parts     : triangles by material, those without a material first
+    materials : names of the materials that faces use
     libraries : the MTL files that it names
     coloured  : vertices have colours, or some of them, which then are left out
     lines     : (L, 2) indices, from 0, of the vertices between which lines are
     """
 
-    text: bytes
+    positions: Float64
+    colours: Float64 | None
+    parts: list[Part]
     materials: tuple[str, ...]
     libraries: tuple[str, ...]
     coloured: bool
     lines: Int64
 
-    def vertices(self) -> tuple[Float64, Float64 | None]:
-        """(N, 3) of all vertices, and (N, 3) their colours in [0, 1] where all have one. Raises ValueError."""
-        rows = [line.split()[1:] for line in self.text.decode().splitlines() if line.startswith("v ")]
-        numbers = np.array(rows or np.zeros((0, 3)), np.float64)
-        return numbers[:, :3], numbers[:, 3:] if numbers.shape[1] == 6 else None
+
+class _Tables(NamedTuple):
+    """Numbers of the statements v, vt and vn, a row for each."""
+
+    v: Float64
+    vt: Float64
+    vn: Float64
 
 
-def plain(content: bytes, source: str) -> Plain:
-    """The file in plain form.
+@dataclass
+class _Rows:
+    """Statements of one kind that hold numbers."""
+
+    kind: str
+    texts: list[str] = field(default_factory=list)
+    widths: set[int] = field(default_factory=set)
+
+    def append(self, values: list[str]) -> None:
+        if self.kind == "vt" and len(values) == 1:
+            values = [*values, "0"]  # a texture of one dimension has no v
+        self.texts.append(" ".join(values))
+        self.widths.add(len(values))
+
+    def table(self) -> Float64:
+        """(N, W) numbers, as many of each row as all rows have. Raises ValueError."""
+        width = min(self.widths, default=3)
+        if width < (2 if self.kind == "vt" else 3):
+            raise ValueError(f"a {_NAMES[self.kind]} has {width} numbers")
+        texts = self.texts if len(self.widths) < 2 else [" ".join(text.split()[:width]) for text in self.texts]
+        return parse_numbers(" ".join(texts)).reshape(-1, width)
+
+
+def read_obj(content: bytes, source: str) -> ObjFile:
+    """Return the contents of a file.
 
     source : the file, for errors
 
-    Raises SceneError for an index that names nothing, and ValueError for what is no number.
+    Raises SceneError for an index that names nothing, and ValueError for a word that is not a number.
     """
-    written = list(statements(decoded(content)))
-    totals = {kind: sum(words[0] == kind for _, words in written) for kind in _USED}
-    seen = dict.fromkeys(_USED, 0)
-    known: dict[str, str] = {}  # corners that mean the same on every line
-    lines = []
-    drawn: list[tuple[int, int]] = []
-    widths = [len(words) - 1 for _, words in written if words[0] == "v"]
-    # trimesh needs colours for all vertices or for none.
-    all_coloured = bool(widths) and min(widths) >= 6
-    column = _colour_column([words[1:] for _, words in written if words[0] == "v"]) if all_coloured else 3
+    rows = {kind: _Rows(kind) for kind in _NAMES}
+    face_texts: list[str] = []
+    sizes: list[int] = []
+    used: list[tuple[int, int]] = [(0, -1)]  # the number of faces before a material, and the material
+    drawn: list[tuple[int, int, int]] = []  # two vertices, and the line of the file
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
-    for number, words in written:
+    for number, words in statements(decoded(content)):
         kind, values = words[0], words[1:]
-        if kind in _USED:
-            seen[kind] += 1
-            if kind == "v" and all_coloured:
-                values = [*values[:3], *values[column:][:3]]
-            else:
-                # A texture of one dimension has no v.
-                values = [*values, "0"] if kind == "vt" and len(values) == 1 else values[: _USED[kind]]
+        if kind in rows:
+            rows[kind].append(values)
         elif kind == "f":
-            for value in values:
-                if value not in known or "-" in value:
-                    known[value] = _corner(value, seen, totals, source, number)
-            values = [known[value] for value in values]
+            text = " ".join(values)
+            if "-" in text:
+                text = " ".join(
+                    _counted_from_one(value, rows, SourceLocation(source, f"line {number}")) for value in values
+                )
+            face_texts.append(text)
+            sizes.append(len(values))
         elif kind == "l":
-            corners = [int(_corner(value, seen, totals, source, number).partition("/")[0]) for value in values]
-            drawn += pairwise(corners)
+            location = SourceLocation(source, f"line {number}")
+            points = [int(_counted_from_one(value, rows, location).partition("/")[0]) for value in values]
+            drawn += ((*pair, number) for pair in pairwise(points))
         elif kind == "usemtl":
-            values = [str(materials.setdefault(" ".join(values), len(materials)))]
+            used.append((len(sizes), materials.setdefault(" ".join(values), len(materials))))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
-        if kind not in ("f", *_USED, *_KEPT):
-            continue
-        lines.append(" ".join([kind, *values]))
-    if materials:
-        lines.insert(0, "mtllib all")
-    return Plain(
-        "\n".join(lines).encode(),
+    tables = _Tables(*(each.table() for each in rows.values()))
+    corners = _corners(" ".join(face_texts), sum(sizes))
+    _check_corners(corners, sizes, tables, source, content)
+    lines = np.array(drawn, np.int64).reshape(-1, 3)
+    for row, column in np.argwhere((lines[:, :2] < 1) | (lines[:, :2] > len(tables.v)))[:1]:
+        location = SourceLocation(source, f"line {lines[row, 2]}")
+        raise _no_such(location, "v", str(lines[row, column]), len(tables.v))
+    starts, numbers = (np.array(each, np.int64) for each in zip(*used, strict=True))
+    material_of = np.repeat(numbers, np.diff(starts, append=len(sizes)))
+    return ObjFile(
+        tables.v[:, :3],
+        _colours(tables.v),
+        _parts(tables, corners, np.array(sizes, np.int64), material_of, source),
         tuple(materials),
         tuple(libraries),
-        max(widths, default=0) >= 6,
-        np.array(drawn, np.int64).reshape(-1, 2) - 1,
+        max(rows["v"].widths, default=0) >= 6,
+        lines[:, :2] - 1,
     )
 
 
-def _colour_column(vertices: list[list[str]]) -> int:
-    """Return the index of the first colour: 3 after x y z (r g b, then perhaps alpha), or 4 after x y z weight.
+def _colours(rows: Float64) -> Float64 | None:
+    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; None without.
 
     Seven numbers are x y z r g b a, unless only the fourth is 1 for all vertices.
     """
-    if min(map(len, vertices)) < 7:
-        return 3
-    weight, alpha = ([float(values[i]) for values in vertices] for i in (3, 6))
-    return 4 if set(weight) == {1.0} and set(alpha) != {1.0} else 3
+    if rows.shape[1] < 6:
+        return None
+    first = 4 if rows.shape[1] >= 7 and (rows[:, 3] == 1).all() and not (rows[:, 6] == 1).all() else 3
+    return np.clip(np.nan_to_num(rows[:, first : first + 3]), 0.0, 1.0)
 
 
-class NamesOnly:
-    """A resolver for trimesh's material libraries: the numbers of `Plain.materials`, so that it keeps them apart.
-
-    With it trimesh opens no file, whatever the OBJ names.
-    """
-
-    def __init__(self, count: int) -> None:
-        self._text = "".join(f"newmtl {number}\nKd 1 1 1\n" for number in range(count))
-
-    def get(self, name: str) -> bytes:
-        return self._text.encode()
-
-    __getitem__ = get
-
-
-def _corner(text: str, seen: dict[str, int], totals: dict[str, int], source: str, line: int) -> str:
-    """`v`, `v/vt`, `v//vn` or `v/vt/vn` with indices from 1."""
+def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
+    """Return a corner, such as -1/-1/-1, with indices from 1 instead of from the last statement."""
     indices = []
-    for kind, written in zip(_USED, text.split("/"), strict=False):
-        if kind != "v" and not (written and totals[kind]):  # some exporters number what they leave out
-            indices.append("")
-            continue
-        index = int(written)
-        if index < 0:
-            index += seen[kind] + 1
-        # trimesh takes 0 for the last without a word.
-        if not 1 <= index <= totals[kind]:
-            total = totals[kind]
-            raise SourceLocation(source, f"line {line}").error(
-                f"names {_NAMES[kind]} {written}, but the file has {total} {_PLURALS[kind]} (1 to {total}).",
-                "Vertex indices of OBJ files count from 1.",
-            )
-        indices.append(str(index))
+    for (kind, each), word in zip(rows.items(), text.split("/"), strict=False):
+        index = int(word or 0)
+        if index < 0 and each.texts:
+            index += len(each.texts) + 1
+            if index < 1:
+                raise _no_such(location, kind, word, len(each.texts))
+        indices.append(str(max(index, 0) or ""))
     return "/".join(indices).rstrip("/")
+
+
+def _corners(text: str, count: int) -> Int64:
+    """(C, 3) indices from 0 of the position, texture coordinate and normal of each corner; -1 without.
+
+    text : corners v, v/vt, v//vn or v/vt/vn, with blanks between them
+
+    Raises ValueError.
+    """
+    corners = np.full((count, 3), -1, np.int64)
+    if not count:
+        return corners
+    pattern, doubled = text.encode().translate(None, _DIGITS), text.count("//")
+    for columns, between, slashes in (
+        ([0], b" ", 0),
+        ([0, 1], b"/ ", 0),
+        ([0, 1, 2], b"// ", 0),
+        ([0, 2], b"// ", count),
+    ):
+        if doubled == slashes and pattern == (between * count)[:-1]:
+            numbers = parse_numbers(text.replace("/", " "))
+            corners[:, columns] = numbers.reshape(count, -1) - 1
+            return corners
+    known: dict[str, tuple[int, ...]] = {}
+    words = text.split()
+    for word in words:
+        if word not in known:
+            indices = [int(index or 0) - 1 for index in word.split("/")[:3]]
+            known[word] = (*indices, *[-1] * (3 - len(indices)))
+    corners[:] = [known[word] for word in words]
+    return corners
+
+
+def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: str, content: bytes) -> None:
+    """Raise SceneError for indices beyond what the file has. Forget those of kinds that the file has none of."""
+    for column, (kind, table) in enumerate(zip(_NAMES, tables, strict=True)):
+        if column and not len(table):  # some exporters number what they leave out
+            corners[:, column] = -1
+        wrong = (corners[:, column] >= len(table)) | (corners[:, column] < (-1 if column else 0))
+        if wrong.any():
+            corner = int(np.argmax(wrong))
+            face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
+            faces = (number for number, words in statements(decoded(content)) if words[0] == "f")
+            line = next(islice(faces, face, None))
+            location = SourceLocation(source, f"line {line}")
+            raise _no_such(location, kind, str(corners[corner, column] + 1), len(table))
+
+
+def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> SceneError:
+    return location.error(
+        f"names {_NAMES[kind]} {index}, but the file has {total} {_PLURALS[kind]} (1 to {total}).",
+        "Vertex indices of OBJ files count from 1.",
+    )
+
+
+def _parts(tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, source: str) -> list[Part]:
+    """Return the triangles of faces with `sizes` corners each, by material. Warns of what is left out."""
+    bad_uv, bad_normals = (~np.isfinite(table).all(axis=1) for table in (tables.vt, tables.vn))
+    tables.vt[bad_uv], tables.vn[bad_normals] = 0.0, 0.0
+    others = {
+        "texture coordinates that are not finite": int(np.count_nonzero(bad_uv)),
+        "normals that are not finite": int(np.count_nonzero(bad_normals)),
+    }
+    split = split_finite(source, tables.v[:, :3], corners[:, 0], sizes, others)
+    triangles, materials = corners[split.triangles], material_of[split.polygons]
+    if len(materials) and (materials == materials[0]).all():
+        return [_part(int(materials[0]), triangles, tables)]
+    return [_part(number, triangles[materials == number], tables) for number in np.unique(materials).tolist()]
+
+
+def _part(material: int, triangles: Int64, tables: _Tables) -> Part:
+    """Return triangles (T, 3 corners, 3 indices) with one vertex for each distinct corner."""
+    corners = triangles.reshape(-1, 3)
+    has_uv, has_normals = bool((corners[:, 1] >= 0).all()), bool((corners[:, 2] >= 0).any())
+    key, is_vertex = corners[:, 0], True
+    for column in [1] * has_uv + [2] * has_normals:
+        if not np.array_equal(corners[:, column], corners[:, 0]):
+            _, key = np.unique(key, return_inverse=True)
+            key, is_vertex = key * (len(tables[column]) + 1) + corners[:, column] + 1, False
+    if is_vertex:
+        first = np.full(len(tables.v), -1, np.int64)
+        first[key[::-1]] = np.arange(len(key))[::-1]
+        is_used = first >= 0
+        first, faces = first[is_used], (np.cumsum(is_used) - 1)[key]
+    else:
+        _, first, faces = np.unique(key, return_index=True, return_inverse=True)
+    vertices = corners[first]
+    colours = _colours(tables.v)
+    # The row behind the last is that of corners without a normal.
+    normals = np.vstack([tables.vn[:, :3], np.zeros(3)]) if has_normals else None
+    return Part(
+        material,
+        tables.v[vertices[:, 0], :3],
+        faces.reshape(-1, 3),
+        tables.vt[vertices[:, 1], :2] if has_uv else None,
+        None if normals is None else normals[vertices[:, 2]],
+        None if colours is None else colours[vertices[:, 0]],
+    )

@@ -1,22 +1,213 @@
-"""Plane polygons with holes as triangles.
+"""Polygons as triangles: those of files of meshes, and plane ones with holes.
 
-A polygon is cut across, at the height of each corner, into bands, and a band between its edges into trapezoids. So
-holes may touch the boundary and each other, which ends of bridges between rings may not.
+Faces of a mesh keep their corners: triangles stay, quads are split along a diagonal, a polygon is a fan around its
+first corner if that covers it once, and other polygons are cut by ears [mapbox_earcut].
+
+A polygon with holes is cut across, at the height of each corner, into bands, and a band between its edges into
+trapezoids. So holes may touch the boundary and each other, which ends of bridges between rings may not. The number
+of trapezoids may be quadratic, so ragged outlines of thousands of corners are cut by ears instead.
 
 Poor at: corners of other polygons, which the cuts do not share; thin triangles where corners are nearly level.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from glpath.errors import warn
+from glpath.io.values import warn_of_left_out
 from glpath.scene.geometry import Float64, Int32
+
+Int64 = NDArray[np.int64]
 
 # Of the extent: corners that are level.
 _LEVEL = 1e-9
+# Of the area of a polygon: triangles that have no area, and what ears may leave out.
+_NO_AREA, _LEFT_OUT = 1e-9, 1e-3
+# Bands that all edges of a polygon and its holes cross together, beyond which ears are cut instead.
+_MAX_CROSSED = 40_000
+
+
+@dataclass(frozen=True)
+class Split:
+    """Triangles of polygons, in the order of the polygons.
+
+    triangles : (T, 3) indices into the corners of all polygons, one after the other
+    polygons  : (T,) index of the polygon of each triangle
+    crossing  : number of polygons whose outline crosses itself, so that triangles overlap or leave gaps
+    """
+
+    triangles: Int64
+    polygons: Int64
+    crossing: int = 0
+
+
+def split_faces(positions: Float64, faces: Sequence[Sequence[int]]) -> tuple[Int32, int]:
+    """Return the triangles (T, 3) of faces, as indices of positions (V, 3), and how many faces cross themselves."""
+    corners = np.fromiter(chain.from_iterable(faces), np.int32)
+    split = split_polygons(positions, corners, np.array([len(face) for face in faces]))
+    return corners[split.triangles], split.crossing
+
+
+@np.errstate(over="ignore", invalid="ignore")  # positions that are too large get an error of their own later
+def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any]) -> Split:
+    """Return triangles that cover each polygon once, concave ones included.
+
+    positions : (V, 3)
+    corners   : (sum of sizes,) indices of positions, in order around each polygon
+    sizes     : (P,) number of corners of each polygon; those with fewer than three have no triangles
+
+    A quad is split from its first corner to its third, unless only the other diagonal lies within it.
+    """
+    sizes = np.asarray(sizes, np.int64)
+    if (sizes == 3).all():
+        return Split(np.arange(3 * len(sizes)).reshape(-1, 3), np.arange(len(sizes)))
+    first = np.cumsum(sizes) - sizes
+    triangles, polygons, crossing = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], 0
+    for size in np.unique(sizes[sizes >= 3]).tolist():
+        chosen = np.flatnonzero(sizes == size)
+        starts = first[chosen]
+        if size == 3:
+            local = np.broadcast_to(np.arange(3), (len(chosen), 1, 3))
+        elif size == 4:
+            local, crossed = _split_quads(*(positions[corners[starts + i]] for i in range(4)))
+            crossing += crossed
+        else:
+            ahead = np.arange(1, size - 1)
+            fan = np.stack([np.zeros_like(ahead), ahead, ahead + 1], axis=1)
+            local = np.broadcast_to(fan, (len(chosen), size - 2, 3))
+            rings = positions[corners[starts[:, None] + np.arange(size)]]
+            others = np.flatnonzero(~_are_fans(rings))
+            if len(others):
+                ears, of, left_out = _ears_of_rings(rings[others])
+                crossing += int(np.count_nonzero(left_out > _LEFT_OUT))
+                triangles.append(starts[others][of, None] + ears)
+                polygons.append(chosen[others][of])
+            local, starts, chosen = (np.delete(each, others, axis=0) for each in (local, starts, chosen))
+        triangles.append((local + starts[:, None, None]).reshape(-1, 3))
+        polygons.append(np.repeat(chosen, local.shape[1]))
+    joined, of = np.concatenate(triangles), np.concatenate(polygons)
+    if len(polygons) == 2:
+        return Split(joined, of, crossing)
+    order = np.argsort(of, kind="stable")
+    return Split(joined[order], of[order], crossing)
+
+
+def split_finite(
+    source: str,
+    positions: Float64,
+    corners: NDArray[Any],
+    sizes: NDArray[Any],
+    others: Mapping[str, int] | None = None,
+) -> Split:
+    """Return the triangles of a file's polygons, without those that have a vertex that is not finite.
+
+    Warns of what is left out, and of outlines that cross themselves.
+
+    source : the file
+    others : counts of other things that are left out, by name, for the same warning
+    """
+    is_bad = ~np.asarray(np.isfinite(positions).all(axis=1))
+    of = np.repeat(np.arange(len(sizes)), sizes)
+    bad_faces = np.bincount(of, is_bad[corners], len(sizes)) > 0 if is_bad.any() else np.zeros(len(sizes), np.bool_)
+    too_few = np.asarray(sizes) < 3
+    warn_of_left_out(
+        source,
+        {
+            "vertices that are not finite": int(is_bad.sum()),
+            "faces with such a vertex": int(bad_faces.sum()),
+            "faces of fewer than three corners": int(too_few.sum()),
+            **(others or {}),
+        },
+    )
+    dropped = bad_faces | too_few
+    if not dropped.any():
+        split = split_polygons(positions, corners, sizes)
+    else:
+        kept, whole = np.flatnonzero(~dropped[of]), np.flatnonzero(~dropped)
+        split = split_polygons(positions, corners[kept], sizes[whole])
+        split = Split(kept[split.triangles], whole[split.polygons], split.crossing)
+    warn_of_crossing(source, split.crossing)
+    return split
+
+
+def warn_of_crossing(source: str, count: int) -> None:
+    """Warn of polygons of a file that cross themselves, if there are any."""
+    if count:
+        warn(
+            f"{source}: outlines of faces that cross themselves: {count:,}. Their triangles overlap or leave gaps."
+        )
+
+
+def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64, int]:
+    """Return (N, 2, 3) corners of the triangles of quads (N, 3) each, and how many quads cross themselves."""
+    ac, bd, ab, ad = c - a, d - b, b - a, d - a
+    normal = _cross(ac, bd)
+    size = _dot(normal, normal)
+    # Twice the areas that the diagonals leave on either side, times the length of the normal.
+    beside_ac = np.minimum(_dot(normal, _cross(ab, ac)), _dot(normal, _cross(ac, ad)))
+    beside_bd = np.minimum(_dot(normal, _cross(ab, ad)), _dot(normal, _cross(c - b, bd)))
+    other = (beside_ac <= _NO_AREA * size) & (beside_bd > _NO_AREA * size)
+    crossed = (beside_ac < -_NO_AREA * size) & ~other
+    local = np.empty((len(a), 2, 3), np.int64)
+    local[:] = [[0, 1, 2], [0, 2, 3]]
+    local[other] = [[0, 1, 3], [1, 2, 3]]
+    return local, int(np.count_nonzero(crossed))
+
+
+def _are_fans(rings: Float64) -> NDArray[np.bool_]:
+    """(N,) bool: the fan around the first corner of a ring (N, k, 3) covers it once, or the ring has no area."""
+    spokes = rings[:, 1:] - rings[:, :1]
+    doubled = _cross(spokes[:, :-1], spokes[:, 1:])
+    normal = doubled.sum(axis=1)
+    size = _dot(normal, normal)
+    ahead = (_dot(doubled, normal[:, None]) > _NO_AREA * size[:, None]).all(axis=1)
+    return np.asarray(ahead | ~(size > 0) | ~np.isfinite(size))
+
+
+def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, Float64]:
+    """Return corners (T, 3) and rings (T,) of the triangles of rings (N, k, 3), and the share of each left out."""
+    spokes = rings[:, 1:] - rings[:, :1]
+    normals = _cross(spokes[:, :-1], spokes[:, 1:]).sum(axis=1)
+    # Seen against the normal, along the axis nearest to it.
+    axes = np.argmax(np.abs(normals), axis=1)
+    is_front = np.take_along_axis(normals, axes[:, None], axis=1) > 0
+    x, y = (axes[:, None] + 1) % 3, (axes[:, None] + 2) % 3
+    columns = np.where(is_front, np.hstack([x, y]), np.hstack([y, x]))
+    plane = np.take_along_axis(rings - rings[:, :1], columns[:, None], axis=2)
+    faces = _ears_of_each(plane, [rings.shape[1]])
+    of = np.repeat(np.arange(len(rings)), [len(each) for each in faces])
+    corners = np.concatenate(faces)
+    covered = np.bincount(of, _doubled_areas(plane[of[:, None], corners]), len(rings))
+    areas = np.abs(normals).max(axis=1)
+    return corners, of, np.abs(areas - covered) / np.maximum(areas, np.finfo(float).tiny)
+
+
+def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
+    """(F, 3) corners of the triangles of each outline.
+
+    outlines : (N, k, 2): a counter-clockwise ring, then its holes
+    sizes    : number of corners of the ring, and of each hole
+    """
+    from mapbox_earcut import triangulate_float64
+
+    ends = np.cumsum(sizes, dtype=np.uint32)
+    return [triangulate_float64(points, ends).reshape(-1, 3).astype(np.int64) for points in outlines]
+
+
+def _cross(a: Float64, b: Float64) -> Float64:
+    # np.cross takes three times as long.
+    return np.stack([a[..., i - 2] * b[..., i - 1] - a[..., i - 1] * b[..., i - 2] for i in range(3)], axis=-1)
+
+
+def _dot(a: Float64, b: Float64) -> Float64:
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
 def polygon_normal(ring: Float64) -> Float64:
@@ -31,43 +222,60 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
     boundary : (N, 3) corners, counter-clockwise seen from the front, as the faces are
     holes    : (M, 3) corners of each, in either order, in the plane of the boundary and within it
 
-    The missing area is not zero where rings cross each other. What has no area has no faces.
+    The missing area is not zero if rings cross each other. A polygon without area has no faces.
     """
-    normal = polygon_normal(boundary)
-    size = float(np.linalg.norm(normal))
+    size = float(np.linalg.norm(polygon_normal(boundary)))
     if size == 0:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32), 0.0
-    if not holes and _is_convex(boundary, normal):
-        ahead = np.arange(1, len(boundary) - 1, dtype=np.int32)
-        return boundary, np.stack([np.zeros_like(ahead), ahead, ahead + 1], axis=1), 0.0
-    n = normal / size
+    rings = _projected([boundary, *holes])
+    if not holes:
+        faces = split_polygons(boundary, np.arange(len(boundary)), np.array([len(boundary)])).triangles
+        covered = 0.5 * float(np.abs(_doubled_areas(rings[0][faces])).sum())
+        return boundary, faces.astype(np.int32), 0.5 * size - covered
+    wanted = 0.5 * size - sum(0.5 * float(np.linalg.norm(polygon_normal(hole))) for hole in holes)
+    corners = _trapezoids(rings)
+    if corners is None:
+        vertices, points = np.concatenate([boundary, *holes]), np.concatenate(rings)
+        (faces,) = _ears_of_each(points[None], [len(ring) for ring in rings])
+        covered = 0.5 * float(np.abs(_doubled_areas(points[faces])).sum())
+        return vertices, faces.astype(np.int32), wanted - covered
+    flat, numbers = _faces(corners)
+    missing = wanted - 0.5 * float(_doubled_areas(flat[numbers]).sum())
+    return flat @ _frame(boundary) + boundary[0], numbers, missing
+
+
+def _frame(ring: Float64) -> Float64:
+    """(2, 3) unit vectors along the plane of a ring, counter-clockwise about its normal."""
+    normal = polygon_normal(ring)
+    n = normal / np.linalg.norm(normal)
     # Cuts across are level on a wall.
     across = np.cross([0.0, 0.0, 1.0], n) if abs(n[2]) < 0.99 else np.cross([0.0, 1.0, 0.0], n)
     across /= np.linalg.norm(across)
-    frame = np.array([across, np.cross(n, across)])
-    origin = boundary[0]
-    rings = [(ring - origin) @ frame.T for ring in (boundary, *holes)]
-    corners = _trapezoids(rings)
-    vertices, faces = _faces(corners)
-    wanted = 0.5 * size - sum(0.5 * float(np.linalg.norm(polygon_normal(hole))) for hole in holes)
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    covered = 0.5 * float(((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum())
-    return vertices @ frame + origin, faces, wanted - covered
+    return np.array([across, np.cross(n, across)])
 
 
-def _is_convex(ring: Float64, normal: Float64) -> bool:
-    edges = np.roll(ring, -1, axis=0) - ring
-    turns = np.cross(edges, np.roll(edges, -1, axis=0)) @ normal
-    return len(ring) == 3 or (len(ring) == 4 and bool((turns > 0).all()))
+def _projected(rings: Sequence[Float64]) -> list[Float64]:
+    """Rings (N, 2) in the plane of the first, from its first corner."""
+    frame = _frame(rings[0])
+    return [(ring - rings[0][0]) @ frame.T for ring in rings]
 
 
-def _trapezoids(rings: Sequence[Float64]) -> Float64:
-    """(K, 4, 2) corners, counter-clockwise; two of a triangle's are the same."""
+def _doubled_areas(corners: Float64) -> Float64:
+    """(T,) twice the signed areas of triangles (T, 3, 2)."""
+    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+
+
+def _trapezoids(rings: Sequence[Float64]) -> Float64 | None:
+    """(K, 4, 2) corners, counter-clockwise; two of a triangle's are the same. None if there are too many."""
     starts = np.concatenate(rings)
     ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     levels = np.unique(starts[:, 1])
     apart = _LEVEL * float(np.ptp(starts, axis=0).max())
     levels = levels[np.concatenate([[True], np.diff(levels) > apart])]
+    crossed = np.abs(np.searchsorted(levels, starts[:, 1]) - np.searchsorted(levels, ends[:, 1]))
+    if crossed.sum() > _MAX_CROSSED:
+        return None
     found = []
     for low, high in pairwise(levels):
         middle = 0.5 * (low + high)
@@ -79,11 +287,11 @@ def _trapezoids(rings: Sequence[Float64]) -> Float64:
 
         order = np.argsort(at(middle), kind="stable")
         below, above = at(low)[order], at(high)[order]
-        for i in range(0, len(order) - 1, 2):
-            left, right = i, i + 1
-            if max(below[right] - below[left], above[right] - above[left]) > apart:
-                found.append([[below[left], low], [below[right], low], [above[right], high], [above[left], high]])
-    return np.array(found, np.float64).reshape(-1, 4, 2)
+        count = len(order) // 2
+        x = np.stack([below[: 2 * count : 2], below[1::2], above[1::2], above[: 2 * count : 2]], axis=1)
+        x = x[np.maximum(x[:, 1] - x[:, 0], x[:, 2] - x[:, 3]) > apart]
+        found.append(np.stack([x, np.broadcast_to([low, low, high, high], x.shape)], axis=2))
+    return np.concatenate([np.zeros((0, 4, 2)), *found])
 
 
 def _faces(corners: Float64) -> tuple[Float64, Int32]:
@@ -91,7 +299,6 @@ def _faces(corners: Float64) -> tuple[Float64, Int32]:
     vertices, number = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     quads = number.reshape(-1, 4)
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    doubled = _doubled_areas(vertices[faces])
     extent = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 1.0
     return vertices, faces[doubled > _LEVEL * extent**2].astype(np.int32)

@@ -7,7 +7,16 @@ is UTF-8, UTF-16 or, in old files, Latin-1.
 from __future__ import annotations
 
 import codecs
+import re
+import warnings
 from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+# `1.#QNAN` and `1.#INF` of Microsoft's old C library, in which # begins no comment, and `nan(ind)` of its new one.
+_NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|nan\([^)\s]*\)", re.IGNORECASE)
+_INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
 
 
 def statements(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -32,11 +41,39 @@ def decoded(content: bytes) -> str:
         return content.decode("latin-1")
 
 
+def with_plain_nan(text: str) -> str:
+    """Return text with NaN and infinity as `nan` and `inf`, however a C library wrote them."""
+    if "#" in text or "(" in text:
+        return _INFINITE.sub("inf", _NAN.sub("nan", text))
+    return text
+
+
+def parse_numbers(text: str) -> NDArray[np.float64]:
+    """Return the numbers of a text, with blanks between them. Raises ValueError for other words."""
+    if not text:
+        return np.zeros(0)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # older releases of numpy warn
+            return np.fromstring(text, sep=" ")
+    except (ValueError, DeprecationWarning):
+        return np.array([_number(word) for word in text.split()])
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise ValueError(f'"{word[:40]}" is not a number') from None
+
+
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Statements without comments, and the number of the line on which each begins, from 1."""
     begun, before = 0, ""
     # Not splitlines, which knows ends of lines that are letters in Latin-1.
-    for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
+    for number, line in enumerate(
+        with_plain_nan(text).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1
+    ):
         line = line.partition("#")[0].rstrip()
         begun = begun or number
         if line.endswith("\\"):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, warn
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
@@ -68,3 +68,10 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
     nearest = difflib.get_close_matches(path.name, others, 8, 0)
     kinds = ", ".join(filter(None, formats))
     return f"{kind} in {path.parent}: {', '.join(nearest) or ('none of ' + kinds if kinds else 'none')}."
+
+
+def warn_of_left_out(source: str, counts: Mapping[str, int]) -> None:
+    """Warn once of all that is left out of a file; `counts` are by names such as "normals that are not finite"."""
+    listed = [f"{name} ({count:,})" for name, count in counts.items() if count]
+    if listed:
+        warn(f"{source}: left out: {', '.join(listed)}.")

@@ -23,19 +23,9 @@ FLAT = 1e-7
 _CUBE_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
 
-def split_faces(faces: list[list[int]]) -> Int32:
-    """(F, 3) int32: faces of four vertices become two triangles along the line from the first to the third."""
-    triangles = []
-    for face in faces:
-        triangles.append(face[:3])
-        if len(face) == 4:
-            triangles.append([face[0], face[2], face[3]])
-    return np.array(triangles, np.int32).reshape(-1, 3)
-
-
 def quad(corners: ArrayLike) -> tuple[Float64, Int32]:
     """Two triangles. corners: (4, 3), scene units."""
-    return np.array(corners, np.float64), split_faces([[0, 1, 2, 3]])
+    return np.array(corners, np.float64), _halves([(0, 1, 2, 3)])
 
 
 def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int32]:
@@ -43,7 +33,12 @@ def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int32]:
     corner = np.arange(8)
     at_upper = np.stack([corner & 1, corner >> 1 & 1, corner >> 2 & 1], axis=1)
     vertices = np.where(at_upper == 1, np.asarray(upper, np.float64), np.asarray(lower, np.float64))
-    return vertices, split_faces([list(face) for face in _CUBE_FACES])
+    return vertices, _halves(_CUBE_FACES)
+
+
+def _halves(quads: ArrayLike) -> Int32:
+    """(2 N, 3) triangles of convex quads (N, 4)."""
+    return np.array(quads, np.int32)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
 def quad_mesh(corners: ArrayLike) -> Mesh:

@@ -16,7 +16,7 @@ from glpath import load_scene, read_image
 from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.film.film import Film
-from glpath.scene.model import Scene
+from glpath.scene.model import Mesh, Scene
 from tests.conftest import MakeFilm
 from tests.support.damaged import bomb
 from tests.support.repository import TESTS
@@ -166,6 +166,48 @@ def test_an_index_that_names_nothing_is_an_error_with_its_line(tmp_path: Path, f
     with pytest.raises(SceneError) as error:
         plate(tmp_path / "plate.obj")
     assert message in str(error.value)
+
+
+# One number that is not finite takes away its normal, vertex or facet, not the model.
+
+DAMAGED = {
+    "vn": ("vn {0} 0 0\nvn 0 0 1\n" + PLAIN.replace("f 1/1 2/2 3/3", "f 1/1/1 2/2/2 3/3/2"), 2.0, "normals that"),
+    "vt": (PLAIN.replace("vt 1 1", "vt 1 {0}"), 2.0, "texture coordinates that"),
+    "unused v": (PLAIN + "v 9 {0} 9\n", 2.0, "vertices that"),
+    "used v": (PLAIN.replace("v 2 0 0", "v 2 {0} 0"), 1.0, "faces with such a vertex"),
+}
+
+
+@pytest.mark.parametrize(
+    "number", ["nan", "-nan", "-nan(ind)", "NaN(snan)", "1.#QNAN", "-1.#IND00", "inf", "-1.#INF"]
+)
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_one_number_of_an_obj_that_is_not_finite_takes_away_one_thing(
+    tmp_path: Path, kind: str, number: str
+) -> None:
+    text, area, name = DAMAGED[kind]
+    (tmp_path / "plate.obj").write_text(text.format(number))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load_scene(tmp_path / "plate.obj")
+    assert scene.areas.sum() == pytest.approx(area)
+    assert np.isfinite(scene.triangles).all()
+    (warning,) = [str(each.message) for each in caught if "left out" in str(each.message)]
+    assert f"{name}" in warning
+    assert "(1)" in warning
+
+
+def test_a_word_that_is_no_number_is_named(tmp_path: Path) -> None:
+    (tmp_path / "plate.obj").write_text(PLAIN.replace("v 2 0 0", "v 2 0,5 0"))
+    with pytest.raises(SceneError, match=r'"0,5" is not a number'):
+        plate(tmp_path / "plate.obj")
+
+
+def test_corners_without_a_normal_have_that_of_their_face(tmp_path: Path) -> None:
+    (tmp_path / "plate.obj").write_text("vn 1 0 0\n" + PLAIN.replace("f 1/1 2/2 3/3", "f 1/1/1 2/2/1 3/3/1"))
+    mesh = plate(tmp_path / "plate.obj").shapes[0].geometry
+    assert isinstance(mesh, Mesh)
+    assert sorted(map(tuple, mesh.normals.tolist())) == [(0, 0, 0)] * 3 + [(1, 0, 0)] * 3
 
 
 def test_names_that_are_not_ascii_do_not_matter_in_ply_and_stl(tmp_path: Path) -> None:

@@ -86,7 +86,8 @@ def test_the_number_of_vertices_may_follow_the_keyword_without_a_space(tmp_path:
         ("OFF\n", "cannot be read as OFF"),
         ("OFF\n0 0 0\n", "no triangles"),
         (PYRAMID.replace("3 3 0 4", "3 3 0 9"), "vert"),  # 9 of 5, in the words of trimesh or of glpath
-        (PYRAMID.replace("0.75", "nan"), "finite"),
+        (PYRAMID.replace("0.75", "high"), '"high" is not a number'),
+        (PYRAMID.replace("3 3 0 4", "3 3 0"), "face 4 announces 3 corners and has 2"),
         (PYRAMID[:60], "cannot be read as OFF"),
     ],
 )
@@ -95,3 +96,11 @@ def test_what_is_broken_is_refused_by_name(text: str, found: str, tmp_path: Path
     with pytest.raises(SceneError, match=r"broken\.off") as caught:
         glpath.load_scene(tmp_path / "broken.off")
     assert found in str(caught.value)
+
+
+@pytest.mark.parametrize("number", ["nan", "-nan(ind)", "1.#QNAN", "-1.#IND00", "inf", "1.#INF"])
+def test_faces_with_a_vertex_that_is_not_finite_are_left_out_with_a_count(number: str, tmp_path: Path) -> None:
+    (tmp_path / "pyramid.off").write_text(PYRAMID.replace("0.75", number))
+    with pytest.warns(SceneWarning, match=r"left out: vertices that are not finite \(1\), faces .* \(4\)\.$"):
+        scene = glpath.load_scene(tmp_path / "pyramid.off")
+    assert scene.areas.sum() == pytest.approx(1)

@@ -1,11 +1,18 @@
-"""Polygons with holes as triangles: the area is that of the rings, and each point is covered once."""
+"""Faces of files, and polygons with holes, as triangles: the area is that of the rings, each point covered once."""
 
 from __future__ import annotations
+
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from glpath.io.polygons import polygon_normal, triangulated
+from glpath import load_scene
+from glpath.errors import SceneWarning
+from glpath.io.completed import aside
+from glpath.io.polygons import polygon_normal, split_polygons, triangulated
+from glpath.scene.model import Mesh
 
 
 def turned(points: np.ndarray, seed: int) -> np.ndarray:
@@ -57,3 +64,112 @@ def test_a_hole_that_leaves_the_polygon_is_missed() -> None:
 def test_a_line_has_no_triangles() -> None:
     vertices, faces, missing = triangulated(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]))
     assert len(vertices) == len(faces) == missing == 0
+
+
+def star(corners: int) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(corners) / corners
+    radius = np.where(np.arange(corners) % 2 == 0, 2.0, 0.65)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+L = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2.0]])
+#: Outlines in a plane, and their areas by the shoelace formula.
+OUTLINES = {
+    "l": (L, 3.0),
+    "star": (star(200), 4.0833987),
+    "arrow": (np.array([[0, 0], [2, 1], [0, 2], [1, 1.0]]), 1.0),
+    "convex": (star(200)[::2], 200 * np.sin(2 * np.pi / 100)),
+    "corner in the middle of an edge": (np.array([[0, 0], [1, 0], [2, 0], [2, 1], [0, 1.0]]), 2.0),
+}
+
+
+def written(folder: Path, suffix: str, points: np.ndarray) -> Path:
+    """A file with one face that has all the points as corners, in order."""
+    path, numbers = folder / f"a.{suffix}", range(len(points))
+    rows = "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in points.tolist())
+    face = f"{len(points)} {' '.join(map(str, numbers))}\n"
+    match suffix:
+        case "obj":
+            text = (
+                "".join(f"v {row}\n" for row in rows.splitlines()) + f"f {' '.join(str(i + 1) for i in numbers)}\n"
+            )
+        case "off":
+            text = f"OFF\n{len(points)} 1 0\n{rows}{face}"
+        case "ply":
+            text = (
+                f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty double x\nproperty double y\n"
+                f"property double z\nelement face 1\nproperty list int int vertex_indices\nend_header\n{rows}{face}"
+            )
+        case _:
+            text = f'[[shapes]]\ntype = "mesh"\nvertices = {points.tolist()}\nfaces = [{list(numbers)}]\n'
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["obj", "off", "toml"])
+@pytest.mark.parametrize("outline", OUTLINES)
+@pytest.mark.parametrize("first", [0, 1, 3])
+def test_a_face_of_a_file_has_the_area_of_its_outline(
+    tmp_path: Path, outline: str, suffix: str, first: int
+) -> None:
+    points, area = OUTLINES[outline]
+    corners = turned(np.roll(points, -first, axis=0), 3)
+    with aside("camera", "light"):
+        scene = load_scene(written(tmp_path, suffix, corners))
+    assert scene.areas.sum() == pytest.approx(area, rel=1e-6)
+    side = polygon_normal(corners)
+    assert (scene.normals @ side > 0).all()
+
+
+def test_corners_of_a_concave_face_keep_their_texture_coordinates_and_normals(tmp_path: Path) -> None:
+    lines = [f"v {x} {y} 0\nvt {x / 2} {y / 2}\nvn 0 0 1\n" for x, y in L.tolist()]
+    numbers = " ".join(f"{i}/{i}/{i}" for i in range(1, 7))
+    (tmp_path / "a.obj").write_text("".join(lines) + f"f {numbers}\n")
+    with aside("camera", "light"):
+        mesh = load_scene(tmp_path / "a.obj").shapes[0].geometry
+    assert isinstance(mesh, Mesh)
+    assert np.allclose(mesh.uv, mesh.vertices[:, :2] / 2)
+    assert np.allclose(mesh.normals, [0, 0, 1])
+
+
+def test_a_saddle_is_split_from_its_first_corner_to_its_third() -> None:
+    saddle = np.array([[0, 0, 0], [1, 0, 1], [1, 1, 0], [0, 1, 1.0]])
+    split = split_polygons(saddle, np.arange(4), np.array([4]))
+    assert split.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert split.crossing == 0
+
+
+def test_faces_that_cross_themselves_are_counted_in_one_warning(tmp_path: Path) -> None:
+    bow = "v 0 0 0\nv 2 1 0\nv 2 0 0\nv 0 1.5 0\n"
+    (tmp_path / "a.obj").write_text(bow + "f 1 2 3 4\nf 4 3 2 1\nf 1 2 3\n")
+    with (
+        pytest.warns(SceneWarning, match=r"outlines of faces that cross themselves: 2\."),
+        aside("camera", "light"),
+    ):
+        load_scene(tmp_path / "a.obj")
+
+
+def test_polygons_keep_their_order_and_triangles_their_polygon() -> None:
+    points = np.concatenate([np.column_stack([L, np.zeros(6)]) + [0, 0, i] for i in range(3)])  # noqa: RUF005
+    faces = [[0, 1, 2], [6, 7, 8, 9, 10, 11], [0, 1, 2, 3, 4, 5], [12, 13, 14, 17], [1, 2, 3]]
+    corners = np.concatenate([np.array(face) for face in faces])
+    split = split_polygons(points, corners, np.array([len(face) for face in faces]))
+    assert split.polygons.tolist() == [0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 4]
+    assert all(set(corners[t]) <= set(faces[p]) for t, p in zip(split.triangles, split.polygons, strict=True))
+
+
+@pytest.mark.parametrize("holes", [0, 1, 300])
+def test_a_ragged_face_of_thousands_of_corners_is_split_within_a_second(holes: int) -> None:
+    rng = np.random.default_rng(4)
+    angle = 2 * np.pi * np.arange(8000) / 8000
+    radius = rng.uniform(1, 3, 8000)
+    boundary = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(8000)])
+    square = np.array([[0, 0, 0], [0.02, 0, 0], [0.02, 0.02, 0], [0, 0.02, 0]])
+    inner = [square + [0.04 * (i % 18) - 0.36, 0.04 * (i // 18) - 0.36, 0] for i in range(holes)]  # noqa: RUF005
+    start = time.process_time()
+    vertices, faces, missing = triangulated(boundary, inner)
+    assert time.process_time() - start < 2  # bands took 25 s for 8,000 corners
+    x, y = boundary[:, 0], boundary[:, 1]
+    area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) - holes * 0.02**2
+    assert areas(vertices, faces, np.array([0, 0, 1.0])).sum() == pytest.approx(area)
+    assert missing == pytest.approx(0, abs=1e-9)

@@ -189,10 +189,10 @@ class Mesh(Shape, tag="mesh", kw_only=True):
     vertices: Annotated[list[Vector], Meta(description="Vertices [x, y, z].")] | UnsetType = UNSET
     faces: (
         Annotated[
-            list[Annotated[list[int], Meta(min_length=3, max_length=4)]],
+            list[Annotated[list[int], Meta(min_length=3)]],
             Meta(
-                description="Faces of three or four vertices, counter-clockwise seen from the front. "
-                "Indices count from 0. Four are split along the line from the first to the third."
+                description="Faces of three or more vertices, counter-clockwise seen from the front. "
+                "Indices count from 0. Concave faces are allowed."
             ),
         ]
         | UnsetType

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,7 +29,7 @@ from glpath.io.honeybee.model import (
     read_model_file,
 )
 from glpath.io.honeybee.modifiers import CONTEXT, Modifiers
-from glpath.io.polygons import polygon_normal, triangulated
+from glpath.io.polygons import polygon_normal, split_faces, triangulated, warn_of_crossing
 from glpath.io.values import LARGEST
 from glpath.scene.camera import Camera
 from glpath.scene.check import check_camera
@@ -196,7 +195,7 @@ class _Reader:
             self._check(name, ring)
         boundary, *holes = rings
         vertices, faces, missing = triangulated(boundary, holes)
-        _, _, crossed = triangulated(boundary)
+        crossed = triangulated(boundary)[2] if holes else missing
         area = 0.5 * float(np.linalg.norm(polygon_normal(boundary)))
         if abs(missing) > _MISSING * area or abs(crossed) > _MISSING * area:
             raise self.location.error(
@@ -210,13 +209,13 @@ class _Reader:
         geometry: Mesh3D = shade.geometry
         vertices = np.array(geometry.vertices, np.float64).reshape(-1, 3)
         self._check(shade.identifier, vertices)
-        triangles = [(face[0], *pair) for face in geometry.faces for pair in pairwise(face[1:])]
-        faces = np.array(triangles, np.int32).reshape(-1, 3)
-        if len(faces) and faces.max() >= len(vertices):
+        last = max((max(face) for face in geometry.faces), default=-1)
+        if last >= len(vertices):
             raise self.location.error(
-                f'"{shade.identifier}" names vertex {faces.max()}, but has {len(vertices)} (0 to '
-                f"{len(vertices) - 1})."
+                f'"{shade.identifier}" names vertex {last}, but has {len(vertices)} (0 to {len(vertices) - 1}).'
             )
+        faces, crossing = split_faces(vertices, geometry.faces)
+        warn_of_crossing(f'{self.location} "{shade.identifier}"', crossing)
         return Mesh(vertices, faces)
 
     def _check(self, name: str, points: Float64) -> None:

@@ -97,7 +97,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and not by_shape:
         source = str(given)  # not by a scene, which leaves out triangles without area
         file = read_mesh_file(Path(given), SourceLocation(source), colours=False)
-        meshes = [mesh_of_loaded(each, Path(given)) for each in file.in_order]
+        meshes = [mesh_of_loaded(each, Path(given)) for each in file.meshes]
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         vertices = np.concatenate([mesh.vertices for mesh in meshes])
         outlines = [
