@@ -132,6 +132,12 @@ class Scenes:
 
     def at(self, frame: int | None = None) -> Scene:
         """Raises and warns as `read_scene`, of further frames no more; frame: None without --frames."""
+        from glpath.io.completed import camera_replaced
+
+        with camera_replaced(self.camera):
+            return self._at(frame)
+
+    def _at(self, frame: int | None) -> Scene:
         if frame is None:
             return seen(read_scene(self.scene, self.parameters), self.resolution, self.camera)
         others = [text for text in self.parameters if text.partition("=")[0].strip() != "time"]

@@ -19,8 +19,10 @@ from glpath.io.gltf import Model
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.io.models import FORMATS, read_model
 from glpath.io.motion import motion_of
+from glpath.io.up_axis import axis_vector
 from glpath.io.values import LARGEST, nearby_files, unknown
 from glpath.scene import tessellate
+from glpath.scene.camera import upright_from_world
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import SourceLocation, shown
@@ -67,6 +69,8 @@ class Assets:
         model, path = read.model, Path(given.file)
         name = path.stem if isinstance(given.name, UnsetType) else given.name
         world = transform.world_from_shape(given.transform, location.field("transform"))
+        if not isinstance(given.up, UnsetType):
+            world[:3, :3] = world[:3, :3] @ upright_from_world(axis_vector(given.up))
         replaced = self._replaced(given, read, location.field("materials"))
         moved = motion_of(given.motion, world[None, :3], location.field("motion"))
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
@@ -99,6 +103,11 @@ class Assets:
             raise here.wrong(given.file, f"a model file that ends in {', '.join(FORMATS)}", "Export it as .glb.")
         if time is not None and path.suffix.lower() not in GLTF_FORMATS:
             raise location.field("time").error(f"is for animations of glTF files, but the file is {given.file}.")
+        if not isinstance(given.up, UnsetType) and path.suffix.lower() in GLTF_FORMATS:
+            raise location.field("up").error(
+                f"is for formats that do not say what is up, but {given.file} is glTF, which has y up.",
+                "Leave it out, or turn the model: transform = [{ rotate = { axis = [1, 0, 0], angle = -90 } }].",
+            )
         if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
             there = "is not a file" if os.path.exists(path) else "does not exist"
             raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))

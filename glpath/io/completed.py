@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import replace
 from typing import Literal
@@ -12,29 +12,33 @@ import numpy as np
 
 from glpath.errors import warn
 from glpath.io.plain_background import with_plain_background
+from glpath.io.up_axis import Up, axis_vector, evidence_for_z
 from glpath.scene.camera import framing
 from glpath.scene.emitted import emitted_radiance
-from glpath.scene.model import Camera, Scene, Shape, Sky
+from glpath.scene.model import Camera, Float64, Scene, Shape, Sky
 from glpath.scene.source_location import shown
-from glpath.scene.studio import studio
+from glpath.scene.studio import ground_below, nearest_axis, studio
 
 #: Pixels, where nothing says how many.
 RESOLUTION = (512, 512)
 #: Stands in until a scene has its own.
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
-# In diagonals of a model, how far below it the ground is: more than rounding.
-_BELOW = 1e-4
 # Mean radiance on a box around a model, beside 1 of the studio.
 _LAMP = 0.01
+# Emission up to which a surface is no lamp: that of white in a studio.
+_FAINT = 1.0
+#: Parts of a scene that a use of it may not need.
+Part = Literal["camera", "view", "light", "picture"]
 #: Unused parts of a scene.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
 
 @contextmanager
-def aside(*parts: Literal["camera", "light", "picture"]) -> Iterator[None]:
+def aside(*parts: Part) -> Iterator[None]:
     """Scenes that are loaded within need none of these parts: what stands in for them is no reason for a warning.
 
-    Nor is a scene file without a camera one for an error. Without a picture a white sky stands in for light.
+    Without a picture a white sky stands in for light. Without "view" a camera is needed, but its pose is not
+    reported, as something else replaces it.
     """
     before = _ASIDE.set(_ASIDE.get() | set(parts))
     try:
@@ -43,7 +47,7 @@ def aside(*parts: Literal["camera", "light", "picture"]) -> Iterator[None]:
         _ASIDE.reset(before)
 
 
-def is_aside(part: Literal["camera", "light", "picture"]) -> bool:
+def is_aside(part: Part) -> bool:
     """Within `aside` of this part."""
     return part in _ASIDE.get()
 
@@ -53,19 +57,38 @@ def uniform_sky(*, assumed: bool = False) -> Sky:
     return Sky(np.ones(3), np.ones(3), assumed=assumed)
 
 
-def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> Scene:
+def camera_replaced(camera: object) -> AbstractContextManager[None]:
+    """Return the context for loading a scene whose camera is replaced, as a whole or in part by a dictionary."""
+    replaced = (
+        camera is not None if not isinstance(camera, Mapping) else any(v is not None for v in camera.values())
+    )
+    return aside("view") if replaced else nullcontext()
+
+
+def completed(
+    scene: Scene, *, has_camera: bool, glow_is_light: bool = True, up: Up | Float64 = "y", lying: bool = False
+) -> Scene:
     """The scene with a camera and with light; a SceneWarning says what had to be added, and was not `aside`.
 
     has_camera    : False sets one that frames everything, of the resolution of the scene's
+    up            : the axis that is up for a camera that is set, (3,) or by name, or "guess"; see
+                    `glpath.io.up_axis`
+    lying         : flat things lie rather than stand, as of `evidence_for_z`
     glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
     """
-    notes = []
+    notes, evidence = [], None
     if not has_camera:
-        scene = replace(scene, camera=framing(scene.framed_points, scene.camera.resolution))
-    if not has_camera and not is_aside("camera"):
+        if isinstance(up, str) and up == "guess":
+            evidence = evidence_for_z(scene, lying)
+            up = "z" if evidence else "y"
+        axis = axis_vector(up) if isinstance(up, str) else up
+        camera = framing(scene.framed_points, scene.camera.resolution, axis)
+        scene = replace(scene, camera=replace(camera, shutter=scene.camera.shutter))
+    if not has_camera and not is_aside("camera") and not is_aside("view"):
         c = scene.camera
+        guess = f" with z up (a guess, as {evidence}; -D up=y if y is up)" if evidence else ""
         notes.append(
-            f"no camera, so one was set that sees everything: position {shown(c.position.round(3))}, target "
+            f"no camera, so one was set that sees everything{guess}: position {shown(c.position.round(3))}, target "
             f"{shown(c.target.round(3))}, fov {c.fov:g}, for {c.resolution[0]} x {c.resolution[1]} pixels"
         )
     emitters = [shape for shape in scene.shapes if shape.emits]
@@ -76,10 +99,10 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     in_studio = not is_aside("picture")
     if not is_lit and not needs_light and not has_camera and in_studio:
-        scene = _in_studio(scene, has_camera)
+        scene = _in_studio(scene)
     elif not is_lit and needs_light:
-        scene = _in_studio(scene, has_camera) if in_studio else replace(scene, sky=uniform_sky(assumed=True))
-        what = "no light but what glows faintly" if emitters else "no light"
+        scene = _in_studio(scene) if in_studio else replace(scene, sky=uniform_sky(assumed=True))
+        what = f"no light but what glows faintly{_remedy(scene, emitters)}" if emitters else "no light"
         if not is_aside("light"):
             stands_in = "a studio lights it" if in_studio else "a white sky shines from all around"
             notes.append(f"{what}, so {stands_in}")
@@ -88,20 +111,14 @@ def completed(scene: Scene, *, has_camera: bool, glow_is_light: bool = True) -> 
     return scene
 
 
-def _in_studio(scene: Scene, has_camera: bool) -> Scene:
+def _in_studio(scene: Scene) -> Scene:
     """The scene in `studio`, before a plain background, on a ground at its lowest point.
 
-    Up is the axis nearest to that of a camera of its own, or else y.
+    Up is the axis nearest to that of the camera.
     """
-    lower, upper = scene.bounds
-    of_camera = scene.camera.up if has_camera else NO_CAMERA.up
-    axis = int(np.argmax(np.abs(of_camera)))
-    up = [0.0, 0.0, 0.0]
-    up[axis] = float(np.sign(of_camera[axis]))
-    ground = np.zeros(3)
-    ground[axis] = (lower if up[axis] > 0 else upper)[axis]
-    ground[axis] -= up[axis] * _BELOW * float(np.linalg.norm(upper - lower))
-    return with_plain_background(replace(scene, sky=studio((up[0], up[1], up[2]))), ground)
+    axis = nearest_axis(scene.camera.up)
+    ground = ground_below(*scene.bounds, axis)
+    return with_plain_background(replace(scene, sky=studio((axis[0], axis[1], axis[2]))), ground)
 
 
 def _lamps_light(scene: Scene) -> bool:
@@ -112,10 +129,22 @@ def _lamps_light(scene: Scene) -> bool:
     return emitted_radiance(scene, lambda s: s.primitive == "triangle" and not _glows(scene, s)) > _LAMP
 
 
+def _remedy(scene: Scene, emitters: Sequence[Shape]) -> str:
+    """Return what a glow needs to count as light, in brackets; empty if all of it is unlit."""
+    lit = [shape for shape in emitters if not scene.materials[shape.material].unlit]
+    if not lit:
+        return ""
+    max_emission = max(float(shape.emission.max()) for shape in lit)
+    how = "in glTF by KHR_materials_emissive_strength, in MTL by Ke"
+    if max_emission <= _FAINT:
+        return f" (emission {max_emission:.3g} at most; a lamp has more than {_FAINT:g}, {how})"
+    return f" (on a box around all the radiance is below {_LAMP:g} in the mean; a lamp sends more, {how})"
+
+
 def _glows(scene: Scene, shape: Shape) -> bool:
     """It is unlit, or sends no more light than white sends on in a studio.
 
     Models that are to be lit by their surroundings have screens and small lamps, which in viewers light nothing.
     What is meant to light a scene sends more.
     """
-    return scene.materials[shape.material].unlit or bool(np.all(shape.emission <= 1))
+    return scene.materials[shape.material].unlit or bool(np.all(shape.emission <= _FAINT))

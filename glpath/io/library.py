@@ -29,7 +29,7 @@ from glpath.io.models import (
     gltf_cameras,
     gltf_variants,
     read_gltf_as_asked,
-    read_model,
+    read_mesh_model_as_asked,
     scene_of_model,
 )
 from glpath.io.other_files import refuse_other_file
@@ -38,6 +38,7 @@ from glpath.io.shipped.stacked import stacked
 from glpath.io.shipped.teapot import teapot
 from glpath.io.shipped.terrain import terrain
 from glpath.io.surroundings import Surroundings
+from glpath.io.up_axis import Up
 from glpath.scene import tessellate
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
@@ -66,16 +67,18 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  a `Scene`, which is given back as it is.
     parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
                  `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, for honeybee's: `overcast`,
-                 `ground` and `view`, or for one of Mitsuba's: its `<default>`s (`scene_parameters`); as text
-                 (`-D key=value`) or of the parameter's type
+                 `ground` and `view`, for one of Mitsuba's: its `<default>`s (`scene_parameters`), and for other
+                 files without a camera: `up`, the axis that is up; as text (`-D key=value`) or of the parameter's
+                 type
 
     Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
     instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
     "environment", "plain" or "transparent": what the camera sees behind all shapes.
 
-    What is no TOML file may leave out the camera, for one that frames everything with y up, and all light, for a
-    studio; SceneWarnings report it, and what of a model is not used. The picture of a model's camera has
-    its aspect and 512 pixels on the longer side, any other 512 x 512.
+    A file may leave out the camera, for one that frames everything, and all light, for a studio. Up is y, in
+    formats other than glTF z if there is evidence for it. SceneWarnings report it, and what of a model is not used.
+    A TOML file with a camera has light of its own. The picture of a model's camera has its aspect and 512 pixels on
+    the longer side, any other 512 x 512.
 
     Raises SceneError, which names the file, the location in it, what was found and what is allowed. Warns with
     SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
@@ -111,7 +114,7 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
     if path.suffix.lower() in GLTF_FORMATS:
         return scene_of_model(_made(read_gltf_as_asked, SourceLocation(text), parameters, path))
     if path.suffix.lower() in MODEL_FORMATS:
-        return _without_parameters(scene_of_model(read_model(path, SourceLocation(str(path)))), text, parameters)
+        return _made(read_mesh_model_as_asked, SourceLocation(text), parameters, path)
     if path.suffix.lower() == ".xml":
         from glpath.io.mitsuba import read_mitsuba  # which takes from the exporters, which load scenes
 
@@ -140,14 +143,18 @@ def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> di
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
     if name.lower().endswith(".xml"):
-        from glpath.io.mitsuba import mitsuba_parameters
+        from glpath.io.mitsuba import has_sensor, mitsuba_parameters
 
-        return {
+        listed: dict[str, tuple[object, str]] = {
             key: (value, "must be given" if value is None else "as the file has it")
             for key, value in mitsuba_parameters(Path(name), given).items()
         }
+        own_up = {} if has_sensor(Path(name), given) else _parameters_of(read_mesh_model_as_asked)
+        return own_up | listed
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)
+    if name.lower().endswith(MODEL_FORMATS):
+        return _parameters_of(read_mesh_model_as_asked)
     if name.lower().endswith(".hbjson"):
         from glpath.io.honeybee import read_honeybee
 
@@ -177,9 +184,10 @@ def _read_as_asked(
     time: Annotated[
         float, Meta(ge=0, description="seconds from 0, that the camera's shutter opens later than the file says")
     ] = 0.0,
+    up: Up = "guess",
 ) -> Scene:
     """The scene of a TOML file by parameters that users give; see `load_scene`."""
-    return read_scene_file(path, time)
+    return read_scene_file(path, time, up)
 
 
 def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]:

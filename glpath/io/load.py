@@ -23,12 +23,13 @@ from msgspec import inspect
 
 from glpath.errors import SceneError
 from glpath.io.build import build
-from glpath.io.completed import NO_CAMERA, is_aside
+from glpath.io.completed import NO_CAMERA, completed, is_aside
 from glpath.io.convert import convert
 from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile
 from glpath.io.meshes import MESH_KEYS, mesh_of_table
 from glpath.io.other_names import meant_by
 from glpath.io.streams import Chunks
+from glpath.io.up_axis import Up
 from glpath.io.values import LARGEST
 from glpath.scene.camera import framing
 from glpath.scene.model import Mesh, Scene
@@ -46,10 +47,11 @@ _LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance"
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
-def read_scene_file(path: Path, later: float = 0.0) -> Scene:
+def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
     """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area.
 
     later : seconds that the camera's shutter opens and closes later than the file says
+    up    : of a file without a camera: the axis that is up, or "guess", which is that of its sky if it names one
     """
     location = SourceLocation(str(path))
     # Unlike Path.is_file, os.path.isfile says no where the name is too long; bash has a pipe for <(...).
@@ -61,11 +63,13 @@ def read_scene_file(path: Path, later: float = 0.0) -> Scene:
         content = read_bytes(path)
     except OSError as error:
         raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
-    return scene_from_toml(content, location, path.parent, path.stem, later)
+    return scene_from_toml(content, location, path.parent, path.stem, later, up)
 
 
-def scene_from_toml(content: bytes, location: SourceLocation, folder: Path, name: str, later: float = 0.0) -> Scene:
-    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`, `later` as of
+def scene_from_toml(
+    content: bytes, location: SourceLocation, folder: Path, name: str, later: float = 0.0, up: Up = "guess"
+) -> Scene:
+    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`, `later` and `up` as of
     `read_scene_file`. Raises SceneError."""
     try:
         # As text is read: an end of line is "\n".
@@ -84,11 +88,18 @@ def scene_from_toml(content: bytes, location: SourceLocation, folder: Path, name
         raise _too_deep(location) from error
     except ValueError as error:  # of an integer of thousands of digits
         raise location.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
-    if "camera" not in data and is_aside("camera"):
+    if "camera" not in data:
         _check_no_camera_is_needed(data, location)
         camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
         scene = scene_of({**data, "camera": camera}, location, folder, name, later)
-        return replace(scene, camera=framing(scene.framed_points, scene.camera.resolution))
+        if is_aside("camera"):
+            return replace(scene, camera=framing(scene.framed_points, scene.camera.resolution))
+        of_sky = up == "guess" and scene.sky is not None and "up" in data["sky"]
+        return completed(scene, has_camera=False, up=scene.sky.up if of_sky and scene.sky else up)
+    if up != "guess":
+        raise location.field("up").error(
+            "is for files without a camera, but this one has a [camera].", "Turn its camera: --camera-up."
+        )
     return scene_of(data, location, folder, name, later)
 
 

@@ -24,6 +24,7 @@ from glpath.io.gltf.lights import camera_of
 from glpath.io.gltf.nodes import Nodes
 from glpath.io.mesh_models import read_mesh_model
 from glpath.io.meshes import FORMATS as MESH_FORMATS
+from glpath.io.up_axis import LYING, Up
 from glpath.scene.check import check_camera
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.source_location import SourceLocation
@@ -93,6 +94,11 @@ def read_gltf_as_asked(
     return replace(model, camera=None) if camera == "none" else model
 
 
+def read_mesh_model_as_asked(path: Path, *, up: Up = "guess") -> Scene:
+    """The scene of a file of `MESH_FORMATS` by parameters that users give; see `load_scene`."""
+    return scene_of_model(read_mesh_model(path, SourceLocation(str(path))), up=up)
+
+
 def read_model(path: Path, location: SourceLocation, time: float | None = None, shutter: float = 0.0) -> Model:
     """The model of a file of one of `FORMATS`; `location` is where it is named. Raises SceneError.
 
@@ -122,8 +128,11 @@ def gltf_variants(path: Path) -> tuple[str, ...]:
     return variant_names(read_document(path))
 
 
-def scene_of_model(model: Model) -> Scene:
-    """A model as a scene, with what it lacks. Raises SceneError; warns of what is added and what is not used."""
+def scene_of_model(model: Model, up: Up = "y") -> Scene:
+    """A model as a scene, with what it lacks. Raises SceneError; warns of what is added and what is not used.
+
+    up : of a model without a camera: the axis that is up, or "guess"
+    """
     location = SourceLocation(model.source)
     if not model.shapes:
         raise location.error("has no triangles, so there is nothing to see.", "Export the file with its meshes.")
@@ -142,7 +151,8 @@ def scene_of_model(model: Model) -> Scene:
     )
     if model.camera is not None:
         check_camera(scene.camera, location)
-    return completed(scene, has_camera=model.camera is not None, glow_is_light=False)
+    lying = Path(model.source).suffix.lower() in LYING
+    return completed(scene, has_camera=model.camera is not None, glow_is_light=False, up=up, lying=lying)
 
 
 def _camera(given: ModelCamera) -> Camera:

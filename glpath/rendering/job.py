@@ -29,7 +29,7 @@ from glpath.film.batches import BLOCK
 from glpath.integrators.by_name import AUTO, INTEGRATORS, IntegratorKeywords
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene, shipped_scenes
-from glpath.io.completed import aside
+from glpath.io.completed import aside, camera_replaced
 from glpath.io.convert import decode_json
 from glpath.rendering.choice import chosen
 from glpath.rendering.options import (
@@ -320,7 +320,7 @@ def describe(
     if spp is not None:
         check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
-    with _needing(sensor):
+    with _needing(sensor), camera_replaced(camera):
         loaded = load_scene(scene, parameters)
     starts: Sensor
     if sensor is None:

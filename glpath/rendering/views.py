@@ -20,6 +20,7 @@ from glpath.film.film import Film
 from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
+from glpath.io.completed import camera_replaced
 from glpath.rendering.calls import reporting_to
 from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
@@ -105,7 +106,8 @@ def render_views(
         if getattr(run_options, name) is not None:
             raise UsageError(f"{name}: of a single render, but there are {len(seen_by)} views.", "Leave it out.")
     chosen["aovs"] = (*_AOVS, *(name for name in chosen.get("aovs", ()) if name not in _AOVS))
-    loaded = load_scene(scene, parameters)
+    with camera_replaced(seen_by[0]):
+        loaded = load_scene(scene, parameters)
     check_camera(seen_by[0], "poses[0]")
     job, base = describe(
         loaded.with_camera(seen_by[0]),

@@ -253,13 +253,23 @@ def _hold_arrays(of: Camera | CameraKey) -> None:
         object.__setattr__(of, name, np.asarray(getattr(of, name), np.float64))
 
 
-def framing(points: Float64, resolution: tuple[int, int]) -> Camera:
-    """A camera that all of some points fill the picture of, seen from the front and somewhat above, y up.
+def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 1.0, 0.0)) -> Camera:
+    """A camera that all of some points fill the picture of, seen from the front and somewhat above.
 
     points : (N, 3), one at least: of all that is to be seen
+    up     : (3,) of any length but zero. The front of what has y up is +z, with z up it is -y
 
     What is flat is seen more from above; what is much deeper than wide more from its side.
     """
+    if np.any(np.asarray(up) != (0.0, 1.0, 0.0)):
+        upright = upright_from_world(up)
+        camera = framing(points @ upright.T, resolution)
+        return replace(
+            camera,
+            position=camera.position @ upright,
+            target=camera.target @ upright,
+            up=np.array(up, np.float64),
+        )
     lower, upper = points.min(axis=0), points.max(axis=0)
     centre, extent = 0.5 * (lower + upper), upper - lower
     camera = Camera(centre + _view(extent), centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
@@ -280,6 +290,19 @@ def framing(points: Float64, resolution: tuple[int, int]) -> Camera:
     return replace(camera, position=position, target=position - back * forward)
 
 
+def upright_from_world(up: ArrayLike) -> Float64:
+    """Return the (3, 3) rotation that takes `up` to y and the front of things to z.
+
+    up : (3,) of any length but zero. The front is -y if z is up, y if x is up, and z if y is up
+    """
+    axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+    nearest = int(np.argmax(np.abs(axis)))
+    front = np.eye(3)[(nearest + 1) % 3] if nearest < 2 else np.array([0.0, -np.sign(axis[2]), 0.0])
+    front = front - (front @ axis) * axis
+    front /= np.linalg.norm(front)
+    return np.stack([np.cross(axis, front), axis, front])
+
+
 def _view(extent: Float64) -> Float64:
     """(3,) from a box of an extent (3,) towards the eye."""
     wide, high, deep = extent
@@ -293,4 +316,4 @@ def _view(extent: Float64) -> Float64:
 
 def may_be_framing(camera: Camera) -> bool:
     """Whether a camera looks as those of `framing` do; which box it is of, its position says."""
-    return camera.fov == _FOV and not camera.motion and camera.projection == "perspective" and camera.up[1] == 1.0
+    return camera.fov == _FOV and not camera.motion and camera.projection == "perspective"

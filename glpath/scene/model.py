@@ -25,6 +25,7 @@ from glpath.scene.portal import MAX_PORTALS, Portal
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
+from glpath.scene.studio import ground_below, nearest_axis, studio
 
 __all__ = [
     "Camera",
@@ -321,7 +322,8 @@ class Scene:
         changes : of it, by the names of the fields of `Camera`; a new position, target or up ends its motion, which
                   would stand for them
 
-        A camera that was set for a file without one, to see everything, sees everything at another resolution, too.
+        A camera that was set for a file without one, to see everything, sees everything at another resolution and
+        with another up, too. A studio that stands in for light then turns with it.
 
         Raises UsageError for what is no camera, and for other names.
         """
@@ -337,11 +339,14 @@ class Scene:
         if changes.keys() & {"position", "target", "up"}:
             changes = {"motion": ()} | changes
         seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
-        if camera is None and changes.keys() == {"resolution"} and may_be_framing(seen):
-            points = self.framed_points
-            if digest_of(self.camera) == digest_of(framing(points, self.camera.resolution)):
-                seen = framing(points, seen.resolution)
-        return replace(self, camera=seen)
+        scene = self
+        may_frame = changes.keys() == {"resolution"} or ("up" in changes and np.any(seen.up))
+        if camera is None and may_frame and _is_framed(self):
+            if not changes.keys() & {"position", "target"}:
+                framed = framing(self.framed_points, seen.resolution, seen.up)
+                seen = replace(seen, position=framed.position, target=framed.target)
+            scene = _with_studio_turned(self, seen.up)
+        return replace(scene, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
         """A new scene with one shape more, the last one.
@@ -373,6 +378,28 @@ class Scene:
         if camera:
             return digest_of(self)
         return digest_of(replace(self, camera=None, background=None))  # type: ignore[arg-type]
+
+
+def _is_framed(scene: Scene) -> bool:
+    """Return True if the camera is one of `framing`, as files without a camera get."""
+    camera = scene.camera
+    if not may_be_framing(camera):
+        return False
+    framed = framing(scene.framed_points, camera.resolution, camera.up)
+    return digest_of(camera) == digest_of(replace(framed, shutter=camera.shutter))
+
+
+def _with_studio_turned(scene: Scene, up: Float64) -> Scene:
+    """The scene with the studio that stands in for its light, if there is one, turned so that `up` is up."""
+    if not (isinstance(scene.sky, Environment) and scene.sky.assumed):
+        return scene
+    axis, background = nearest_axis(up), scene.background
+    if np.array_equal(axis, scene.sky.up):
+        return scene
+    if background is not None:
+        ground = None if background.ground is None else ground_below(*scene.bounds, axis)
+        background = replace(background, ground=ground, up=axis)
+    return replace(scene, sky=studio((axis[0], axis[1], axis[2])), background=background)
 
 
 # (26, 3) unit directions: to the sides, edges and corners of a cube.

@@ -20,6 +20,8 @@ Float64 = NDArray[np.float64]
 _HEIGHT, _WIDTH = 64, 128
 # Radiance of the room straight below, at the horizon and straight above, beside that of the lights.
 _FLOOR, _HORIZON, _ZENITH = 0.55, 0.24, 0.4
+# In diagonals of a model, how far below it the ground is.
+_BELOW = 1e-4
 # Of the edge of a light, in degrees, in which it fades.
 _SOFT = 8.0
 
@@ -45,10 +47,24 @@ _LIGHTS = (
 )
 
 
+def nearest_axis(up: Float64) -> Float64:
+    """Return the (3,) unit vector along the axis nearest to `up`."""
+    index = int(np.argmax(np.abs(up)))
+    axis = np.zeros(3)
+    axis[index] = np.sign(up[index])
+    return axis
+
+
+def ground_below(lower: Float64, upper: Float64, axis: Float64) -> Float64:
+    """Return a (3,) point of the ground below a box, `axis` up: further below than rounding."""
+    ground = np.where(axis > 0, lower, np.where(axis < 0, upper, 0.0))
+    return np.asarray(ground - axis * _BELOW * float(np.linalg.norm(upper - lower)))
+
+
 def studio(up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Environment:
     """The environment map; `assumed`, as it stands in for light that a file does not have.
 
-    up : an axis. What faces the eye is the front of models: +z where y is up, -y where z is, as glTF is turned
+    up : an axis. What faces the eye is the front of models, as of `glpath.scene.camera.upright_from_world`
     """
     return _studio(up)
 

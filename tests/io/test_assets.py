@@ -208,7 +208,7 @@ def test_schema_and_command_line_know_assets(tmp_path: Path) -> None:
     gltf(tmp_path / "box.gltf")
     assert scene_schema is described
     asset = scene_schema()["$defs"]["Asset"]["properties"]
-    assert set(asset) == {"file", "name", "transform", "motion", "materials", "lights", "time", "unit"}
+    assert set(asset) == {"file", "name", "transform", "motion", "materials", "lights", "time", "unit", "up"}
     assert all("description" in field for field in asset.values())
     told = CliRunner().invoke(app, ["validate", str(written(tmp_path, 'file = "box.gltf"'))])
     assert (told.exit_code, told.output[:2]) == (0, "ok"), told.output

@@ -39,7 +39,10 @@ def camera(text: str) -> str:
 WRONG: dict[str, tuple[str, list[str]]] = {
     "syntax": (HEAD + "up = [0, 1,\nfov = 3", ["line 6, column 1", "not valid TOML", "fov = 3\n", "^"]),
     "syntax at the end": (HEAD + "up = [0, 1,", ["line 5", "not valid TOML"]),
-    "no camera": ('[[shapes]]\ntype = "sphere"\nradius = 1', ["lacks the field `camera`"]),
+    "no camera, and a sky that goes by its up": (
+        '[sky]\ntype = 3\n[[shapes]]\ntype = "sphere"\nradius = 1',
+        ["sky.up is missing", "the file has no camera"],
+    ),
     "no shapes": (HEAD, ["has no shapes", "at least one", "[[shapes]]"]),
     "unknown table": (SPHERE + "[lamps]", ["lamps is not a field of a scene file", "Allowed: name, description"]),
     "unknown field": (

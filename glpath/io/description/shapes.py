@@ -10,6 +10,7 @@ from glpath.film.units import Unit
 from glpath.io.description.lights import MaintenanceFactor
 from glpath.io.description.vector import Vector
 from glpath.io.meshes import NAMES
+from glpath.io.up_axis import Axis
 
 Row = tuple[float, float, float, float]
 
@@ -318,6 +319,16 @@ class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
         _Steps,
         Meta(description="Steps that take the model to the world, the first one first; glTF's y axis is up."),
     ] = []
+    up: (
+        Annotated[
+            Axis,
+            Meta(
+                description="The axis of the model that is up, y without it. The model is turned to have y up "
+                "before all steps. Of an OBJ, PLY, STL or OFF: glTF has y up by its specification."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     materials: Annotated[
         dict[str, str],
         Meta(

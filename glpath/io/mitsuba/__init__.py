@@ -13,6 +13,6 @@ Depth, samples per pixel, pixel filter and integrator are not the scene's: `glpa
 Source: https://mitsuba.readthedocs.io, version 3.9.
 """
 
-from glpath.io.mitsuba.load import mitsuba_parameters, read_mitsuba
+from glpath.io.mitsuba.load import has_sensor, mitsuba_parameters, read_mitsuba
 
-__all__ = ["mitsuba_parameters", "read_mitsuba"]
+__all__ = ["has_sensor", "mitsuba_parameters", "read_mitsuba"]

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from glpath.errors import warn
 from glpath.io.completed import NO_CAMERA, completed
+from glpath.io.convert import convert
 from glpath.io.mitsuba.camera import camera_of
 from glpath.io.mitsuba.document import read_document
 from glpath.io.mitsuba.lights import Emitters
@@ -15,6 +18,7 @@ from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.mitsuba.shapes import Reader
 from glpath.io.mitsuba.surfaces import Surfaces
 from glpath.io.mitsuba.textures import Textures
+from glpath.io.up_axis import Up
 from glpath.scene.background import Background
 from glpath.scene.check import check_camera
 from glpath.scene.model import Scene, Shapes
@@ -27,13 +31,20 @@ _ASIDE = ("bsdf", "texture", "medium", "integrator", "film", "sampler", "rfilter
 def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> Scene:
     """The scene of an XML file of Mitsuba's; see `glpath.io.mitsuba`.
 
-    parameters : stand for the values of the file's `<default>`s
+    parameters : stand for the values of the file's `<default>`s; `up`, if the file has none of that name, is the
+                 axis that is up for the camera that is set if the file has no sensor
 
     Raises SceneError, with the line, for what is not read. Warns of what is not as in Mitsuba, and of what stands
     in for a camera or light that the file does not have.
     """
-    document = read_document(path, parameters or {})
     location = SourceLocation(str(path))
+    given = dict(parameters or {})
+    up: Up = "guess"
+    if "up" in given:
+        others = {name: value for name, value in given.items() if name != "up"}
+        if "up" not in mitsuba_parameters(path, others):
+            up, given = _up(given["up"], location.field("up")), others
+    document = read_document(path, given)
     textures = Textures()
     surfaces = Surfaces(textures)
     reader, emitters, camera = Reader(surfaces, textures), Emitters(), None
@@ -75,7 +86,24 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     )
     if camera is not None:
         check_camera(scene.camera, location)
-    return replace(completed(scene, has_camera=camera is not None), source=str(path))
+        if up != "guess":
+            raise location.field("up").error(
+                "is for files without a camera, but this one has a sensor.", "Turn its camera: --camera-up."
+            )
+    return replace(completed(scene, has_camera=camera is not None, up=up), source=str(path))
+
+
+def _up(value: object, location: SourceLocation) -> Up:
+    try:
+        found: Up = convert(value, Up, strict=False)
+    except msgspec.ValidationError as error:
+        raise location.wrong(value, "one of: x, y, z, -x, -y, -z, guess") from error
+    return found
+
+
+def has_sensor(path: Path, given: Mapping[str, object] | None = None) -> bool:
+    """Return True if a file has a camera. Raises SceneError. `given` is as of `mitsuba_parameters`."""
+    return any(child.tag == "sensor" for child in read_document(path, given or {}, complete=False).root.children)
 
 
 def _hides_emitters(integrator: Plugin) -> bool:

@@ -1,0 +1,110 @@
+"""Guess the up axis of a scene whose format does not fix it, for the camera and the studio that it lacks.
+
+A guess is z, or nothing: without evidence y stays up. Evidence is a ground that all else stands on, a surface that
+faces upwards nearly everywhere, a flat base, or a small extent. Evidence for y as well is none for z.
+
+Poor at: rooms, whose walls are like their floor, and boxes. Cost: a few passes over the triangles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta
+
+from glpath.scene.model import Float64, Mesh, Scene
+
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+#: A parameter of all scenes whose format does not say what is up.
+Up = Annotated[
+    Literal["guess", "x", "y", "z", "-x", "-y", "-z"],
+    Meta(
+        description="x, y, z, -x, -y or -z, the axis that is up if the file has no camera, or guess: z with "
+        "evidence such as a ground or a base, else y"
+    ),
+]
+#: Suffixes of formats whose files lie flat more often than they stand: prints and scans.
+LYING = (".stl", ".ply")
+
+# Fraction of an extent within which faces are at its end, and cosine from which on they lie across it.
+_END, _ACROSS = 0.01, 0.98
+# Least fraction of the footprint for a ground and for a base, and the most that the other axis may have of it.
+_GROUND, _BASE, _OTHER = 0.5, 0.3, 0.05
+# Least fraction for a ground that shows its back, which the base of a body does as well.
+_WHOLE = 0.95
+# Fraction of a surface that faces upwards, and height over width below which a thing is flat.
+_UPWARDS, _FLAT = 0.9, 0.25
+# Height over width below which all lies in a plane, and either axis may be up.
+_PLANE = 1e-6
+
+
+def axis_vector(axis: Axis) -> Float64:
+    """Return the (3,) unit vector of an axis."""
+    return np.where(np.array(["x", "y", "z"]) == axis[-1], -1.0 if axis[0] == "-" else 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _Faces:
+    """Areas of faces by an axis, as fractions of the footprint along it.
+
+    ground   : at the lower end, fronts upwards
+    base     : at the lower end, fronts downwards
+    top      : at the upper end
+    upwards  : fraction of the surface, seen along the axis, with its fronts upwards
+    covered  : area of the surface seen along the axis
+    """
+
+    ground: float
+    base: float
+    top: float
+    upwards: float
+    covered: float
+
+
+def evidence_for_z(scene: Scene, lying: bool) -> str | None:
+    """Return the evidence that z is up, as the end of a sentence; None if there is none, or some for y as well.
+
+    lying : flat things are of a format of `LYING`
+    """
+    lower, upper = scene.bounds
+    wide, deep, high = upper - lower
+    if not high > _PLANE * max(wide, deep) or not min(wide, deep) > 0:
+        return None
+    of_y, of_z = (_faces(scene, axis, lower, upper) for axis in (1, 2))
+    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # with its front below
+    is_low = high <= min(wide, deep)
+    if is_low and of_y.ground < _OTHER and (of_z.ground >= _GROUND or sheet):
+        return f"a ground at z = {lower[2]:.4g} lies below all else"
+    is_flat = high < _FLAT * min(wide, deep)
+    if is_flat and of_z.upwards >= _UPWARDS and of_z.covered >= _GROUND and of_y.upwards < _UPWARDS:
+        return "its surface faces z nearly everywhere"
+    if (lying or is_flat) and of_z.base >= _BASE and of_y.base < _OTHER and 2 * of_z.top < of_z.base:
+        return f"it stands on a flat base at z = {lower[2]:.4g}"
+    if lying and is_flat:
+        return f"it is {high:.4g} high along z, but {wide:.4g} x {deep:.4g} wide"
+    return None
+
+
+def _faces(scene: Scene, axis: int, lower: Float64, upper: Float64) -> _Faces:
+    footprint = float(np.prod(np.delete(upper - lower, axis))) or 1.0
+    near = _END * (upper - lower)[axis]
+    ground = base = top = up = down = 0.0
+    for index, shape in enumerate(scene.shapes):
+        for triangles in scene.shapes.triangles_of(index) if isinstance(shape.geometry, Mesh) else ():
+            edges = triangles[:, 1:] - triangles[:, :1]
+            normal = 0.5 * np.cross(edges[:, 0], edges[:, 1])
+            seen, heights = normal[:, axis], triangles[:, :, axis]
+            across = np.abs(seen) >= _ACROSS * np.linalg.norm(normal, axis=1)
+            at_low = across & (heights.max(axis=1) <= lower[axis] + near)
+            at_high = across & (heights.min(axis=1) >= upper[axis] - near)
+            ground += float(seen[at_low & (seen > 0)].sum())
+            base -= float(seen[at_low & (seen < 0)].sum())
+            top += float(np.abs(seen[at_high]).sum())
+            up += float(seen[seen > 0].sum())
+            down -= float(seen[seen < 0].sum())
+    total = up + down
+    return _Faces(
+        ground / footprint, base / footprint, top / footprint, up / total if total else 0.0, total / footprint
+    )
