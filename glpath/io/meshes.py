@@ -25,6 +25,7 @@ from glpath.io import obj
 from glpath.io.off import read_off
 from glpath.io.polygons import split_faces, split_polygons, warn_of_crossing
 from glpath.io.precision import step_at, warn_of_steps
+from glpath.io.stl import read_stl
 from glpath.io.strokes import balls, line_radius, point_radius, rods
 from glpath.io.text import decoded
 from glpath.io.values import LARGEST, nearby_files
@@ -282,6 +283,15 @@ def _parse(path: Path, colours: bool) -> MeshFile:
         positions, triangles, has_colours = read_off(content, str(path))
         meshes = [trimesh.Trimesh(positions, triangles, process=False)] if len(triangles) else []
         return MeshFile(meshes, coloured=has_colours)
+    if suffix == ".stl":
+        solids = [each for each in read_stl(content, str(path)) if len(each.corners)]
+        meshes = [
+            trimesh.Trimesh(
+                each.corners.reshape(-1, 3), np.arange(3 * len(each.corners)).reshape(-1, 3), process=False
+            )
+            for each in solids
+        ]
+        return MeshFile(meshes, single=any(each.attributes is not None for each in solids))
     if suffix == ".ply":
         header, end, _ = content.partition(b"end_header")
         if end and not _TRIANGLES.search(header):  # trimesh takes the points of some for a broken file
@@ -299,11 +309,8 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     coloured = False
     if suffix == ".ply":
         coloured = _RED.search(content.partition(b"end_header")[0]) is not None
-    single = False
-    if suffix == ".stl":  # binary, which may begin as one of text does
-        single = len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
-    elif suffix == ".ply":  # of text as well, which trimesh takes at its word
-        single = _SINGLE.search(content.partition(b"end_header")[0]) is not None
+    # Of text as well, which trimesh takes at its word.
+    single = suffix == ".ply" and _SINGLE.search(content.partition(b"end_header")[0]) is not None
     return MeshFile(meshes, None, texture, coloured, single)
 
 

@@ -1,0 +1,137 @@
+"""STL files as arrays, binary or ASCII, also those whose counts and ends are wrong.
+
+A binary file has a header of 80 bytes, the number of facets, and 50 bytes for each facet. If its length does not
+match that number, the whole facets are read, with a warning.
+
+Source: 3D Systems, StereoLithography Interface Specification, 1989.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import warn
+from glpath.io.polygons import split_finite
+from glpath.io.text import decoded, parse_numbers, with_plain_nan
+from glpath.scene.geometry import Float64
+
+Int64 = NDArray[np.int64]
+
+_HEADER = 84
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+# Times the largest coordinate of counted facets that one of facets behind them may have.
+_MAX_GROWTH = 100.0
+# Bytes of a file in which ASCII has the word facet, and no zero.
+_BEGINNING = 1024
+_SOLID = re.compile(r"\b(?:end)?solid\b[^\n]*?(?=\bfacet\b|\n|$)")
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Triangles of an STL file, or of a solid of an ASCII one.
+
+    corners    : (F, 3, 3) positions
+    attributes : (F,) uint16 that end the facets of binary files, colours of some programs; None in ASCII
+    header     : the first 80 bytes of a binary file
+    """
+
+    corners: Float64
+    attributes: NDArray[np.uint16] | None = None
+    header: bytes = b""
+
+
+def read_stl(content: bytes, source: str) -> list[Facets]:
+    """Return the solids of a file: one if it is binary. Warns of what is left out. Raises ValueError.
+
+    source : the file, for warnings
+    """
+    count = int.from_bytes(content[80:_HEADER], "little")
+    is_exact = len(content) >= _HEADER and len(content) == _HEADER + _FACET.itemsize * count
+    beginning = content[:_BEGINNING].lower()
+    is_text = b"\0" not in beginning and (b"facet" in beginning or beginning.lstrip().startswith(b"solid"))
+    if is_text and not is_exact:
+        return _read_ascii(content, source)
+    if len(content) < _HEADER:
+        raise ValueError(f"it has {len(content)} bytes, but a binary file has {_HEADER} at least")
+    if is_exact:
+        rows: NDArray[Any] | None = np.frombuffer(content, _FACET, count, _HEADER)
+    else:
+        rows = _rows_with_payload(content, count, source)
+    if rows is None:
+        rows = _whole_rows(content, count, source)
+    positions = rows["corners"].astype(np.float64).reshape(-1, 3)
+    split = split_finite(source, positions, np.arange(len(positions)), np.full(len(rows), 3))
+    return [Facets(positions[split.triangles], rows["attribute"][split.polygons], content[:80])]
+
+
+def _whole_rows(content: bytes, count: int, source: str) -> NDArray[Any]:
+    """Return the facets that a binary file has, whatever number it announces."""
+    whole, rest = divmod(len(content) - _HEADER, _FACET.itemsize)
+    rows = np.frombuffer(content, _FACET, whole, _HEADER)
+    read = whole if count == 0 else min(count, whole)
+    if read < whole and not rest:  # facets that are not counted, or other data
+        bounds = np.abs(rows["corners"][:read]).max(initial=0.0)
+        if np.all(np.abs(rows["corners"][read:]) <= _MAX_GROWTH * bounds):
+            read = whole
+    behind = len(content) - _HEADER - read * _FACET.itemsize
+    more = f", and {behind:,} bytes behind them are not" if behind else ""
+    warn(f"{source}: its header announces {count:,} facets, but {read:,} whole ones are read{more}.")
+    return rows[:read]
+
+
+def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] | None:
+    """Return the facets of a binary file in which each announces bytes that follow it; None for other files."""
+    if not 0 < count <= (len(content) - _HEADER) // _FACET.itemsize:
+        return None
+    starts, at, last = [], _HEADER, len(content) - _FACET.itemsize
+    for _ in range(count):
+        if at > last:
+            return None
+        starts.append(at)
+        at += _FACET.itemsize + int.from_bytes(content[at + 48 : at + 50], "little")
+    if at != len(content):
+        return None
+    payload = len(content) - _HEADER - count * _FACET.itemsize
+    warn(f"{source}: {payload:,} bytes of attributes behind its {count:,} facets are not used.")
+    stored = np.frombuffer(content, np.uint8)
+    bytes_of_rows = stored[np.array(starts)[:, None] + np.arange(_FACET.itemsize)]
+    rows = bytes_of_rows.view(_FACET)[:, 0]
+    rows["attribute"] = 0  # lengths, no colours
+    return rows
+
+
+def _read_ascii(content: bytes, source: str) -> list[Facets]:
+    text = with_plain_nan(decoded(content)).lower().replace("\r", "\n")
+    solids, cut, facets = [], 0, 0
+    for solid in _SOLID.split(text):
+        parts = solid.split("vertex")[1:]
+        ends = [index + 1 for index, part in enumerate(parts) if "endloop" in part]
+        if not ends:  # some leave the loops out
+            ends = list(range(3, len(parts) + 1, 3))
+        cut += len(parts) - max(ends, default=0)
+        sizes = np.diff(ends, prepend=0)
+        facets += len(sizes)
+        if len(sizes):
+            words = [" ".join(part.split(None, 3)[:3]) for part in parts[: ends[-1]]]
+            positions = parse_numbers(" ".join(words)).reshape(-1, 3)
+            solids.append((positions, sizes))
+    missing = len(solids) - text.count("endsolid")
+    if missing > 0 or cut:
+        left_out = f", and {cut:,} corners of one that is not whole are left out" if cut else ""
+        warn(f"{source}: ends without endsolid: {facets:,} whole facets are read{left_out}.")
+    if not solids:
+        return []
+    return _finite_facets([positions for positions, _ in solids], [sizes for _, sizes in solids], source)
+
+
+def _finite_facets(positions: list[Float64], sizes: list[Int64], source: str) -> list[Facets]:
+    """Return a `Facets` for each solid, without facets that have a vertex that is not finite."""
+    joined, counts = np.concatenate(positions), np.concatenate(sizes)
+    split = split_finite(source, joined, np.arange(len(joined)), counts)
+    corners, solid_of = joined[split.triangles], np.repeat(np.arange(len(sizes)), [len(each) for each in sizes])
+    return [Facets(corners[solid_of[split.polygons] == number]) for number in range(len(sizes))]
