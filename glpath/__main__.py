@@ -1,18 +1,32 @@
 """The entry point of the `glpath` script and of `python -m glpath`."""
 
+import contextlib
 import os
 import sys
 
 
 def main() -> None:
     """Run the command. An interrupt while its modules load ends it without a traceback, as one later does."""
+    _open_standard_streams()
     try:
         from glpath.cli.main import run_and_end
     except KeyboardInterrupt:
-        sys.stderr.write("Interrupted.\n")
-        sys.stderr.flush()
+        with contextlib.suppress(OSError):
+            os.write(2, b"Interrupted.\n")
         os._exit(130)
     run_and_end()
+
+
+def _open_standard_streams() -> None:
+    """Open the null device in place of standard streams that are closed.
+
+    Otherwise the next file would get the number of standard error, and drivers would write their messages into it.
+    """
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115 - open until the process ends
 
 
 if __name__ == "__main__":

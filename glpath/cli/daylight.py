@@ -26,6 +26,7 @@ from glpath.errors import UsageError
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_writable, save_all
 from glpath.system.reporting import ProgressEvent, reporting
+from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ def register(app: typer.Typer) -> None:
         "occupied resume device parameters quiet",
     )
     epilog = (
-        "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
-        "again), 130 interrupted (continue with --resume)."
+        f"Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by a signal ({TERMINATING_TEXT}) with --resume "
+        "(start it again), 130 interrupted (continue with --resume)."
     )
     texts = {
         "resume": "Keep what is done in FILE.part, and resume from it after an interruption: the same bits.",

@@ -183,6 +183,11 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
         if isinstance(end.code, int) and arrived():
             _end_with(end.code)
         raise
+    finally:
+        if not _takes(
+            sys.stderr
+        ):  # Python would end with code 120 because of the reports that remain in its buffer
+            sys.stderr = io.StringIO()
 
 
 def run_and_end() -> None:

@@ -23,6 +23,7 @@ from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
+from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -57,7 +58,9 @@ MethodOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Put the command on the main program."""
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
-    later = " 75: ended by SIGTERM or SIGUSR1 with its checkpoint written; start it again with --resume."
+    later = (
+        f" 75: ended by a signal ({TERMINATING_TEXT}) with its checkpoint written; start it again with --resume."
+    )
     later += " 134: ended by --hang-limit."
     help = command_help(
         ("glpath radiosity room -o room.npz", "a solution, for render --radiosity"),
@@ -156,7 +159,8 @@ def radiosity(
 
     Progressive refinement shoots the patch with the most unshot energy first; matrix takes all form factors at
     once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C ends it, and what was solved
-    until then is written; so do SIGTERM and SIGUSR1, or with --checkpoint or --resume they write that alone.
+    until then is written; so do SIGTERM, SIGHUP, SIGUSR1 and the like, or with --checkpoint or --resume they write
+    that alone.
 
     Colours of a .glb are radiance times 2^STOPS, linear, at most 1; its material is unlit (KHR_materials_unlit).
     """

@@ -145,8 +145,8 @@ def render(
 ) -> None:
     """Render a scene to one or more files.
 
-    Ctrl-C ends the render after the running path set and writes what there is; so do SIGTERM and SIGUSR1 as cluster
-    schedulers send them, or with --checkpoint or --resume they write the checkpoint alone. Files appear whole or
+    Ctrl-C ends the render after the running path set and writes what there is; so do SIGTERM, SIGHUP, SIGUSR1
+    and the like, or with --checkpoint or --resume they write the checkpoint alone. Files appear whole or
     not at all; missing folders are made.
     """
     from glpath.film.film import check_suffix

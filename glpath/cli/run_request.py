@@ -23,6 +23,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.system.files import check_writable
 from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
+from glpath.system.signals import TERMINATING_TEXT
 
 #: Errors at which a picture is clean to the eye: a denoised one, and one as it is.
 _CLEAN, _FAIR = 0.05, 0.02
@@ -239,8 +240,8 @@ OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("verbose", "clean")
 #: Of those that render.
 EXIT_CODES = (
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
-    "SIGTERM or SIGUSR1 with its checkpoint written (start it again with --resume), 130 interrupted (what there "
-    "is, is written)"
+    f"a signal ({TERMINATING_TEXT}) with its checkpoint written (start it again with --resume), 130 "
+    "interrupted (what there is, is written)"
 )
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)

@@ -1,7 +1,8 @@
-"""SIGINT, SIGTERM and SIGUSR1: what a command has computed is saved before they end it.
+"""Signals that end a command, such as SIGINT, SIGTERM and SIGHUP, wait until its results are saved.
 
 The first one ends the computation, as a KeyboardInterrupt. From then on, or from the moment that a result is there
-(`hold`), signals wait until the command has saved it and ended; the third one that has to wait gives up.
+(`hold`), signals wait until the command has saved it and ended; the third one that has to wait gives up. A signal
+that the parent process ignores stays ignored, as SIGHUP under nohup.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
 
-from glpath.system.signals import OF_SCHEDULERS
+from glpath.system.signals import REPEATED, TERMINATING
 
 T = TypeVar("T")
 
@@ -37,10 +38,13 @@ class _Signals:
         self._waiting = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        self.first = number if self.first is None else self.first
+        again = self.first is not None
+        self.first = self.first if again else number
         if not self.held:
             self.held = True
             raise KeyboardInterrupt
+        if again and number in REPEATED:
+            return
         self._waiting += 1
         left = _PATIENCE - self._waiting
         if left <= 0:
@@ -62,8 +66,9 @@ def signals_wait_for_results() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # A shell starts background jobs with SIGINT ignored, and so it stays.
-    before = {number: signal.getsignal(number) for number in OF_SCHEDULERS}
+    # A shell starts background jobs with SIGINT ignored, and nohup its command with SIGHUP; so they stay.
+    before = {number: signal.getsignal(number) for number in TERMINATING}
+    before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
         before[signal.SIGINT] = on_interrupt
     for number in before:
@@ -98,8 +103,8 @@ def arrived() -> bool:
 
 
 def by_scheduler() -> bool:
-    """Whether the first signal was one of those by which schedulers take a machine away, not Ctrl-C."""
-    return _current.first in OF_SCHEDULERS
+    """Return True if the first signal takes the process away for good (`TERMINATING`), and was not Ctrl-C."""
+    return _current.first in TERMINATING
 
 
 def resume_later() -> None:

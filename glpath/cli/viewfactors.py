@@ -20,6 +20,7 @@ from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.system.files import check_writable, is_stream, rescued, save_all
 from glpath.system.reporting import ProgressEvent, duration, reporting
+from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ def register(app: typer.Typer) -> None:
         ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse; resumes where it stopped"),
     )
     epilog = (
-        "Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by SIGTERM or SIGUSR1 with --resume (start it "
-        "again), 130 interrupted (continue with --resume)."
+        f"Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by a signal ({TERMINATING_TEXT}) with --resume "
+        "(start it again), 130 interrupted (continue with --resume)."
     )
     texts = {
         "resume": "Keep rows that are done in FILE.part (of the first), and resume from them after an interruption."

@@ -25,6 +25,7 @@ import time
 
 from glpath.system.heartbeat import heartbeat
 from glpath.system.machine import posix_module
+from glpath.system.signals import ENDING
 
 _resource = posix_module("resource")
 
@@ -35,6 +36,8 @@ _INTERVAL = 0.5
 _CODE = """
 import os, select, signal, sys, time
 watched, limit, message, proc = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3], sys.argv[4]
+for number in sys.argv[5:]:
+    signal.signal(int(number), signal.SIG_IGN)
 tick = min(1.0, limit / 4)
 silent = 0.0
 
@@ -50,9 +53,6 @@ def waits():
     return found
 
 before = waits()
-for name in ("SIGINT", "SIGTERM", "SIGUSR1"):
-    if hasattr(signal, name):
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
 while silent < limit:
     if select.select([0], [], [], tick)[0]:
         if not os.read(0, 4096):
@@ -63,7 +63,10 @@ while silent < limit:
         starved = max((now[each] - before.get(each, now[each]) for each in now), default=0.0)
         silent += max(0.0, tick - starved)
         before = now
-os.write(2, message.encode(errors="replace"))
+try:
+    os.write(2, message.encode(errors="replace"))
+except OSError:  # full, closed or disconnected: the render hangs nevertheless
+    pass
 os.kill(watched, signal.SIGABRT)
 until = time.monotonic() + 10
 while time.monotonic() < until:
@@ -89,7 +92,13 @@ class Watchdog:
         self._core_limit: tuple[int, int] | None = None
 
     def __enter__(self) -> Watchdog:
-        arguments = [str(os.getpid()), str(self._limit), self._message, _PROC]
+        arguments = [
+            str(os.getpid()),
+            str(self._limit),
+            self._message,
+            _PROC,
+            *(str(int(number)) for number in ENDING),
+        ]
         with contextlib.suppress(OSError):  # no process to be had: nobody watches
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _CODE, *arguments], stdin=subprocess.PIPE, bufsize=0
@@ -104,8 +113,8 @@ class Watchdog:
         """At SIGABRT Python writes its stack; without a core file, whose gigabytes nobody asked for."""
         if faulthandler.is_enabled():
             return
-        # Standard error may be no file.
-        with contextlib.suppress(ValueError, OSError, AttributeError):
+        # Standard error may be closed, or no file.
+        with contextlib.suppress(ValueError, OSError, AttributeError, RuntimeError):
             faulthandler.enable()
             if _resource is not None:
                 self._core_limit = _resource.getrlimit(_resource.RLIMIT_CORE)

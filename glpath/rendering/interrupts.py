@@ -11,10 +11,10 @@ from types import FrameType
 
 from glpath.errors import kept_in
 from glpath.film.film import Film
-from glpath.system.signals import ENDING
+from glpath.system.signals import ENDING, REPEATED
 
-# Seconds that an unfinished path set has to end after SIGTERM or SIGUSR1. Who sends them ends the process for good
-# soon: containers after ten seconds, Slurm after thirty.
+# Seconds that an unfinished path set has to end after SIGTERM or another signal of `TERMINATING`. Who sends them
+# ends the process for good soon: containers after ten seconds, Slurm after thirty.
 _GRACE = 4.0
 
 
@@ -42,8 +42,9 @@ class Flag:
     def __init__(self) -> None:
         self.set = False
         self.signal: int = signal.SIGINT
-        self._hurry = threading.Timer(_GRACE, lambda: os.kill(os.getpid(), self.signal))
+        self._hurry = threading.Timer(_GRACE, self._hurry_up)
         self._hurry.daemon = True
+        self._late = False
         self._break_in: Callable[[], object] | None = None
         self._whole = False
 
@@ -65,8 +66,15 @@ class Flag:
         """Nothing is left to be hurried."""
         self._hurry.cancel()
 
+    def _hurry_up(self) -> None:
+        """Send the signal again, to break into the path set that is not done in time."""
+        self._late = True
+        os.kill(os.getpid(), self.signal)
+
     def signalled(self, number: int, break_in: Callable[[], object]) -> None:
-        """A signal has come; of the second one on, `break_in` is called."""
+        """Note a signal. From the second one on call `break_in`, except for one that repeats by itself."""
+        if self.set and number in REPEATED and not self._late:
+            return
         if not self.set:
             self.signal = number
             if number != signal.SIGINT:
@@ -82,8 +90,8 @@ class Flag:
 def interrupt_as_flag() -> Iterator[Flag]:
     """Ctrl-C sets a flag instead of breaking into the middle of a path set; a second one breaks in.
 
-    The same holds for SIGTERM and SIGUSR1 where somebody handles it in Python, as the command line does; a shell
-    starts background jobs with SIGINT ignored, so neither stands for the other. Only the main thread gets signals,
+    The same holds for each signal of `TERMINATING` that is handled in Python, as the command line does; a shell
+    starts background jobs with SIGINT ignored, so none stands for another. Only the main thread gets signals,
     elsewhere this does nothing.
     """
     flag = Flag()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import IO, Any
 
 from glpath.film.film import Film
 from glpath.system.interactive import in_notebook, running_cell
@@ -37,7 +37,7 @@ class Progress:
 Report = Callable[[Progress], None]
 
 
-def reporting(mode: str, stream: TextIO) -> AbstractContextManager[Report | None]:
+def reporting(mode: str, stream: IO[str] | None) -> AbstractContextManager[Report | None]:
     """The reporter of a mode out of `glpath.system.reporting.MODES`; auto is an image in a notebook."""
     if mode == "auto" and in_notebook():
         return _image()

@@ -33,7 +33,8 @@ def without_lines(*beginnings: str) -> Iterator[None]:
     finally:
         rest = [line for line in printed.getvalue().splitlines(True) if not line.startswith(beginnings)]
         if rest and sys.stdout is not None:
-            sys.stdout.write("".join(rest))
+            with contextlib.suppress(OSError, ValueError):  # full or closed: a report never ends the work
+                sys.stdout.write("".join(rest))
 
 
 @contextmanager

@@ -6,9 +6,9 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Any, Literal, TextIO, TypeVar, get_args
+from typing import IO, Any, Literal, TypeVar, get_args
 
-from glpath.system.terminal import clean, clean_console
+from glpath.system.terminal import clean, clean_console, report_stream
 
 _Progress = TypeVar("_Progress")
 
@@ -55,9 +55,13 @@ class ProgressEvent:
 
 
 def reporting(
-    mode: str, stream: TextIO, event_of: Callable[[_Progress], ProgressEvent]
+    mode: str, stream: IO[str] | None, event_of: Callable[[_Progress], ProgressEvent]
 ) -> AbstractContextManager[Callable[[_Progress], None] | None]:
-    """The reporter of a mode out of `MODES`; auto is a bar on a terminal, else lines; of none, None."""
+    """Return the reporter of a mode in `MODES`: auto is a bar on a terminal, else lines; none is None.
+
+    A stream that is full, closed or None loses the report and does not end the work.
+    """
+    stream = report_stream(stream)
     if mode == "auto":
         mode = "bar" if clean_console(stream).is_terminal else "lines"
     if mode == "none":
@@ -74,7 +78,7 @@ def _reporting(
 
 
 @contextmanager
-def _bar(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+def _bar(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
     from rich import progress as rich_progress
 
     console = clean_console(stream, highlight=False)
@@ -107,7 +111,7 @@ def _bar(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
 
 
 @contextmanager
-def _lines(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+def _lines(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
     """One when a stage begins or ends, and now and then."""
     renderer = stage = ""
     after = 0.0
@@ -130,7 +134,7 @@ def _lines(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
 
 
 @contextmanager
-def _json(stream: TextIO) -> Iterator[Callable[[ProgressEvent], None]]:
+def _json(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
     stage, after = "", 0.0
 
     def show(event: ProgressEvent) -> None:

@@ -7,12 +7,13 @@ command line prints leaves through `say`, `say_json` or a `clean_console`, which
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import sys
 import unicodedata
 from collections.abc import Iterable
-from typing import Any, TextIO
+from typing import IO, Any, cast
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
@@ -42,16 +43,53 @@ def _escape(character: str) -> str:
     return f"\\x{code:02x}" if code < 0x100 else f"U+{code:04X}"
 
 
+class ReportStream:
+    """Text stream for reports, which drops text that cannot be written: reports never end the work.
+
+    stream : the stream that gets the text; None drops all text
+    """
+
+    def __init__(self, stream: IO[str] | None) -> None:
+        self._stream = stream
+        self.encoding = getattr(stream, "encoding", None) or "utf-8"
+
+    def write(self, text: str) -> int:
+        """Write text, or drop it if the stream is full, closed or disconnected. Returns the length of the text."""
+        if self._stream is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream if that is possible."""
+        if self._stream is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Return True if the stream is a terminal."""
+        try:
+            return self._stream is not None and self._stream.isatty()
+        except ValueError:  # closed
+            return False
+
+
+def report_stream(stream: IO[str] | None) -> IO[str]:
+    """Return a stream that writes reports to `stream`, and never raises because of it."""
+    return cast("IO[str]", stream if isinstance(stream, ReportStream) else ReportStream(stream))
+
+
 def say(text: str = "", err: bool = False) -> None:
-    """Print a line, or several, on standard output or standard error."""
-    print(clean(text), file=sys.stderr if err else sys.stdout, flush=True)
+    """Print one or more lines on standard output, or as a report on standard error."""
+    print(clean(text), file=report_stream(sys.stderr) if err else sys.stdout, flush=True)
 
 
 def say_json(value: object, indent: int | None = None, err: bool = False) -> None:
     """Print a value as JSON, in which characters that control a terminal are JSON's own escapes."""
     text = json.dumps(value, indent=indent, ensure_ascii=False)
-    escaped = (c if clean(c) == c else json.dumps(c)[1:-1] for c in text)
-    print("".join(escaped) if clean(text) != text else text, file=sys.stderr if err else sys.stdout, flush=True)
+    if clean(text) != text:
+        text = "".join(c if clean(c) == c else json.dumps(c)[1:-1] for c in text)
+    print(text, file=report_stream(sys.stderr) if err else sys.stdout, flush=True)
 
 
 class _CleanConsole(Console):
@@ -66,7 +104,7 @@ class _CleanConsole(Console):
             yield segment if segment.control else segment._replace(text=clean(segment.text))
 
 
-def clean_console(stream: TextIO | None = None, **how: Any) -> Console:
+def clean_console(stream: IO[str] | None = None, **how: Any) -> Console:
     """A console for tables and bars, on standard output without a stream; `how` as rich has it."""
     return _CleanConsole(file=stream, emoji=False, **how)
 

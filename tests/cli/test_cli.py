@@ -37,8 +37,10 @@ from glpath.rendering.progress import reporting
 from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.system.reporting import duration, percent
+from glpath.system.signals import TERMINATING
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
+from tests.support.killing import default_signals
 
 
 @dataclass
@@ -548,9 +550,10 @@ run()
 """
 
 
-# A shell starts background jobs with SIGINT ignored; SIGTERM must work there too.
+# A shell starts background jobs with SIGINT ignored; others must work there too.
 @pytest.mark.parametrize(
-    ("number", "background"), [(signal.SIGINT, False), (signal.SIGTERM, False), (signal.SIGTERM, True)]
+    ("number", "background"),
+    [(signal.SIGINT, False), *((number, False) for number in TERMINATING), (signal.SIGTERM, True)],
 )
 def test_signals_end_a_render_with_its_picture_written(
     tmp_path: Path, number: signal.Signals, background: bool
@@ -561,7 +564,7 @@ def test_signals_end_a_render_with_its_picture_written(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=(lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) if background else None,
+        preexec_fn=(lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) if background else default_signals,
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"

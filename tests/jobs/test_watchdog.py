@@ -48,6 +48,13 @@ def test_what_hangs_in_a_call_is_ended_and_says_where() -> None:
     assert "in hang_in_the_driver" in done.stderr
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_hung_process_is_ended_though_its_log_is_full() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-c", HANGING, "0.1", "hang"], stderr=full, timeout=50)
+    assert done.returncode == -signal.SIGABRT
+
+
 def test_what_works_or_was_suspended_is_left_alone() -> None:
     command = [sys.executable, "-c", HANGING, "3", "go on"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:

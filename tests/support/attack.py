@@ -413,9 +413,7 @@ def run_kills() -> Iterator[tuple[str, str]]:
                 yield "traceback", text
             elif child.returncode in (130, 0):
                 yield "fine", text
-            elif child.returncode in (-number, 1) and (
-                number in (signal.SIGKILL, signal.SIGHUP) or wait < starting
-            ):
+            elif child.returncode in (-number, 1) and (number == signal.SIGKILL or wait < starting):
                 yield "error", text
             else:
                 yield "crash", text

@@ -12,16 +12,23 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from glpath.film.film import Film
+from glpath.system.signals import ENDING
 
 #: Small, by "path", and about a millisecond a path set.
 SMALL = ("cornell-box-36", "--resolution", "24x16", "--max-depth", "2")
 RENDER = ("render", *SMALL)
 
 
+def default_signals() -> None:
+    """Undo what the parent ignores, as nohup does SIGHUP. To be called in a child before its program starts."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_DFL)
+
+
 def start(*arguments: object, command: Sequence[str] = RENDER) -> subprocess.Popen[str]:
     """A command of glpath with progress as JSON."""
     command = [sys.executable, "-m", "glpath", *command, *map(str, arguments), "--progress", "json"]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=default_signals)
 
 
 def until_rendering(process: subprocess.Popen[str]) -> str:

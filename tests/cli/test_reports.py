@@ -1,0 +1,109 @@
+"""Reports that cannot be written end no command: its file is written, and its exit code is 0."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import glpath
+from glpath.cli import main
+from glpath.system.reporting import ProgressEvent, reporting
+from tests.support.repository import ROOT
+
+RENDER = "render cornell-box-36 --resolution 12x8 --max-depth 2 --spp 2"
+
+# What a shell may do with standard error, by a name.
+SHELLS = {
+    "full": "{render} -o a.png 2>/dev/full; echo $? >code",
+    "full, with a bar": "{render} -o a.png --progress bar 2>/dev/full; echo $? >code",
+    "closed": "{render} -o a.png 2>&-; echo $? >code",
+    "all closed": "{render} -o a.png <&- >&- 2>&-; echo $? >code",
+    "a reader that ends": "({render} -o a.png --progress json; echo $? >code) 2>&1 | head -n 1",
+    "closed, with the picture on standard output": "{render} -o - 2>&- >a.png; echo $? >code",
+}
+
+# One small use of each command that writes a file.
+WRITERS = {
+    "a.png": RENDER,
+    "b.png": f"{RENDER} -v --progress json",
+    "t_{:02}.png": f"{RENDER} --turntable 2",
+    "e.glb": "export cornell-box-36",
+    "s.npz": "radiosity cornell-box-36 --patches 60",
+    "F.npz": "viewfactors cornell-box-36 --groups shapes --error 0.1",
+    "m.csv": "measure cornell-box-36 --plane y=0.5 --spacing 0.5 --spp 4",
+    "p.json": "probes cornell-box-36 --grid 1x1x1 --spp 4",
+    "l.glb": "lightmap cornell-box-36 --size 32 --spp 4",
+    "dc.npz": "daylight cornell-box-36 --points sensors.csv --samples 1 --elements 60 --gather-rays 64",
+    "svf.npy": "horizon flat.npy --azimuths 8",
+    "merged.npz": "merge film.npz",
+    "difference.png": "diff film.npz film.npz",
+}
+
+
+class Full(io.StringIO):
+    """A stream on a full disk."""
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def flush(self) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def closed() -> io.StringIO:
+    stream = io.StringIO()
+    stream.close()
+    return stream
+
+
+@pytest.mark.parametrize("out", WRITERS)
+def test_a_full_log_ends_no_command(out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if out == "l.glb":
+        pytest.importorskip("xatlas")
+    monkeypatch.chdir(tmp_path)
+    Path("sensors.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
+    np.save("flat.npy", np.zeros((5, 5)))
+    if "film.npz" in WRITERS[out]:
+        glpath.render("cornell-box-36", spp=2, resolution=(8, 8), max_depth=2).save("film.npz")
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    monkeypatch.setattr(sys, "argv", ["glpath", *WRITERS[out].split(), "-o", out])
+    monkeypatch.setattr(sys, "stderr", Full())
+    with pytest.raises(SystemExit) as end:
+        main.run()
+    assert end.value.code == 0
+    assert Path(out.format(0)).stat().st_size > 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="redirections of a POSIX shell")
+@pytest.mark.parametrize("shell", SHELLS.values(), ids=SHELLS)
+def test_a_shell_that_drops_reports_gets_the_picture(shell: str, tmp_path: Path) -> None:
+    line = shell.format(render=f"{sys.executable} -m glpath {RENDER}")
+    subprocess.run(["bash", "-c", line], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=300)
+    assert (tmp_path / "code").read_text() == "0\n"
+    assert iio.imread(tmp_path / "a.png").shape == (8, 12, 3)
+
+
+@pytest.mark.parametrize("mode", ["bar", "lines", "json"])
+@pytest.mark.parametrize("stream", [Full(), closed(), None], ids=["full", "closed", "none"])
+def test_a_reporter_drops_reports_that_its_stream_refuses(
+    mode: str, stream: io.StringIO | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    event = ProgressEvent(stage="rendering", elapsed_s=1.0, done=1, total=1, values={}, renderer="llvmpipe")
+    with reporting(mode, stream, lambda each: each) as report:
+        assert report is not None
+        report(event)
+    assert capsys.readouterr().out == "", "standard output belongs to results"
+
+
+def test_a_python_render_outlives_its_closed_standard_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", closed())
+    film = glpath.render("cornell-box-36", spp=1, resolution=(8, 8), max_depth=1, progress="lines")
+    assert film.path_sets == 1
