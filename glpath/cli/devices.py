@@ -378,7 +378,7 @@ def _kernel_cache() -> Iterator[Finding]:
     if folder is not None:
         yield Finding("kernel cache", "ok", str(folder))
     else:
-        text = "no folder can be written to: the kernels of radiosity are compiled anew at each start"
+        text = "no folder can be written to by this user alone: kernels of radiosity are compiled at each start"
         yield Finding("kernel cache", "note", text, "export NUMBA_CACHE_DIR=/a/writable/folder")
 
 

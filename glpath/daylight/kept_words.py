@@ -40,7 +40,8 @@ class KeptWords(CheckpointFile):
         size = points * (4 + (2 * WORD if transmits else 0))
         try:
             if not self.found():
-                self.path.write_bytes(head)
+                with open(self.path, "xb") as file:  # never through a link that leads to nothing yet
+                    file.write(head)
                 return []
             with open(self.path, "r+b") as file:
                 if file.read(len(head)) != head:

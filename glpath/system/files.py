@@ -63,6 +63,8 @@ _READ = os.O_RDONLY
 for _name in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"):
     _READ |= getattr(os, _name, 0)
 
+_WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NONBLOCK", 0)
+
 # How long somebody may take to begin to write into a pipe that is read.
 _PIPE_S = 10.0
 
@@ -85,6 +87,30 @@ def open_file(path: str | Path) -> BinaryIO:
     except BaseException:
         os.close(descriptor)
         raise
+
+
+def open_without_links(path: str | Path, flags: int, mode: int = 0o666) -> int:
+    """Open a file that no link leads to, and return its descriptor.
+
+    Raises OSError, with the reason as its text, for a symbolic link, a file with several names (hard links) and
+    anything but a file: to write there would change a file elsewhere.
+    """
+    try:
+        descriptor = os.open(path, flags | _WITHOUT_LINKS, mode)
+    except OSError as error:
+        if os.path.islink(path):
+            raise _refused(path, "a symbolic link") from error
+        raise
+    try:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise _refused(path, _unreadable_kind(status.st_mode) or "a pipe")
+        if status.st_nlink > 1:
+            raise _refused(path, f"one of {status.st_nlink} names (hard links)")
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -128,8 +154,8 @@ def _beside(path: str | Path) -> Iterator[Path]:
     target = Path(os.path.realpath(path))
     if (kind := _unwritable_kind(path)) is not None:
         raise OSError(f"it is {kind}")
-    temporary = target.with_name(_temporary_name(target))
     target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = new_file(target.parent, target)
     try:
         yield temporary
         with temporary.open("r+b") as written:  # Windows writes nothing to a disk by a file that is read
@@ -211,17 +237,23 @@ def check_writable(path: str | Path) -> None:
         folder = folder.parent
     # Only trying is sure: permissions say little about root, network shares and read-only file systems. By
     # the very name, which may be too long.
-    trial = folder / _temporary_name(target)
     try:
-        trial.touch()
-        trial.unlink()
+        new_file(folder, target).unlink()
     except OSError as error:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
 
 
-def _temporary_name(target: Path) -> str:
-    # The suffix stays last, as some libraries choose the format by it.
-    return f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}"
+def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:
+    """Create an empty file in `folder` for the content of `target`, and return its path. Raises OSError.
+
+    Nobody can guess its name, and a file or a link that has it already is never opened.
+    """
+    while True:
+        # The suffix stays last, as some libraries choose the format by it.
+        path = folder / f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}"
+        with suppress(FileExistsError):
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _WITHOUT_LINKS, mode))
+            return path
 
 
 def _mode(path: str | Path) -> int:

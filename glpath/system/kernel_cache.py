@@ -1,7 +1,10 @@
 """Compiled kernels on disk: whatever becomes of the files, the worst that they do is to be compiled again.
 
-Numba's own cache stays where it is (`__pycache__`, else the user's cache folder, or NUMBA_CACHE_DIR), but what it
-leaves to luck is done here:
+Kernels are in a folder of each user's own beside numba's cache (`__pycache__`, else the user's cache folder, or
+NUMBA_CACHE_DIR). Numba leaves the following to luck:
+
+- A kernel is code that is run. Folder and files have the modes 0700 and 0600. If another user owns them or may
+  write to them, or a link leads to them, nothing is read there.
 
 - A kernel is stale when any file of its room has changed, not only its own; see `room_stamp`. What counts is the
   content, so that a cache that was copied with its installation stays good.
@@ -13,11 +16,13 @@ leaves to luck is done here:
 
 from __future__ import annotations
 
+import errno
 import functools
 import hashlib
 import logging
 import os
 import pickle
+import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,6 +31,7 @@ from typing import Any
 
 import numba
 
+from glpath.system.files import new_file, open_without_links
 from glpath.system.machine import posix_module
 from glpath.system.private_interfaces import numba_internals
 
@@ -37,6 +43,8 @@ _fcntl = posix_module("fcntl")
 #: Seconds to wait for a process that compiles the same kernel; longer, and it hangs or was stopped.
 _PATIENCE = 60.0
 _HOUSE = Path(__file__).parents[1]
+# Name of the folder; each user of a shared installation has another.
+_FOLDER = f"glpath-kernels-{os.geteuid()}" if hasattr(os, "geteuid") else "glpath-kernels"
 
 
 @functools.cache
@@ -87,9 +95,25 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         # While it is set, the first signature that is not found is compiled by one process alone.
         self.alone: ExitStack | None = None
 
+    @property
+    def folder(self) -> Path:
+        """Folder of the kernels, which need not exist."""
+        return Path(self._cache_path) / _FOLDER
+
+    def refusal(self) -> str:
+        """Reason why the folder is not used; "" if it is used, or does not exist."""
+        try:
+            status = os.lstat(self.folder)
+        except OSError:
+            return ""
+        if not stat.S_ISDIR(status.st_mode):
+            return "it is no folder, or a link"
+        return "" if _is_private(status) else _OF_OTHERS
+
     def holds_any(self) -> bool:
         """Whether there is a file for some signature of the function as it is now."""
-        return any(Path(self._cache_path).glob(f"{self._impl.filename_base}.*.{self._version}.nbc"))
+        files = self.folder.glob(f"{self._impl.filename_base}.*.{self._version}.nbc")
+        return not self.refusal() and any(files)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled kernel of a signature; None without.
@@ -97,6 +121,9 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         Numba's own imports before that all that its compiler knows, a quarter of a second. Kernels that are
         compiled already need none of it, as they make no arrays (`kernels`); and the compiler imports it itself.
         """
+        if reason := self.refusal():
+            _warn_that_nothing_is_kept(self.folder, reason)
+            return None
         found = self._stored(sig, target_context)
         if found is None and self.alone is not None:
             lock = self._file(sig, target_context.codegen()).with_suffix(".lock")
@@ -116,9 +143,11 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
             return
         path = self._file(sig, data.codegen)
         content = NUMBA.dumps((self._made_from(sig, data.codegen), self._impl.reduce(data)))
-        temporary = path.with_suffix(f".{os.getpid()}.part")
+        if self.refusal():  # there is a warning of it
+            return
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            _make_folder(path.parent)
+            temporary = new_file(path.parent, path, 0o600)
             try:
                 temporary.write_bytes(hashlib.sha256(content).digest() + content)
                 for stale in path.parent.glob(path.name.replace(self._version, "*")):
@@ -131,7 +160,7 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
 
     def _stored(self, sig: Any, target_context: Any) -> Any:
         try:
-            content = memoryview(self._file(sig, target_context.codegen()).read_bytes())
+            content = memoryview(_read_private(self._file(sig, target_context.codegen())))
             if hashlib.sha256(content[32:]).digest() != content[:32]:
                 return None
             made_from, data = pickle.loads(content[32:])
@@ -144,17 +173,40 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         which = _short(repr(self._index_key(sig, codegen)))
-        return Path(self._cache_path) / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
+        return self.folder / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
 
     def _made_from(self, sig: Any, codegen: Any) -> str:
         return repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))
+
+
+_OF_OTHERS = "another user owns it or may write to it"
+
+
+def _is_private(status: os.stat_result) -> bool:
+    """Return True if this user alone owns and may write the file or folder. Windows has no such modes."""
+    if not hasattr(os, "geteuid"):
+        return True
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _make_folder(folder: Path) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+
+
+def _read_private(path: Path) -> bytes:
+    """Return the content of a file of this user. Raises OSError if another user owns it or may write to it."""
+    with os.fdopen(open_without_links(path, os.O_RDONLY | getattr(os, "O_BINARY", 0)), "rb") as file:
+        if not _is_private(os.fstat(file.fileno())):
+            raise PermissionError(errno.EPERM, _OF_OTHERS, str(path))
+        return file.read()
 
 
 @functools.cache
 def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
     log.warning(
         "compiled kernels cannot be kept in %s (%s), so that every run compiles them anew: "
-        "let NUMBA_CACHE_DIR name a folder that can be written to",
+        "let NUMBA_CACHE_DIR name a folder of your own that can be written to",
         folder,
         reason,
     )
@@ -183,13 +235,13 @@ def _locked(path: Path) -> int | None:
     if _fcntl is None:
         return 0
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
+        _make_folder(path.parent)
+        handle = open_without_links(path, os.O_CREAT | os.O_RDWR, 0o600)
     except OSError:
         return 0
     try:
         _fcntl.flock(handle, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(handle), os.stat(path)):  # else its last owner has just removed it
+        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # else its last owner has just removed it
             return handle
     except BlockingIOError:
         pass

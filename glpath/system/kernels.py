@@ -151,9 +151,9 @@ def _holds_any(cache: Any) -> bool:
 
 
 def cache_folder(kernel: Any) -> Path | None:
-    """Where a kernel is kept; None where no folder can be written to."""
+    """Where a kernel is kept; None where no folder can be written to, or by other users, too."""
     cache = None if isinstance(kernel, FunctionType) else numba_cache(kernel)
-    return Path(cache.cache_path) if isinstance(cache, KernelCache) else None
+    return cache.folder if isinstance(cache, KernelCache) and not cache.refusal() else None
 
 
 @contextmanager

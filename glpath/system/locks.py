@@ -14,6 +14,8 @@ locks end with its lease, 90 s as a rule. Where a mount has `nolock` or `local_l
 Linux alone has locks of parts of a file that belong to the open file. Elsewhere filelock locks the whole file, so
 that processes with other parts meet, too, and the error names no holder.
 
+A lock file that is a link is refused: what stands in it would be written into another file.
+
 Poor at: a lock file that is removed while it is held, by hand or with its folder: the next process makes another.
 """
 
@@ -30,7 +32,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from glpath.errors import GlpathError, ImageError
-from glpath.system.files import reason_of
+from glpath.system.files import open_without_links, reason_of
 from glpath.system.machine import posix_module
 
 log = logging.getLogger("glpath")
@@ -76,7 +78,7 @@ class Lock:
             except OSError as error:
                 raise ImageError(
                     f"{self._path}: its lock {self._file} cannot be made: {reason_of(error)}.",
-                    "Where no process uses it, and another user has left that file, remove it.",
+                    "Remove that file if no process uses it: a lock is a file of its own, and never a link.",
                 ) from error
         self._depth += 1
         return self
@@ -100,6 +102,8 @@ class Lock:
             log.warning("%s: no locks without filelock: take care that one process writes it", self._path)
             return
         self._file.parent.mkdir(parents=True, exist_ok=True)
+        if os.path.lexists(self._file):
+            os.close(open_without_links(self._file, os.O_RDWR))
         lock = filelock.FileLock(self._file, timeout=0)
         try:
             lock.acquire()
@@ -113,7 +117,7 @@ class Lock:
     def _acquire(self) -> None:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         while True:
-            descriptor = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o666)
+            descriptor = open_without_links(self._file, os.O_RDWR | os.O_CREAT)
             try:
                 if self._enter(descriptor):
                     self._descriptor, descriptor = descriptor, -1
@@ -170,7 +174,7 @@ class Lock:
     def _is_there(self, descriptor: int) -> bool:
         """Whether the open file is still the one of this name."""
         try:
-            named, opened = os.stat(self._file), os.fstat(descriptor)
+            named, opened = os.lstat(self._file), os.fstat(descriptor)
         except FileNotFoundError:
             return False
         return (named.st_dev, named.st_ino) == (opened.st_dev, opened.st_ino)
@@ -224,7 +228,7 @@ def _read(descriptor: int) -> list[dict[str, Any]]:
     """The holders recorded in the file; anything else in it is ignored."""
     try:
         found = json.loads(os.pread(descriptor, 1 << 20, 0) or b"[]")
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return []
     return [each for each in found if _is_holder(each)] if isinstance(found, list) else []
 

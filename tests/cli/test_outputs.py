@@ -500,3 +500,20 @@ def test_a_picture_is_not_for_a_terminal(film: Film, monkeypatch: pytest.MonkeyP
     assert (done.returncode, "no text for a terminal" in done.stderr) == (2, True)
     with pytest.raises(UsageError):
         film.save("-.gif")
+
+
+@pytest.mark.parametrize("ask", [files.check_writable, lambda path: files.write_bytes(b"text", path)])
+def test_temporary_name_that_is_a_link_already_is_passed_over(
+    ask: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if somebody had guessed it."""
+    target = tmp_path / "precious"
+    target.write_text("years of work")
+    guessed = tmp_path / ".a.00000000.part.txt"
+    guessed.symlink_to(target)
+    names = iter(["00000000", "00000000", "00000001"])
+    monkeypatch.setattr(files.secrets, "token_hex", lambda count: next(names))
+    ask(tmp_path / "a.txt")
+    assert target.read_text() == "years of work"
+    assert guessed.is_symlink()
+    assert {path.name for path in tmp_path.iterdir()} <= {"precious", guessed.name, "a.txt"}

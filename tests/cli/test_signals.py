@@ -46,7 +46,7 @@ def scenes_and_signals():
     hold()
     for _ in range(5):
         os.kill(os.getpid(), signal.{name})
-    return []
+    return {{}}
 scenes.shipped_scenes = scenes_and_signals
 sys.argv = ["glpath", "scenes"]
 main.run()
@@ -101,7 +101,7 @@ def test_signal_that_the_parent_ignores_stays_ignored(number: signal.Signals) ->
         text=True,
         preexec_fn=lambda: signal.signal(number, signal.SIG_IGN),
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
 
 
 @pytest.mark.parametrize("number", REPEATED)

@@ -12,13 +12,15 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from glpath.radiosity.solvers import ahead
 from glpath.radiosity.solvers.checks import METHODS
 from glpath.radiosity.solvers.needed import kernels_of
-from glpath.system import kernels
+from glpath.system import kernel_cache, kernels
+from glpath.system.kernel_cache import _FOLDER as FOLDER
 from glpath.system.kernel_cache import room_stamp
 
 INNER = """
@@ -87,7 +89,7 @@ def test_a_kernel_sees_other_folders_of_its_room_change(tmp_path: Path) -> None:
 
 def test_an_unchanged_folder_is_loaded_from_the_cache(tmp_path: Path) -> None:
     run(tmp_path, "Pair", 1)
-    (data,) = (tmp_path / "__pycache__").glob("outside.outer*.nbc")
+    (data,) = (tmp_path / "__pycache__" / FOLDER).glob("outside.outer*.nbc")
     before = data.stat().st_mtime_ns
     for source in tmp_path.glob("*.py"):  # a copied installation: what counts is the content
         os.utime(source, (1, 1))
@@ -113,6 +115,13 @@ class Session:
 
     folder: Path
     compiled: list[str]
+
+    @property
+    def kernel_folder(self) -> Path:
+        return self.folder / "__pycache__" / FOLDER
+
+    def kernels(self) -> list[Path]:
+        return list(self.kernel_folder.glob("*.nbc"))
 
     def call(self) -> float:
         file = self.folder / "twice.py"
@@ -171,10 +180,116 @@ def test_a_damaged_cache_counts_as_none(damage: Callable[[Path], None], session:
     assert session.compiled == ["compiling kernels: twice"]
     assert session.call() == 4
     assert session.compiled == []
-    (data,) = session.folder.glob("__pycache__/*.nbc")
+    (data,) = session.kernels()
     damage(data)
     assert session.call() == 4
     assert session.compiled == ["compiling kernels: twice"]
+
+
+class Planted:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, str]]:
+        return exec, (f"open({str(self.path)!r}, 'w').close()", "")
+
+
+def plant(data: Path, ran: Path) -> None:
+    """Put code in place of a kernel, with the digest that it needs, as another user may do."""
+    content = pickle.dumps(Planted(ran))
+    data.write_bytes(hashlib.sha256(content).digest() + content)
+
+
+def folder_of_another_user(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner = os.geteuid()
+    if owner == 0:
+        os.chown(session.kernel_folder, 65534, -1)
+    else:  # none but root can give a file away; another user may be the one who reads
+        monkeypatch.setattr(kernel_cache.os, "geteuid", lambda: owner + 1)
+
+
+def file_of_another_user(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner = os.geteuid()
+    if owner != 0:
+        pytest.skip("none but root can give a file away")
+    os.chown(session.kernels()[0], 65534, -1)
+
+
+def folder_of_a_group(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    session.kernel_folder.chmod(0o770)
+
+
+def folder_of_all(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    session.kernel_folder.chmod(0o1777)
+
+
+def file_of_a_group(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    session.kernels()[0].chmod(0o620)
+
+
+def linked_folder(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    session.kernel_folder.rename(session.folder / "elsewhere")
+    session.kernel_folder.symlink_to(session.folder / "elsewhere")
+
+
+def linked_file(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    (data,) = session.kernels()
+    data.rename(session.folder / "elsewhere")
+    data.symlink_to(session.folder / "elsewhere")
+
+
+def file_of_two_names(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.link(session.kernels()[0], session.folder / "elsewhere")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="a system of users and modes")
+@pytest.mark.parametrize(
+    "opened",
+    [
+        folder_of_another_user,
+        folder_of_a_group,
+        folder_of_all,
+        linked_folder,
+        file_of_another_user,
+        file_of_a_group,
+        linked_file,
+        file_of_two_names,
+    ],
+)
+def test_kernel_that_another_user_could_have_written_is_not_run(
+    opened: Callable[[Session, pytest.MonkeyPatch], None],
+    session: Session,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    assert session.call() == 4
+    (data,) = session.kernels()
+    ran = session.folder / "ran"
+    plant(data, ran)
+    opened(session, monkeypatch)
+    assert session.call() == 4
+    assert session.compiled == ["compiling kernels: twice"]
+    assert not ran.exists()
+    assert session.call() == 4
+    of_folder = "folder" in opened.__name__
+    assert session.compiled == (["compiling kernels: twice"] if of_folder else []), "a bad file is replaced"
+    assert caplog.text.count("NUMBA_CACHE_DIR") == of_folder, "one warning for each folder"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="a system of users and modes")
+@pytest.mark.parametrize("umask", [0o000, 0o002, 0o077])
+def test_kernels_are_private_whatever_the_umask(umask: int, session: Session) -> None:
+    before = os.umask(umask)
+    try:
+        assert session.call() == 4
+    finally:
+        os.umask(before)
+    (data,) = session.kernels()
+    assert [path.stat().st_mode & 0o777 for path in (session.kernel_folder, data)] == [0o700, 0o600]
+    assert session.call() == 4
+    assert session.compiled == []
 
 
 def test_a_full_disk_costs_a_warning(
@@ -190,7 +305,7 @@ def test_a_full_disk_costs_a_warning(
         assert session.call() == 4
     assert caplog.text.count("No space left on device") == 1
     assert "NUMBA_CACHE_DIR" in caplog.text
-    assert not [file for file in session.folder.glob("__pycache__/*") if file.suffix != ".pyc"]
+    assert not list(session.kernel_folder.iterdir())
 
 
 def test_without_any_place_for_a_cache_it_compiles(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,7 +332,7 @@ import outside
 def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
     """The other waits, and finds it in the cache."""
     run(tmp_path, "Pair", 1)
-    for data in (tmp_path / "__pycache__").glob("*.nbc"):
+    for data in (tmp_path / "__pycache__" / FOLDER).glob("*.nbc"):
         data.unlink()
     both = [
         subprocess.Popen([sys.executable, "-c", SLOW], cwd=tmp_path, stdout=-1, stderr=-1, text=True)
@@ -227,7 +342,7 @@ def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
     assert [out.strip() for out, _ in said] == ["2.0", "2.0"]
     assert sorted(err.count("compiling kernels: outer") for _, err in said) == [0, 1]
     assert sorted(err.count("waiting for outer, which another process compiles") for _, err in said) == [0, 1]
-    assert not list((tmp_path / "__pycache__").glob("*.lock"))
+    assert not list((tmp_path / "__pycache__" / FOLDER).glob("*.lock"))
 
 
 def test_kernels_are_told_by_name_and_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import glpath
-from glpath.errors import GlpathError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.system.locks import Lock
@@ -125,7 +125,9 @@ def test_blocks_within_each_other_are_one_and_a_folder_may_go(tmp_path: Path) ->
     assert not folder.exists()
 
 
-@pytest.mark.parametrize("text", ["", "no json", "[1]", '{"pid": 1}', '[{"pid": 1, "range": "all"}]'])
+@pytest.mark.parametrize(
+    "text", ["", "no json", "[1]", "[" * 100_000, '{"pid": 1}', '[{"pid": 1, "range": "all"}]']
+)
 def test_what_stands_in_the_file_is_for_the_message_alone(text: str, tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     first = holding(path)
@@ -137,6 +139,68 @@ def test_what_stands_in_the_file_is_for_the_message_alone(text: str, tmp_path: P
     with Lock(path, "a render"):
         pass
     assert os.listdir(tmp_path) == []
+
+
+def linked(kind: str, lock: Path, target: Path) -> None:
+    """Make `lock` a link to `target`."""
+    if kind == "symbolic":
+        lock.symlink_to(target)
+    else:
+        os.link(target, lock)
+
+
+LINKS = {"symbolic": "it is a symbolic link", "hard": "it is one of 2 names"}
+# One command of each kind that has a lock: the name of its lock file, and its arguments.
+LOCKED = {
+    "render": (
+        ".a.checkpoint.npz.lock",
+        ("render", *killing.SMALL, "-o", "a.png", "--spp", 1, "--checkpoint", "1i"),
+    ),
+    "frames": (".f_{:02}.png.lock", ("render", *killing.SMALL, "-o", "f_{:02}.png", "--spp", 1, "--turntable", 2)),
+    "radiosity": (
+        ".s.checkpoint.npz.lock",
+        ("radiosity", "cornell-box-36", "-o", "s.npz", "--patches", 60, "--resume"),
+    ),
+    "viewfactors": (
+        ".F.npz.part.lock",
+        ("viewfactors", "cornell-box-36", "-o", "F.npz", "--groups", "shapes", "--resume"),
+    ),
+    "daylight": (
+        ".dc.npz.part.lock",
+        ("daylight", "cornell-box-36", "-o", "dc.npz", "--points", "p.csv", "--samples", 1, "--resume"),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", LINKS)
+@pytest.mark.parametrize("command", LOCKED)
+def test_lock_file_that_is_a_link_leaves_its_target_as_it_is(
+    command: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("p.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
+    target = tmp_path / "precious"
+    target.write_text("years of work")
+    name, arguments = LOCKED[command]
+    linked(kind, tmp_path / name, target)
+    result = run(*arguments)
+    assert (result.exit_code, target.read_text()) == (1, "years of work"), result.output
+    assert LINKS[kind] in result.stderr
+    assert name in result.stderr
+    assert (tmp_path / name).lstat().st_nlink == (1 if kind == "symbolic" else 2), "nor is the link removed"
+
+
+def test_lock_file_that_leads_to_nothing_makes_no_file_there(tmp_path: Path) -> None:
+    (tmp_path / ".a.npz.lock").symlink_to(tmp_path / "new")
+    with pytest.raises(ImageError, match="it is a symbolic link"), Lock(tmp_path / "a.npz", "a render"):
+        pass
+    assert os.listdir(tmp_path) == [".a.npz.lock"]
+
+
+def test_pipe_in_place_of_a_lock_file_is_refused_without_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / ".a.npz.lock")
+    with pytest.raises(ImageError, match="it is a pipe"), Lock(tmp_path / "a.npz", "a render"):
+        pass
 
 
 def test_where_a_file_system_has_no_locks_it_is_said_and_nobody_is_kept_out(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -204,6 +205,24 @@ def test_without_locks_of_parts_filelock_keeps_others_away(tmp_path: Path) -> No
         check=False,
     )
     assert done.stdout == "held\n", done.stderr
+
+
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+def test_without_locks_of_parts_a_lock_that_is_a_link_is_refused_too(
+    link: Callable[[Path, Path], None], tmp_path: Path
+) -> None:
+    pytest.importorskip("filelock", reason="the extra test has it")
+    target = tmp_path / "precious"
+    target.write_text("years of work")
+    link(target, tmp_path / ".a.npz.lock")
+    done = python(
+        FCNTL
+        + "\nfrom pathlib import Path\nfrom glpath.system.locks import Lock\n"
+        + "Lock(Path('a.npz'), 'a render').__enter__()",
+        tmp_path,
+    )
+    assert "ImageError: a.npz: its lock" in done.stderr
+    assert target.read_text() == "years of work"
 
 
 def test_without_any_locks_a_line_says_so(tmp_path: Path) -> None:

@@ -40,7 +40,8 @@ OTHERS = {
 OF_LIBRARIES = {
     "NUMBA_CACHE_DIR": (
         "a folder",
-        "where compiled kernels are kept, where the package's folder cannot be written",
+        "where compiled kernels are kept instead of the package's folder. Kernels are code that is run: name a "
+        "folder of your own, which nobody else can write to",
     ),
     "NUMBA_DISABLE_JIT": ("`1`", "kernels run as Python, for a debugger"),
     "GALLIUM_OVERRIDE_CPU_CAPS": ("`nosse` ...", "which of the CPU's instructions llvmpipe uses"),
