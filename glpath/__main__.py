@@ -18,7 +18,7 @@ def main() -> None:
 
 
 def _open_standard_streams() -> None:
-    """Open the null device in place of standard streams that are closed.
+    """Open the null device for standard streams that are closed.
 
     Otherwise the next file would get the number of standard error, and drivers would write their messages into it.
     """

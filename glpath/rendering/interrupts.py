@@ -72,7 +72,7 @@ class Flag:
         os.kill(os.getpid(), self.signal)
 
     def signalled(self, number: int, break_in: Callable[[], object]) -> None:
-        """Note a signal. From the second one on call `break_in`, except for one that repeats by itself."""
+        """Note a signal. From the second one on call `break_in`, except for a signal that the system repeats."""
         if self.set and number in REPEATED and not self._late:
             return
         if not self.set:
