@@ -45,6 +45,8 @@ class Assets:
     materials : of the scene, which those of the assets come behind; so with textures
     shutter   : of the camera, seconds, for what moves
     unit      : of the scene's light
+    beside_map : light of models that name no unit in the scene file is that of an environment map without a unit
+    photometric : the file of a model whose photometric light was taken without a unit in the scene file, or empty
     """
 
     folder: Path
@@ -53,6 +55,8 @@ class Assets:
     textures: list[Texture]
     shutter: tuple[float, float] = (0.0, 0.0)
     unit: Unit = "radiometric"
+    beside_map: bool = False
+    photometric: str = ""
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
@@ -76,6 +80,11 @@ class Assets:
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
         unit = model.unit if isinstance(given.unit, UnsetType) else given.unit
         factor = 1.0 if unit is None else conversion(unit, self.unit)
+        if isinstance(given.unit, UnsetType) and unit == "photometric":
+            factor = 1.0 if self.beside_map else factor
+            lit = [shape for shape in model.shapes if not model.materials[shape.material].unlit]
+            if any(shape.emits for shape in lit) or (given.lights and model.lights):
+                self.photometric = self.photometric or given.file
         for shape in model.shapes:
             material, emission = read.first_material + shape.material, shape.emission
             if not self.materials[material].unlit:  # whose colour is no light that could be measured

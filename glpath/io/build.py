@@ -14,8 +14,11 @@ from typing import Literal
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from glpath.errors import warn
+from glpath.film.units import Unit
 from glpath.io import description, lights, materials, motion, transform
 from glpath.io.assets import Assets
+from glpath.io.completed import is_aside
 from glpath.io.description import AnyMaterial, AnyShape, SceneFile
 from glpath.io.meshes import inline_mesh, read_mesh
 from glpath.io.patches import patch_surface
@@ -47,6 +50,7 @@ def build(
     """
     camera = _camera(file)
     check_camera(camera, location.source)
+    scene_unit: Unit = "radiometric" if isinstance(file.unit, UnsetType) else file.unit
     if not (file.shapes or file.assets):
         raise location.error(
             "has no shapes, but a picture needs at least one.", 'Add a [[shapes]] table, e.g. type = "sphere".'
@@ -106,10 +110,21 @@ def build(
         shape = Shape(
             shape_name, geometry, material, matrix[None], subdivisions=subdivisions, kind=kind, motion=moved
         )
-        shapes.append(lights.emission(given.emission, here.field("emission"), file.unit, shape, surfaces[material]))
+        shapes.append(
+            lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material])
+        )
 
-    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, file.unit)
+    # Neither an environment map nor emission in glTF has a physical unit in practice: 1 is the same in both.
+    beside_map = isinstance(file.unit, UnsetType) and (is_aside("sky") or _has_map(file))
+    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, scene_unit, beside_map)
     assets.add(file.assets, location.field("assets"))
+    if isinstance(file.unit, UnsetType) and assets.photometric and _has_light_in_watts(file):
+        how = "as radiance of the environment map" if beside_map else "as cd and cd m^-2, 179 lm for a watt"
+        warn(
+            f"{location}: light is in two units. The numbers of {assets.photometric} are taken {how}, those of the "
+            'file itself as watts. Name the unit of one: unit = "photometric" at the top of the file, or unit in '
+            "[[assets]]."
+        )
     return Scene(
         name=name if isinstance(file.name, UnsetType) else file.name,
         camera=camera,
@@ -118,15 +133,31 @@ def build(
         source=location.source,
         textures=tuple(assets.textures),
         lights=(
-            *lights.lights(file.lights, location.field("lights"), folder, camera.up, file.unit),
+            *lights.lights(file.lights, location.field("lights"), folder, camera.up, scene_unit),
             *assets.lights,
         ),
         ambient=light(file.ambient, location.field("ambient")),
-        sky=lights.sky(file.sky, camera.up, location.field("sky"), folder, file.unit),
+        sky=lights.sky(file.sky, camera.up, location.field("sky"), folder, scene_unit),
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
-        unit=file.unit,
+        unit=scene_unit,
         portals=lights.portals(file.sky, location.field("sky")),
     )
+
+
+def _has_map(file: SceneFile) -> bool:
+    """Return True if the sky is an environment map without a unit."""
+    return (
+        not isinstance(file.sky, UnsetType)
+        and not isinstance(file.sky.file, UnsetType)
+        and isinstance(file.sky.unit, UnsetType)
+    )
+
+
+def _has_light_in_watts(file: SceneFile) -> bool:
+    """Return True if the file has a light of its own, which names no unit and no profile."""
+    emissions = [shape.emission for shape in file.shapes if not isinstance(shape.emission, UnsetType)]
+    lamps = [each for each in file.lights if isinstance(getattr(each, "profile", UNSET), UnsetType)]
+    return any(isinstance(each.unit, UnsetType) for each in (*emissions, *lamps))
 
 
 def _camera(file: SceneFile) -> Camera:

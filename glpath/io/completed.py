@@ -28,7 +28,7 @@ _LAMP = 0.01
 # Emission up to which a surface is no lamp: that of white in a studio.
 _FAINT = 1.0
 #: Parts of a scene that a use of it may not need.
-Part = Literal["camera", "view", "light", "picture"]
+Part = Literal["camera", "view", "light", "picture", "sky"]
 #: Unused parts of a scene.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
@@ -38,7 +38,7 @@ def aside(*parts: Part) -> Iterator[None]:
     """Scenes that are loaded within need none of these parts: what stands in for them is no reason for a warning.
 
     Without a picture a white sky stands in for light. Without "view" a camera is needed, but its pose is not
-    reported, as something else replaces it.
+    reported, as something else replaces it. Without "sky" an environment map replaces the sky.
     """
     before = _ASIDE.set(_ASIDE.get() | set(parts))
     try:

@@ -17,7 +17,7 @@ import numpy as np
 
 from glpath.errors import UsageError, warn
 from glpath.film.units import conversion
-from glpath.io.completed import completed
+from glpath.io.completed import completed, is_aside
 from glpath.io.from_trimesh import Surfaces, lights
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.load import scene_of
@@ -153,10 +153,16 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
                 looks[index] = surface
         tables.append(table)
     scene = scene_of({**data, "shapes": tables}, location, folder, name)
-    return _with_looks(scene, looks, surfaces.textures)
+    sky = data.get("sky")
+    has_map = is_aside("sky") or (isinstance(sky, Mapping) and "file" in sky and "unit" not in sky)
+    # As of glTF assets: beside an environment map without a unit, 1 is the same radiance in both.
+    factor = 1.0 if has_map and "unit" not in data else conversion("photometric", scene.unit)
+    return _with_looks(scene, looks, surfaces.textures, factor)
 
 
-def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture]) -> Scene:
+def _with_looks(
+    scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture], emission_factor: float
+) -> Scene:
     """The scene whose shapes of some numbers have other surfaces, with the light that these send."""
     if not looks:
         return scene
@@ -174,7 +180,7 @@ def _with_looks(scene: Scene, looks: Mapping[int, Surface], textures: Sequence[T
         surface = looks[index]
         shape = replace(shape, material=len(kept) + given.index(id(surface)))
         if not shape.emits and surface.emission.any():
-            emission = conversion("photometric", scene.unit) * surface.emission  # glTF's material
+            emission = emission_factor * surface.emission  # glTF's material
             shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
         shapes.append(shape)
     return replace(

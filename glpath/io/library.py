@@ -86,7 +86,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     surroundings, own = Surroundings.taken_from(parameters, SourceLocation("load_scene"))
     if not surroundings:
         return _loaded(scene, own)
-    with aside("light") if surroundings.environment is not None else nullcontext():
+    with aside("light", "sky") if surroundings.environment is not None else nullcontext():
         return surroundings.around(_loaded(scene, own))
 
 

@@ -23,13 +23,17 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
         UNSET
     )
     description: Annotated[str, Meta(description="What the scene shows, in one line.")] = ""
-    unit: Annotated[
-        Unit,
-        Meta(
-            description="Of all light in the file that names none: radiometric (W, W sr^-1, W m^-2, "
-            "W sr^-1 m^-2) or photometric (lm, cd, lx, cd m^-2); a watt is 179 lumens."
-        ),
-    ] = "radiometric"
+    unit: (
+        Annotated[
+            Unit,
+            Meta(
+                description="Of all light in the file that names none: radiometric (W, W sr^-1, W m^-2, "
+                "W sr^-1 m^-2) or photometric (lm, cd, lx, cd m^-2); a watt is 179 lumens. Radiometric without it; "
+                "then numbers of glTF assets beside an environment map are taken as its radiance."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
     camera: Annotated[
         AnyCamera, Meta(description="The camera: perspective (a pinhole or a lens), orthographic or panorama.")
     ]
