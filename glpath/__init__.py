@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         SceneError,
         SceneWarning,
         ShaderError,
+        StrictError,
         UsageError,
     )
     from glpath.film.film import Film, read_image
@@ -72,6 +73,7 @@ _HOME = {
     "SceneError": "errors",
     "SceneWarning": "errors",
     "ShaderError": "errors",
+    "StrictError": "errors",
     "Texels": "daylight.texels",
     "UsageError": "errors",
     "ViewFactorProgress": "radiosity.view_factors.compute",
@@ -121,6 +123,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "ShaderError",
+    "StrictError",
     "Texels",
     "UsageError",
     "ViewFactorProgress",

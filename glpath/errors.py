@@ -9,6 +9,11 @@ import os
 import sys
 import sysconfig
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any
 
 _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
 _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
@@ -71,12 +76,93 @@ class SceneWarning(UserWarning):
     """A scene that renders, but hardly as meant (no light, nothing in view, a degenerate triangle)."""
 
 
-def warn(text: str) -> None:
-    """Warn `SceneWarning`, of the line that called glpath, however deep the reason is found."""
+class StrictError(GlpathError):
+    """A warning that `strict` takes for an error.
+
+    result : the result that the warnings are about; None if the warning came before there was one
+    """
+
+    result: Any = None
+
+
+@dataclass
+class WarningScope:
+    """Warnings of one call or one command.
+
+    strict : takes warnings for errors
+    late   : warnings about a result, which is to be saved before they become an error
+    """
+
+    strict: bool = False
+    late: list[str] = field(default_factory=list)
+
+    def raise_late(self, result: Any = None) -> None:
+        """Raise StrictError for warnings about a result, which is then in the error's `result`."""
+        if self.strict and self.late:
+            first, *others = self.late
+            more = f" {len(others)} more warnings came after it." if others else ""
+            error = StrictError(
+                first, f"strict takes this warning for an error; there is a result nevertheless.{more}"
+            )
+            error.result = result
+            raise error
+
+
+_scope: ContextVar[WarningScope | None] = ContextVar("warnings", default=None)
+
+
+@contextmanager
+def warning_scope(strict: bool) -> Iterator[WarningScope]:
+    """Take warnings for errors within the block, if `strict`.
+
+    Then `warn` raises StrictError, or notes a late warning for `raise_late`. Within another block nothing begins
+    anew: the outer block becomes strict, and gets the late warnings.
+    """
+    outer = _scope.get()
+    if outer is not None:
+        outer.strict |= strict
+        yield WarningScope()
+        return
+    token = _scope.set(scope := WarningScope(strict))
+    try:
+        yield scope
+    finally:
+        _scope.reset(token)
+
+
+def current_warnings() -> WarningScope:
+    """Return the scope of the call or command that runs, or an empty one."""
+    return _scope.get() or WarningScope()
+
+
+def warn(text: str, late: bool = False) -> None:
+    """Warn `SceneWarning`, of the line that called glpath, however deep the reason is found.
+
+    late : the warning is about a result that exists, which `strict` must not lose
+
+    Raises StrictError within a strict `warning_scope`, unless the warning is late or filtered out.
+    """
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and _is_ours(frame.f_code.co_filename):
         level, frame = level + 1, frame.f_back
-    warnings.warn(SceneWarning(text), stacklevel=level)
+    scope = current_warnings()
+    if scope.strict:
+        is_shown = _is_shown(text, level)
+        if is_shown and not late:
+            raise StrictError(text, "strict takes this warning for an error.")
+        scope.late += [text] * is_shown
+    with suppress(SceneWarning) if scope.strict else nullcontext():  # `late` has what a filter makes an error
+        warnings.warn(SceneWarning(text), stacklevel=level)
+
+
+def _is_shown(text: str, level: int) -> bool:
+    """Return True unless a filter of the module `warnings` ignores the warning."""
+    try:
+        with warnings.catch_warnings(record=True) as shown:
+            warnings.warn(SceneWarning(text), stacklevel=level + 1)
+    except SceneWarning:
+        return True
+    return bool(shown)
 
 
 def _is_ours(file: str) -> bool:

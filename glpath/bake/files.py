@@ -119,7 +119,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
-        warn(f"{path}: {text}.")
+        warn(f"{path}: {text}.", late=True)
     written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
         stem = f"{path.stem}-{page}.lightmap"
@@ -243,7 +243,7 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
     ):
         if names:
             listing = f"material{'s' * (len(names) > 1)} {listed(names)}"
-            warn(f"{path}: {listing}: {text}")
+            warn(f"{path}: {listing}: {text}", late=True)
 
 
 def _warn_of_what_is_black(scene: Scene, path: Path) -> None:
@@ -257,7 +257,8 @@ def _warn_of_what_is_black(scene: Scene, path: Path) -> None:
     if names:
         warn(
             f"{path}: material{'s' * (len(names) > 1)} {listed(names)}: mirrors and metal are black in a viewer "
-            "without an environment map, as a light map is of what is diffuse alone."
+            "without an environment map, as a light map is of what is diffuse alone.",
+            late=True,
         )
 
 

@@ -13,6 +13,8 @@ from typer.core import TyperCommand
 
 #: Of every command.
 MAX_EVERYDAY = 20
+#: The panel of options that say what is printed.
+OUTPUT_PANEL = "What is printed"
 #: How the paragraph of examples begins, whose lines stay as they are.
 EXAMPLE = "# "
 _ALL = "--help-all"

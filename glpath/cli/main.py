@@ -29,7 +29,7 @@ from glpath.cli.on_demand import CommandsOnDemand, Part, as_written
 from glpath.cli.plain_values import spare_conversions
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
-from glpath.errors import GlpathError, SceneWarning, UsageError
+from glpath.errors import GlpathError, SceneWarning, UsageError, warning_scope
 from glpath.system.terminal import CleanHandler, say
 
 FAILED, WRONG_USAGE = 1, 2
@@ -68,9 +68,10 @@ class Commands(TyperGroup):
             return self._invoke(ctx)
 
     def _invoke(self, ctx: Any) -> Any:
-        with _warnings_and_logs_as_lines(), signals_wait_for_results():
+        with _warnings_and_logs_as_lines(), signals_wait_for_results(), warning_scope(strict=False) as scope:
             try:
                 done = super().invoke(ctx)
+                scope.raise_late()
                 if arrived():
                     say("glpath: interrupted: all was done and is written", err=True)
                     raise typer.Exit(INTERRUPTED)

@@ -6,15 +6,16 @@ import importlib
 import inspect
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 from typer.core import TyperCommand
-from typer.main import get_group
+from typer.main import get_command, get_group
 
-from glpath.cli.help import EXAMPLE
+from glpath.cli.help import EXAMPLE, OUTPUT_PANEL
 from glpath.cli.plain_values import spare_conversions
+from glpath.errors import current_warnings
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,10 @@ class CommandsOnDemand(Mapping[str, Any]):
         if name not in self._made:
             app = typer.Typer()
             importlib.import_module(self._parts[name].module).register(app)
-            command = self._made[name] = _as_written(get_group(app).commands[name])
+            command = get_group(app).commands[name]
+            if all(param.name != "strict" for param in command.params):
+                command.params.append(_strict_option())
+            self._made[name] = _as_written(command)
             spare_conversions(command)
         return self._made[name]
 
@@ -62,6 +66,32 @@ class CommandsOnDemand(Mapping[str, Any]):
             for name, part in self._parts.items()
         }
         return listed | self._made
+
+
+def _take_warnings_for_errors(strict: bool) -> None:
+    current_warnings().strict |= strict
+
+
+def _carry_strict_option(
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            expose_value=False,
+            callback=_take_warnings_for_errors,
+            help="Take warnings for errors: before the computation they end it; about a result, it is written and "
+            "the exit code is 1.",
+            rich_help_panel=OUTPUT_PANEL,
+        ),
+    ] = False,
+) -> None:
+    """Declare the option --strict, which each command gets."""
+
+
+def _strict_option() -> Any:
+    carrier = typer.Typer(add_completion=False)
+    carrier.command()(_carry_strict_option)
+    return get_command(carrier).params[0]
 
 
 def as_written(part: Any) -> None:

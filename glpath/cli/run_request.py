@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from glpath.cli.completion import words
+from glpath.cli.help import OUTPUT_PANEL
 from glpath.cli.signals import resume_later
 from glpath.cli.values import check_choice, interval, seconds
-from glpath.errors import UsageError
+from glpath.errors import UsageError, current_warnings
 from glpath.rendering.run_options import RunOptions
 from glpath.system.files import check_writable
 from glpath.system.machine import limit_threads
@@ -27,7 +28,7 @@ from glpath.system.signals import TERMINATING_TEXT
 
 #: Errors at which a picture is clean to the eye: a denoised one, and one as it is.
 _CLEAN, _FAIR = 0.05, 0.02
-_MACHINE, _LONG, _OUTPUT = "Machine", "Long renders", "What is printed"
+_MACHINE, _LONG = "Machine", "Long renders"
 
 if TYPE_CHECKING:
     from glpath.cli.picture import Picture
@@ -139,12 +140,12 @@ class RunRequest:
         typer.Option(
             metavar="|".join(MODES),
             help="Progress on stderr.",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT_PANEL,
             autocompletion=words(MODES),
         ),
     ] = "auto"
     quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=_OUTPUT)
+        bool, typer.Option("-q", "--quiet", help="Only errors and warnings.", rich_help_panel=OUTPUT_PANEL)
     ] = False
     verbose: Annotated[
         bool,
@@ -152,7 +153,7 @@ class RunRequest:
             "-v",
             "--verbose",
             help="Also the log, settings and time by stage, which costs some.",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT_PANEL,
         ),
     ] = False
 
@@ -229,6 +230,7 @@ class RunRequest:
             noise=self.noise,
             clean=self.clean,
             timings=self.verbose or self.stats is not None,
+            strict=current_warnings().strict,
             **more,
         )
 

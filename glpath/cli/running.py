@@ -34,7 +34,7 @@ log = logging.getLogger("glpath")
 Start = Callable[["RunOptions"], "Film"]
 
 # What may stand beside --job: where the image goes, what renders it, what is reported.
-_BESIDE_A_JOB = ("job", "out", "exposure", "tonemap", "denoise", *OF_RENDERS)
+_BESIDE_A_JOB = ("job", "out", "exposure", "tonemap", "denoise", "strict", *OF_RENDERS)
 
 
 def refuse_beside_a_job(context: typer.Context) -> None:

@@ -18,7 +18,7 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_PICTURES, with_scene_options
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
-from glpath.errors import GlpathError, SceneWarning, UsageError
+from glpath.errors import GlpathError, SceneWarning, UsageError, current_warnings
 from glpath.film.units import Unit, symbol
 from glpath.io import (
     parameters_from_options,
@@ -88,6 +88,7 @@ def info(
         key: {"default": default, "description": text}
         for key, (default, text) in scene_parameters(scene, parameters_from_options(parameters or ())).items()
     }
+    current_warnings().late += summary["warnings"]
     if as_json:
         say_json(summary, indent=2)
         return

@@ -332,7 +332,8 @@ def _reflecting(
         used = DEFAULT_ELEMENTS * factor if elements is None else elements
         warn(
             f"{scene.source or scene.name}: the bias of the reflected light is {bias}. "
-            f"Give more than {used:,} elements."
+            f"Give more than {used:,} elements.",
+            late=True,
         )
     return sides, reflections, bias
 

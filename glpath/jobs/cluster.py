@@ -104,7 +104,7 @@ class Cluster(Connection):
         shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
         for text in plan.remarks(clock.film):
-            warn(text)
+            warn(text, late=True)
         return clock.film
 
 
@@ -155,6 +155,7 @@ class _Render:
     _events: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
     _gatherers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(_GATHERERS, "gather"))
     _running: dict[Any, _Task] = field(default_factory=dict)
+    _warned: set[str] = field(default_factory=set)  # texts of workers
     _parts: dict[int, Film] = field(default_factory=dict)  # that wait for others before them
     _order: list[int] = field(default_factory=list)  # first path sets of what was handed out and not merged
     _reasons: dict[int, str] = field(default_factory=dict)  # by the first path set of what has failed
@@ -287,6 +288,10 @@ class _Render:
                 del self._running[other]
                 other.cancel(force=True)
             self._parts[task.chunk.path_sets[0]] = found.film
+            for text in found.warnings:
+                if text not in self._warned:
+                    self._warned.add(text)
+                    warn(text, late=True)
 
     def _ready(self) -> list[int]:
         """What to merge now: the next one where a rule looks at the film after each, else all that is there."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from glpath.errors import UsageError
+from glpath.errors import SceneWarning, UsageError
 from glpath.film.film import Film
 from glpath.rendering.factory import Plan
 from glpath.rendering.job import RenderJob
@@ -52,10 +53,15 @@ class Shared:
 
 @dataclass
 class Part:
-    """The film of a chunk, and the seconds of tracing it took, without what a first chunk waits for."""
+    """Film of a chunk of path sets.
+
+    seconds  : time of tracing, without that for which a first chunk waits
+    warnings : texts of the warnings that came meanwhile, for the process that has asked
+    """
 
     film: Film
     seconds: float
+    warnings: tuple[str, ...] = ()
 
 
 # Of this process: what was shared, by token; the engine of the render that it works for, and whose turn it is.
@@ -106,7 +112,8 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     shared = _shared[token]
     assert isinstance(shared, Shared), "whose path sets are asked for"
     check_version(shared.version)
-    with _turn:
+    with _turn, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
         if _session is None or _session[0] != shared.token:
             forget()
             _session = shared.token, Session(shared.job, shared.scene, shared.options, plan=shared.plan)
@@ -118,7 +125,8 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
         except BaseException:
             forget()  # the next one begins with a new engine
             raise
-    return Part(film, _seconds(steps, film))
+    texts = dict.fromkeys(str(each.message) for each in caught if issubclass(each.category, SceneWarning))
+    return Part(film, _seconds(steps, film), tuple(texts))
 
 
 def _seconds(steps: list[tuple[float, int]], film: Film) -> float:

@@ -16,7 +16,7 @@ from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
-from glpath.rendering.options import RenderKeywords, check_word, with_options
+from glpath.rendering.options import RenderKeywords, check_word, strictly, with_options
 from glpath.rendering.progress import Progress, reporting
 from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.rendering.session import Session
@@ -134,7 +134,11 @@ def run(
         if not isinstance(job.sensor, PointSensor):
             raise UsageError("sensor: points for a job whose paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
-    return run_job(job, job.seen(scene), RunOptions(**options), context)
+
+    def film() -> Film:
+        return run_job(job, job.seen(scene), RunOptions(**options), context)
+
+    return strictly(film) if job.strict else film()
 
 
 def run_job(
@@ -155,7 +159,7 @@ def run_job(
     with session, reporting_to(options, pictured) as reported:
         film = session.render(job, scene, reported)
     for text in session.remarks(film):
-        warn(text)
+        warn(text, late=True)
     return film
 
 

@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, Unpack
 import msgspec
 from msgspec import Meta
 
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, UsageError, warning_scope
 from glpath.film.aovs import AOVS
 from glpath.film.batches import BLOCK
 from glpath.integrators.by_name import AUTO, INTEGRATORS, IntegratorKeywords
@@ -111,6 +111,7 @@ class RenderJob:
     sensor     : where paths start: the camera and its resolution, or points
     window     : (x, y, width, height): the pixels of the whole image that are rendered, y from the top
     path_sets  : (start, stop), half-open: which path sets; one is a path for every pixel
+    strict     : take warnings for errors in each run, see `RunOptions.strict`
     """
 
     scene: SceneSource
@@ -118,6 +119,7 @@ class RenderJob:
     sensor: Sensor
     window: Window
     path_sets: tuple[int, int]
+    strict: bool = False
 
     @classmethod
     @with_options(run=False)
@@ -133,28 +135,32 @@ class RenderJob:
         camera: Mapping[str, Any] | Camera | None = None,
         parameters: Mapping[str, object] | None = None,
         sensor: PointSensor | None = None,
+        strict: bool = False,
         **options: Unpack[IntegratorKeywords],
     ) -> RenderJob:
         """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
 
         sensor : points, instead of the scene's camera
+        strict : take warnings for errors, now and whenever the job is run
 
         {options}
 
         Loads the scene, for its digest and its camera. Raises what `glpath.render` raises before it renders.
         """
-        return describe(
-            scene,
-            integrator=integrator,
-            spp=spp,
-            first_path_set=first_path_set,
-            resolution=resolution,
-            crop=crop,
-            camera=camera,
-            parameters=parameters,
-            sensor=sensor,
-            **options,
-        )[0]
+        with warning_scope(strict):
+            job, _ = describe(
+                scene,
+                integrator=integrator,
+                spp=spp,
+                first_path_set=first_path_set,
+                resolution=resolution,
+                crop=crop,
+                camera=camera,
+                parameters=parameters,
+                sensor=sensor,
+                **options,
+            )
+        return replace(job, strict=strict)
 
     @property
     def spp(self) -> int:
@@ -201,6 +207,7 @@ class RenderJob:
                 "sensor": self.sensor.as_json(),
                 "window": self.window,
                 "path_sets": self.path_sets,
+                **({"strict": True} if self.strict else {}),
             },
             indent=2,
         )
@@ -234,7 +241,7 @@ class RenderJob:
             check_sensor(settings, sensor)
         except UsageError as error:
             raise UsageError(f"{location}: {error.message}", error.remedy) from error
-        return cls(data.scene, settings, sensor, window, data.path_sets)
+        return cls(data.scene, settings, sensor, window, data.path_sets, data.strict)
 
     def save(self, path: str | Path) -> None:
         """Write the JSON to a file, which appears whole or not at all. Raises ImageError where it cannot be."""
@@ -293,6 +300,7 @@ class JobFile(msgspec.Struct, forbid_unknown_fields=True):
     sensor: CameraFile | PointsFile
     window: Window
     path_sets: tuple[int, int]
+    strict: bool = False
 
 
 def describe(

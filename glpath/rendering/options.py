@@ -13,14 +13,14 @@ import inspect
 import textwrap
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from msgspec import Meta
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warning_scope
 from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywords
 from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
@@ -358,6 +358,8 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
         def call(*given: Any, **by_name: Any) -> Any:
             for name in by_name.keys() - signature.parameters.keys():
                 check_name(name, [*named, *(options() if integrators else ())])
+            if run and by_name.get("strict"):
+                return strictly(lambda: function(*given, **by_name))
             return function(*given, **by_name)
 
         call.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
@@ -372,6 +374,27 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
         return typing.cast("Function", call)
 
     return decorated
+
+
+def strictly(compute: Callable[[], Any]) -> Any:
+    """Return what `compute` returns, or raise StrictError for a warning; see `RunOptions.strict`."""
+    with warning_scope(strict=True) as scope:
+        result = compute()
+        if inspect.isgenerator(result):
+            return _each_strictly(result)
+    scope.raise_late(result)
+    return result
+
+
+def _each_strictly(results: Iterator[Any]) -> Iterator[Any]:
+    end = object()
+    while True:
+        with warning_scope(strict=True) as scope:
+            result = next(results, end)
+        scope.raise_late(result)
+        if result is end:
+            return
+        yield result
 
 
 def run_options_text() -> str:

@@ -50,6 +50,7 @@ class RunKeywords(TypedDict, total=False):
     progress: bool | Mode
     on_progress: Callable[[Progress], None] | None
     cluster: Workers | None
+    strict: bool
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,8 @@ class RunOptions:
                      how, "bar", "lines" or "json"
     on_progress    : called about twice a second, with a `Progress`
     cluster        : a `glpath.jobs.cluster.Cluster`, whose workers share the path sets
+    strict         : raise StrictError for a `SceneWarning`: at once before rendering; afterwards when all is done,
+                     with the result in the error's `result`
     """
 
     backend: str = "auto"
@@ -92,6 +95,7 @@ class RunOptions:
     progress: bool | Mode = False
     on_progress: Callable[[Progress], None] | None = None
     cluster: Workers | None = None
+    strict: bool = False
 
     def __post_init__(self) -> None:
         for name, value in (("time_limit", self.time_limit), ("noise", self.noise), ("clean", self.clean)):

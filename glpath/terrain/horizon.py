@@ -345,7 +345,10 @@ def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
     if below.any():
         given[below, 2] = np.nan
         count = int(below.sum())
-        warn(f"points: {count:,} of {len(given):,} are below ground by more than half a spacing; they get NaN.")
+        warn(
+            f"points: {count:,} of {len(given):,} are below ground by more than half a spacing; they get NaN.",
+            late=True,
+        )
     return given
 
 

@@ -176,6 +176,7 @@ TASKS = (
                 "ContextError",
                 "ShaderError",
                 "SceneWarning",
+                "StrictError",
             )
         },
     ),

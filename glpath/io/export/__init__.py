@@ -65,7 +65,7 @@ def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | N
     else:
         differences = write_gltf(scene, path)
     for text in differences:
-        warn(f"{path}: {text}.")
+        warn(f"{path}: {text}.", late=True)
 
 
 def is_for_mitsuba(path: str | Path) -> bool:

@@ -188,7 +188,7 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
             f"{source}: {len(too_much):,} of {len(found):,} rows add up to more than 1, row {i}{name} to "
             f"{found.row_sums[i]:.4g}: it sees faces that lie on each other, twice. Leave one of each two out."
         )
-        warn(text)
+        warn(text, late=True)
 
 
 def _warn_of_backs(found: ViewFactors, source: str) -> None:
@@ -203,7 +203,7 @@ def _warn_of_backs(found: ViewFactors, source: str) -> None:
             "It is in `backs`, in no factor, and not in the sky. Cut the ground out below solids, close them, give "
             "sheets two sides, or flip what is inside out."
         )
-        warn(text)
+        warn(text, late=True)
 
 
 def kernels_of() -> tuple[Any, ...]:

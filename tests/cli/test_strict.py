@@ -1,0 +1,204 @@
+"""Strict: warnings are errors, at once before rendering, and after the result is written."""
+
+from __future__ import annotations
+
+import json
+import threading
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import typer.main
+
+import glpath
+from glpath.cli.commands import COMMANDS
+from glpath.cli.main import app
+from glpath.errors import SceneWarning, StrictError, current_warnings, warn, warning_scope
+from glpath.film.film import Film
+from glpath.jobs import worker
+from glpath.rendering import RenderJob
+from glpath.rendering.run_options import RunOptions
+from glpath.rendering.session import Session
+from tests.conftest import MakeFilm
+from tests.support.command_line import run
+
+SMALL = {"resolution": (8, 8), "spp": 1, "max_depth": 1}
+SMALL_ARGUMENTS = ("--resolution", "8x8", "--spp", 1, "--max-depth", 1)
+NO_CAMERA = "has no camera, so one was set"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A model without a camera and without light, which each reader warns of."""
+    path = tmp_path / "model.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    return path
+
+
+@pytest.fixture
+def late(monkeypatch: pytest.MonkeyPatch) -> str:
+    """A warning about each film that is done."""
+    text = "the film is odd"
+    monkeypatch.setattr(Session, "remarks", lambda session, film: [text])
+    return text
+
+
+def test_warning_before_rendering_ends_the_command_before_it_renders(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a.png"
+    result = run("render", model, "-o", out, *SMALL_ARGUMENTS, "--strict")
+    assert (result.exit_code, out.exists()) == (1, False), result.output
+    assert f"glpath: error: {model}: {NO_CAMERA}" in result.stderr
+    assert "strict takes this warning for an error" in result.stderr
+    result = run("render", model, "-o", out, *SMALL_ARGUMENTS)
+    assert (result.exit_code, out.exists()) == (0, True), result.output
+
+
+def test_warning_after_rendering_leaves_the_picture(late: str, tmp_path: Path) -> None:
+    out = tmp_path / "a.npz"
+    result = run("render", "cornell-box-36", "-o", out, *SMALL_ARGUMENTS, "--strict")
+    assert (result.exit_code, Film.load(out).path_sets) == (1, 1), result.output
+    assert f"glpath: warning: {late}" in result.stderr
+    assert f"glpath: error: {late}" in result.stderr
+    assert run("render", "cornell-box-36", "-o", out, *SMALL_ARGUMENTS).exit_code == 0
+
+
+def test_strict_command_without_warnings_ends_with_0(tmp_path: Path) -> None:
+    result = run("render", "cornell-box-36", "-o", tmp_path / "a.png", *SMALL_ARGUMENTS, "--strict")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_has_the_option(command: str) -> None:
+    group: Any = typer.main.get_group(app)
+    (option,) = [param for param in group.commands[command].params if param.name == "strict"]
+    assert option.opts == ["--strict"]
+
+
+# Each command that warns of its input, and the arguments after the model.
+BEFORE = {
+    "info": (),
+    "validate": (),
+    "radiosity": ("-o", "s.npz"),
+    "measure": ("-o", "m.csv", "--plane", "z=0.1", "--spacing", 0.5),
+    "viewfactors": ("-o", "F.npz"),
+    "export": ("-o", "e.xml"),
+}
+
+
+@pytest.mark.parametrize("command", BEFORE)
+def test_other_commands_are_strict_about_their_input(
+    command: str, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(model.parent)
+    model.write_text(model.read_text() + "v nan 0 0\n")
+    result = run(command, model, *BEFORE[command], "--strict")
+    assert result.exit_code == 1, result.output
+    assert [path.name for path in model.parent.iterdir()] == [model.name]
+
+
+def test_warning_about_a_result_of_another_command_leaves_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Points of terrain that lie below its ground get no value."""
+    monkeypatch.chdir(tmp_path)
+    np.save("flat.npy", np.zeros((9, 9)))
+    Path("points.csv").write_text("x,y,z\n4,-4,1\n5,-4,-8\n")
+    asked = ("horizon", "flat.npy", "-o", "svf.csv", "--points", "points.csv", "--azimuths", 8)
+    result = run(*asked, "--strict")
+    assert result.exit_code == 1, result.output
+    assert "below ground" in result.stderr
+    assert len(Path("svf.csv").read_text().splitlines()) == 3
+    assert run(*asked).exit_code == 0
+
+
+def test_python_call_raises_before_it_renders(model: Path) -> None:
+    with pytest.raises(StrictError, match=NO_CAMERA) as caught:
+        glpath.render(model, **SMALL, strict=True)
+    assert caught.value.result is None
+
+
+def test_python_call_hands_the_film_on(late: str) -> None:
+    with pytest.warns(SceneWarning, match=late), pytest.raises(StrictError, match=late) as caught:
+        glpath.render("cornell-box-36", **SMALL, strict=True)
+    assert caught.value.result.path_sets == 1
+    with pytest.warns(SceneWarning, match=late):
+        assert glpath.render("cornell-box-36", **SMALL).path_sets == 1
+
+
+def test_strict_frames_leave_the_caller_as_it_was(model: Path) -> None:
+    frames = glpath.render_frames("cornell-box-36", [{}, {}], **SMALL, strict=True)
+    assert next(frames).path_sets == 1
+    assert not current_warnings().strict
+    assert [film.path_sets for film in frames] == [1]
+    with pytest.raises(StrictError, match=NO_CAMERA):
+        next(iter(glpath.render_frames(model, [{}], **SMALL, strict=True)))
+
+
+def test_job_file_is_strict_whoever_runs_it(late: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "job.json", tmp_path / "a.npz"
+    job = RenderJob.of("cornell-box-36", **SMALL, strict=True)
+    job.save(path)
+    assert json.loads(path.read_text())["strict"] is True
+    assert RenderJob.load(path) == job
+    assert all(part.strict for part in RenderJob.of("cornell-box-36", spp=32, strict=True).split(2))
+    result = run("render", "--job", path, "-o", out)
+    assert (result.exit_code, Film.load(out).path_sets) == (1, 1), result.output
+    with pytest.warns(SceneWarning, match=late), pytest.raises(StrictError, match=late):
+        glpath.rendering.run(job)
+
+
+def test_job_file_is_strict_by_an_option(late: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "job.json", tmp_path / "a.npz"
+    RenderJob.of("cornell-box-36", **SMALL).save(path)
+    assert "strict" not in json.loads(path.read_text())
+    assert run("render", "--job", path, "-o", out, "--strict").exit_code == 1
+    assert run("render", "--job", path, "-o", out).exit_code == 0
+
+
+def test_strict_job_is_described_without_warnings(model: Path) -> None:
+    with pytest.raises(StrictError, match=NO_CAMERA):
+        RenderJob.of(model, **SMALL, strict=True)
+
+
+def test_warnings_of_a_worker_reach_the_process_that_asks(
+    make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = make_film([(0, 8)])
+
+    def render(job: Any, scene: Any, options: RunOptions) -> Film:
+        assert options.strict
+        options.on_step(film)  # type: ignore[misc]
+        warn("odd on the worker")
+        warn("odd on the worker")
+        return film
+
+    options = RunOptions(strict=True).for_workers()
+    job = RenderJob.of("cornell-box-36", **SMALL)
+    monkeypatch.setattr(worker, "Session", lambda *_, **__: SimpleNamespace(render=render, close=lambda: None))
+    worker.hold(worker.Shared("token", job, None, None, options, worker.this_version()))  # type: ignore[arg-type]
+    try:
+        assert worker.render_part("token", (0, 8)).warnings == ("odd on the worker",)
+    finally:
+        worker.let_go("token")
+
+
+def test_warning_that_a_filter_ignores_is_no_error() -> None:
+    with warnings.catch_warnings(), warning_scope(strict=True) as scope:
+        warnings.filterwarnings("ignore", "expected")
+        warn("expected here")
+        warn("expected here", late=True)
+        with pytest.raises(StrictError):
+            warn("another")
+    assert scope.late == []
+
+
+def test_strict_call_leaves_other_threads_alone() -> None:
+    found = []
+    with warning_scope(strict=True):
+        thread = threading.Thread(target=lambda: found.append(current_warnings().strict))
+        thread.start()
+        thread.join()
+    assert found == [False]
