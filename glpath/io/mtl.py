@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from glpath.io import phong
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.pictures import Image, Pictures, UnusableError, inside, resized
+from glpath.io.pictures import MOVED, Image, Pictures, UnusableError, inside, resized
 from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import check_file
@@ -113,7 +113,10 @@ class Library:
     def picture(self, name: str) -> Image | None:
         """A picture of the folder; None where it cannot be had, which is noted."""
         try:
-            return self._pictures.read(name)
+            image = self._pictures.read(name)
+            if self._pictures.has_moved:
+                self._note(MOVED)
+            return image
         except UnusableError as error:
             self._note(f'The texture "{name}", {error}.')
             return None

@@ -16,6 +16,7 @@ from glpath.errors import GlpathError
 from glpath.film.image import picture_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
+from glpath.io.values import similar_file
 from glpath.system.files import check_file, reason_of
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
@@ -26,16 +27,24 @@ MAX_BYTES = 2**33
 _WINDOWS_DRIVE = re.compile(r"[A-Za-z]:")
 
 
+#: Note about a model whose pictures are elsewhere.
+MOVED = (
+    "Folders that names of files have or lack: files of the same names beside the model or in its folders are read."
+)
+
+
 class UnusableError(Exception):
     """Why a file that a model names is not used, as the rest of a sentence: "which does not exist"."""
 
 
 def inside(folder: Path, name: str) -> Path:
-    """The file of that name in a model's folder, or in folders in it. Raises UnusableError.
+    """The file of that name in a model's folder, or in folders in it, or a `similar_file`. Raises UnusableError.
 
     Backslashes separate folders as well. Links are followed before it is asked where the file is.
     """
     plain = name.replace("\\", "/")
+    if "\0" not in plain and (similar := _another(folder, plain)) is not None:
+        return similar
     if plain.startswith("/") or _WINDOWS_DRIVE.match(plain) or "\0" in plain:
         raise UnusableError("which is outside the folder of the model")
     path = folder / plain
@@ -49,17 +58,38 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
+def is_moved(path: Path, folder: Path, name: str) -> bool:
+    """Return True if the file that was found in a folder for a name is not in the folder that the name says."""
+    wanted = name.replace("\\", "/").removeprefix("./").casefold()
+    return path.relative_to(folder).as_posix().casefold() != Path(wanted).as_posix()
+
+
+def _another(folder: Path, name: str) -> Path | None:
+    """Return the file that stands in for a name that does not exist in a folder; None if it exists."""
+    try:
+        if not name.startswith("/") and not _WINDOWS_DRIVE.match(name) and os.path.lexists(folder / name):
+            return None
+    except (OSError, ValueError):
+        return None
+    return similar_file(folder, name)
+
+
 @dataclass
 class Pictures:
-    """The pictures of one model, each read once."""
+    """The pictures of one model, each read once.
+
+    has_moved : a picture was read from another folder than its name says
+    """
 
     folder: Path
+    has_moved: bool = False
     _known: dict[Path, Image | UnusableError] = field(default_factory=dict)
     _bytes: int = 0
 
     def read(self, name: str) -> Image:
         """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR. Raises UnusableError."""
         path = inside(self.folder, name)
+        self.has_moved |= is_moved(path, self.folder, name) and not (self.folder / name).exists()
         if path not in self._known:
             try:
                 self._known[path] = self._pixels(path)

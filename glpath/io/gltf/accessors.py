@@ -97,7 +97,7 @@ class Accessors:
     def _read(self, table: Table) -> NDArray[Any]:
         kind: np.dtype[Any] = table.required_choice("componentType", _COMPONENTS)
         rows, columns = table.required_choice("type", _TYPES)
-        count = table.required("count", 1)
+        count = table.required("count", 0)
         views = self.document.all("bufferViews")
         view = table.index("bufferView", views, "buffer views")
         sparse = table.table("sparse") if "sparse" in table else None

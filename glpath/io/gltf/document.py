@@ -23,7 +23,8 @@ from glpath.io.convert import decode_json
 from glpath.io.gltf import compression, limits
 from glpath.io.gltf.material_extensions import LAYERS, UNUSED_MATERIALS
 from glpath.io.gltf.table import Table, Tables, printable
-from glpath.io.values import nearby_files
+from glpath.io.pictures import MOVED, is_moved
+from glpath.io.values import nearby_files, similar_file
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import open_file
 
@@ -190,7 +191,29 @@ class Document:
             raise location.wrong(uri, "a file name in UTF-8") from error
         return self._beside(name, location)
 
+    def similar(self, name: str) -> Path | None:
+        """Return the file in the model's folder that stands in for one that does not exist; None if it exists."""
+        try:
+            if name and "\0" not in name and not (not name.startswith("/") and os.path.lexists(self.folder / name)):
+                return similar_file(self.folder, name)
+        except (OSError, ValueError):
+            pass
+        return None
+
+    def lacks(self, uri: str) -> bool:
+        """Return True if a URI names a file in the model's folder that does not exist."""
+        if uri[:5].lower() == "data:" or _SCHEME.match(uri):
+            return False
+        name = unquote_to_bytes(uri).decode("utf-8", errors="replace")
+        if not name or "\0" in name or name.startswith(("/", "\\")) or ".." in name.split("/"):
+            return False
+        return not os.path.lexists(self.folder / name) and self.similar(name) is None
+
     def _beside(self, name: str, location: SourceLocation) -> bytes:
+        if (similar := self.similar(name)) is not None:
+            if is_moved(similar, self.folder, name):
+                self.notes.add(MOVED)
+            name = similar.relative_to(self.folder).as_posix()
         outside = location.error(
             f"names {shown(name)}, which is outside the folder of the model, {self.folder}.",
             "Relative names of files in the folder, or in folders in it, are allowed.",

@@ -1,4 +1,4 @@
-"""Images: PNG, JPEG and WebP by Pillow, KTX 2 by a library of the extra `gltf`.
+"""Images: PNG, JPEG, WebP, BMP, GIF and TIFF by Pillow, KTX 2 by a library of the extra `gltf`.
 
 The size is read from the header before anything is decoded. As glTF says, colour profiles, gamma and rotation tags
 in them are not followed. Pillow reads PNG of 16 bits a channel with 8, but for grey ones.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import struct
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,11 @@ from glpath.scene.source_location import SourceLocation
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", KTX2: "KTX2"}
+# Not of glTF, but other programs read them.
+_FORMATS |= {b"BM": "BMP", b"GIF8": "GIF", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
+# Beginnings of the names of Pillow's modules and classes.
+_PLUGINS = {"PNG": "Png", "JPEG": "Jpeg", "WEBP": "WebP", "BMP": "Bmp", "GIF": "Gif", "TIFF": "Tiff"}
 _OTHERS = {
-    b"GIF8": "GIF",
-    b"BM": "BMP",
-    b"II*\0": "TIFF",
-    b"MM\0*": "TIFF",
     b"DDS ": "DDS",
     b"\x76\x2f\x31\x01": "EXR",
 }
@@ -42,7 +43,8 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
     if kind is None:
         found = next((name for magic, name in _OTHERS.items() if data.startswith(magic)), "of no format known here")
         raise table.location.error(
-            f"is {found}, but must be PNG, JPEG, WebP or KTX 2.", "Convert it, and export the file anew."
+            f"is {found}, but must be PNG, JPEG, WebP, BMP, GIF, TIFF or KTX 2.",
+            "Convert it, and export the file anew.",
         )
     try:
         width, height = _size(data, kind)
@@ -84,12 +86,8 @@ def _size(data: bytes, kind: str) -> tuple[int, int]:
         return width, height
     if kind == "WEBP":
         return _webp_size(data)
-    from PIL.JpegImagePlugin import JpegImageFile
-    from PIL.PngImagePlugin import PngImageFile
-
-    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
-    with (PngImageFile if kind == "PNG" else JpegImageFile)(io.BytesIO(data)) as opened:
-        return opened.size
+    with _opened(data, kind) as opened:
+        return int(opened.size[0]), int(opened.size[1])
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:
@@ -107,16 +105,18 @@ def _webp_size(data: bytes) -> tuple[int, int]:
 
 
 def _pixels(data: bytes, kind: str) -> NDArray[Any]:
-    from PIL.JpegImagePlugin import JpegImageFile
-    from PIL.PngImagePlugin import PngImageFile
-    from PIL.WebPImagePlugin import WebPImageFile
-
-    opener: Any = {"PNG": PngImageFile, "JPEG": JpegImageFile, "WEBP": WebPImageFile}[kind]
-    with opener(io.BytesIO(data)) as opened:
+    with _opened(data, kind) as opened:
         if opened.mode.startswith("I"):  # grey of 16 bits
             grey = np.asarray(opened).astype(np.uint16)
             return np.repeat(grey[..., None], 3, axis=2)
         return pixels_of(opened)
+
+
+def _opened(data: bytes, kind: str) -> Any:
+    """Return a picture of Pillow whose pixels are not read."""
+    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+    plugin = import_module(f"PIL.{_PLUGINS[kind]}ImagePlugin")
+    return getattr(plugin, f"{_PLUGINS[kind]}ImageFile")(io.BytesIO(data))
 
 
 def _broken(location: SourceLocation, error: Exception) -> Exception:

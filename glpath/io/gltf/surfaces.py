@@ -22,7 +22,7 @@ from glpath.io.gltf import compression, glossiness
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import read_image
 from glpath.io.gltf.material_extensions import LAYERS
-from glpath.io.gltf.table import Table
+from glpath.io.gltf.table import Table, printable
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 
@@ -193,6 +193,8 @@ class Surfaces:
 
     def _emission(self, table: Table) -> Float64:
         """(3,) radiance of a lit material."""
+        if "emissiveTexture" in table and self._look_up(table, "emissiveTexture") is None:
+            return np.zeros(3)  # the factor alone would light the whole surface
         factor, stronger = table.numbers("emissiveFactor", (0, 0, 0), 0.0), table.extension(_STRENGTH)
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
@@ -296,8 +298,13 @@ class Surfaces:
         samplers = self.document.all("samplers")
         index = texture.index("sampler", samplers, "samplers")
         sampler = Table({}, texture.location) if index is None else samplers[index]
+        source = self._source(texture)
+        uri = self.document.all("images")[source].text("uri")
+        if uri is not None and self.document.lacks(uri):
+            self.document.notes.add(f'The texture "{printable(uri)}", which does not exist.')
+            return None
         return _LookUp(
-            self._source(texture),
+            source,
             (sampler.choice("wrapS", _WRAPS, "repeat"), sampler.choice("wrapT", _WRAPS, "repeat")),
             sampler.choice("magFilter", _FILTERS, "linear"),
             1 if uv_set else 0,
