@@ -12,6 +12,7 @@ from PIL import Image
 
 from glpath import load_scene
 from glpath.errors import SceneError
+from glpath.film.image import decode_srgb
 from glpath.io.completed import aside
 from glpath.scene.model import Scene
 
@@ -138,3 +139,23 @@ def test_no_file_outside_of_the_folder_is_read(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="outside the folder"):
         read(gltf(tmp_path / "model", "../secret.png"))
     assert "outside the folder" in read(obj(tmp_path / "model", "../secret.png"))[1][0]
+
+
+def mitsuba(folder: Path, name: str) -> Path:
+    texture = f'<texture name="reflectance" type="bitmap"><string name="filename" value="{name}"/></texture>'
+    shape = f'<shape type="rectangle"><bsdf type="diffuse">{texture}</bsdf></shape>'
+    (folder / "a.xml").write_text(f'<scene version="3.0.0"><sensor type="perspective"/>{shape}</scene>')
+    return folder / "a.xml"
+
+
+@pytest.mark.parametrize("name", ["Wood.BMP", "tex/wood.bmp", "/home/somebody/wood.bmp"])
+def test_mitsuba_finds_pictures_as_models_do(tmp_path: Path, name: str) -> None:
+    Image.new("RGB", (2, 2), BROWN).save(tmp_path / "wood.bmp")
+    scene, _ = read(mitsuba(tmp_path, name))
+    assert scene.textures[0].image[0, 0, :3].tolist() == list(BROWN)
+
+
+def test_mitsuba_warns_of_a_missing_picture(tmp_path: Path) -> None:
+    scene, messages = read(mitsuba(tmp_path, "gone.png"))
+    assert [message for message in messages if "gone.png, which does not exist: grey" in message] == messages[:1]
+    assert decode_srgb(scene.textures[0].image[0, 0] / 255) == pytest.approx([0.5] * 3, abs=0.005)

@@ -13,16 +13,22 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import warn
 from glpath.film.image import luminance, read_eight_bits, read_image
 from glpath.io.description import MAX_TEXTURE_PIXELS
 from glpath.io.export.geometry import map_downwards
 from glpath.io.mitsuba.plugin import Plugin, of_kind
+from glpath.io.pictures import Pictures, UnusableError
 from glpath.io.scene_pictures import stored_picture
+from glpath.io.values import similar_file
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
+from glpath.scene.source_location import SourceLocation
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
+# Byte in sRGB whose reflectance is nearest to 0.5.
+_GREY = 188
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +109,13 @@ class Textures:
         plugin.text("format", "auto", ("auto", "variant", "fp16", "fp32"))  # how Mitsuba stores it
         filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
         wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
-        path = plugin.element.file(name)
-        where = plugin.where("filename")
+        path, where = plugin.element.file(name), plugin.where("filename")
+        if not path.exists():
+            folders = (plugin.element.folder, *plugin.element.searched)
+            path = next(filter(None, (similar_file(folder, name) for folder in folders)), path)
         key = (path, raw)
         if key not in self._files:
-            self._files[key] = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, where, _stored)
+            self._files[key] = _picture(path, where)
         image = self._files[key]
         if raw and image.dtype != np.uint8 and path.suffix.lower() not in (".exr", ".hdr"):
             raise where.error(
@@ -126,6 +134,19 @@ class Textures:
                 matrix=matrix,
             )
         return self._bitmaps[same]
+
+
+def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """(h, w, 3) of a file; grey, with a warning, if it does not exist. Raises SceneError for other faults."""
+    if not path.exists():
+        warn(f"{location} names the picture {path}, which does not exist: grey stands in for it.")
+        return np.full((1, 1, 3), _GREY, np.uint8)
+    if path.suffix.lower() not in FORMATS:
+        try:
+            return np.array(Pictures(path.parent).read(path.name)[..., :3], np.uint8)
+        except UnusableError as error:
+            raise location.error(f"names the picture {path}, {error}.", "Convert it to PNG.") from error
+    return stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, _stored)
 
 
 def _stored(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
