@@ -22,9 +22,7 @@ def mitsuba_scenes(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Of the repositories with Mitsuba's files.")],
     resume: Annotated[
         Path,
-        typer.Option(
-            metavar="FILE", help="Where the result goes, after each file. Files that it has are left alone."
-        ),
+        typer.Option(metavar="FILE", help="Where the result goes, after each file. What it has is not done again."),
     ] = RESULT,
     again: Annotated[
         list[str] | None,

@@ -3,14 +3,15 @@
 The files are those of public repositories (mitsuba-data, mitsuba-tutorials, sionna-rt), of which none ships here.
 Pictures have 64 pixels on the longer side and are rendered in batches, whose spread is the noise. Two figures are
 taken of each pair: the ratio of the means of that channel which differs most, and the largest relative difference
-of a block of 16 x 16 pixels, after three standard errors are taken off. A block darker than a tenth of the picture
-is compared with that tenth. More samples are taken until the noise of the worst block allows a verdict.
+of a block of 16 x 16 pixels, after two standard errors are taken off. A block darker than a tenth of the picture
+is compared with that tenth. More samples are taken until the noise allows a verdict.
 
 verdict:
-    same         : no warning, the mean within 1 % and each block within 5 %, beyond noise
+    same         : no warning, the mean within 1 % and each block within 5 %, beyond noise below these limits
     warned       : loads, and a warning names the cause of any difference
-    differs      : no warning, though the pictures differ beyond these limits, or noise hides whether they do
-    not compared : no warning, but Mitsuba cannot render the file, or not in time
+    differs      : no warning, though the pictures differ beyond these limits
+    unclear      : no warning and no such difference, but noise above these limits could hide one
+    not compared : no warning, but not rendered yet, or Mitsuba cannot render the file, or not in time
     refused      : an error names the element that is not read
 """
 
@@ -49,11 +50,11 @@ _BLOCK = 16
 _DEPTH = 16
 _BATCHES = 8  # as many as a film has
 _SAMPLES = (128, 512, 2048)  # per pixel; more only if noise hides the verdict
-_SIGMAS = 3.0
+_SIGMAS = 2.0
 _DARK = 0.1
 _MITSUBA_SECONDS = 120.0
 #: A noisier picture takes no further samples if the last ones took longer, seconds.
-_LONG = 30.0
+_LONG = 90.0
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -62,27 +63,38 @@ def files_of(folder: Path) -> list[Path]:
     return [path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
 
 
-def examine(folder: Path, path: Path) -> dict[str, Any]:
-    """The row of one file: whether it loads, its warnings, how far the pictures differ, and the verdict."""
+def load(folder: Path, path: Path) -> dict[str, Any]:
+    """The row of one file before it is rendered: whether it loads, its warnings and plugins."""
     row: dict[str, Any] = {"file": path.relative_to(folder).as_posix(), "loads": False, "warnings": []}
-
-    def shortened(text: object) -> str:
-        return " ".join(str(text).replace(f"{folder}/", "").split())
-
     try:
         parameters = _parameters(path)
-        with warnings.catch_warnings(record=True) as caught, aside("picture"):
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", SceneWarning)
-            scene = load_scene(path, parameters)
+            load_scene(path, parameters)
     except GlpathError as error:
-        return row | {"verdict": "refused", "error": shortened(str(error).splitlines()[0])}
-    row |= {"loads": True, "parameters": parameters, "plugins": plugins_of(path, parameters)}
-    row["warnings"] = list(dict.fromkeys(shortened(each.message) for each in caught))
-    try:
-        row |= _compared(scene, path, parameters, _SAMPLES[:1] if row["warnings"] else _SAMPLES)
-    except (GlpathError, subprocess.SubprocessError) as error:
-        row["error"] = shortened(str(error).splitlines()[-1])[:300]
+        row["error"] = _shortened(str(error).splitlines()[0], folder)
+    else:
+        row |= {"loads": True, "parameters": parameters, "plugins": plugins_of(path, parameters)}
+        row["warnings"] = list(dict.fromkeys(_shortened(str(each.message), folder) for each in caught))
     return row | {"verdict": verdict(row)}
+
+
+def compare(folder: Path, row: dict[str, Any]) -> dict[str, Any]:
+    """The row with the figures of both pictures, and the verdict; with an error if there are none."""
+    path = folder / row["file"]
+    try:
+        with warnings.catch_warnings(), aside("picture"):
+            warnings.simplefilter("ignore", SceneWarning)
+            scene = load_scene(path, row["parameters"])
+            row = row | _compared(scene, path, row["parameters"], _SAMPLES[:1] if row["warnings"] else _SAMPLES)
+    except (GlpathError, subprocess.SubprocessError) as error:
+        row = row | {"error": _shortened(str(error).splitlines()[-1], folder)[:300]}
+    return row | {"verdict": verdict(row)}
+
+
+def _shortened(text: str, folder: Path) -> str:
+    """One line, with paths from the folder on."""
+    return " ".join(text.replace(f"{folder}/", "").split())
 
 
 def verdict(row: Mapping[str, Any]) -> str:
@@ -94,7 +106,10 @@ def verdict(row: Mapping[str, Any]) -> str:
     if "worst_block" not in row:
         return "not compared"
     close = row["mean_difference"] <= MAX_MEAN_DIFFERENCE and row["worst_block"] <= MAX_BLOCK_DIFFERENCE
-    return "same" if close and row["noise"] <= MAX_BLOCK_DIFFERENCE else "differs"
+    if not close:
+        return "differs"
+    clear = row["mean_noise"] <= MAX_MEAN_DIFFERENCE and row["noise"] <= MAX_BLOCK_DIFFERENCE
+    return "same" if clear else "unclear"
 
 
 def report(rows: Sequence[dict[str, Any]]) -> Report:
@@ -115,7 +130,7 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
 
 #: Tags of plugins that change a picture.
 _LISTED = ("bsdf", "texture", "shape", "emitter", "sensor", "medium")
-VERDICTS = ("same", "warned", "differs", "not compared", "refused")
+VERDICTS = ("same", "warned", "differs", "unclear", "not compared", "refused")
 
 
 def plugins_of(path: Path, parameters: Mapping[str, str]) -> list[str]:
@@ -257,23 +272,27 @@ def examine_all(
     on_rows: Callable[[list[dict[str, Any]]], None],
     progress: Callable[[str], None] = lambda text: None,
 ) -> Report:
-    """Examine all files of a folder but those whose rows are `kept` already; `on_rows` gets all after each.
+    """Load all files of a folder, then render them, first those without a warning; `on_rows` gets all after each.
+
+    kept : rows of files that are left alone, unless they were only loaded
 
     Raises GlpathError for a folder without files.
     """
     paths = files_of(folder)
     if not paths:
         raise GlpathError(f"mitsuba-scenes: {folder} has no .xml file.", "Bring Mitsuba's repositories into it.")
-    rows = {name: kept[name] for name in (path.relative_to(folder).as_posix() for path in paths) if name in kept}
-    for path in paths:
-        name = path.relative_to(folder).as_posix()
-        if name in rows:
-            continue
+    rows = {
+        name: kept[name] if name in kept else load(folder, folder / name)
+        for name in (path.relative_to(folder).as_posix() for path in paths)
+    }
+    on_rows(list(rows.values()))
+    waiting = [name for name, row in rows.items() if row["loads"] and not {"worst_block", "error"} & row.keys()]
+    for name in sorted(waiting, key=lambda name: bool(rows[name]["warnings"])):
         start = time.perf_counter()
-        rows[name] = examine(folder, path)
+        rows[name] = compare(folder, rows[name])
         progress(f"{name}: {_summary(rows[name])} ({time.perf_counter() - start:.0f} s)")
-        on_rows([rows[each] for each in sorted(rows)])
-    return report([rows[each] for each in sorted(rows)])
+        on_rows(list(rows.values()))
+    return report(list(rows.values()))
 
 
 def _summary(row: Mapping[str, Any]) -> str:

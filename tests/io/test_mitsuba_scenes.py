@@ -18,6 +18,7 @@ from glpath.film.image import encode_png, write_exr
 from glpath.io.export.mitsuba_xml import ply
 from glpath.io.library import scene_parameters
 from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
+from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
 from tests.io.test_export import everything, quietly
 from tests.support.command_line import run
@@ -539,7 +540,11 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
             '<shape type="cube"><transform name="to_world"><turn x="0"/></transform></shape>',
             "is no step of a transform. Allowed: translate, ",
         ),
-        ('<emitter type="sunsky"/>', "Allowed: constant, directional, envmap, point, spot"),
+        ('<emitter type="projector"/>', "Allowed: constant, directional, envmap, point, spot, sunsky"),
+        (
+            '<emitter type="sunsky"><vector name="sun_direction" value="1, 0, -0.1"/></emitter>',
+            "has its sun 5.71 degrees below the horizon",
+        ),
         ('<emitter type="envmap"><string name="filename" value="no.exr"/></emitter>', "names the picture .*no.exr"),
         ('<emitter type="constant"/><emitter type="constant"/>', "as another emitter does"),
         ("<phase/>", "is an element of a scene that is not read"),
@@ -742,6 +747,27 @@ def test_radio_materials_have_the_colours_of_sionna(tmp_path: Path) -> None:
     brick = scene.materials[shape_named(scene, "brick").material]
     assert brick.reflectance.tolist() == [0.402, 0.112, 0.087]
     assert brick.two_sided
+
+
+def test_a_sunsky_lights_the_ground_as_in_mitsuba(tmp_path: Path) -> None:
+    """Irradiances by Mitsuba 3.9.1: turbidity 3, the sun 30 degrees high."""
+    light = '<emitter type="sunsky"><vector name="sun_direction" value="0.866025, 0, 0.5"/></emitter>'
+    scene, told = read(file(tmp_path, CAMERA, FLOOR, light))
+    assert isinstance(scene.sky, Environment)
+    assert len(told) == 1
+    assert "Perez' pattern" in told[0]
+    np.testing.assert_allclose(horizontal_irradiance(scene.sky.image[..., 1]), 0.2211, rtol=0.01)
+    np.testing.assert_allclose(scene.sky.sun.irradiance, [1.39, 1.093, 0.728], rtol=0.02)
+    np.testing.assert_allclose(scene.sky.sun.direction, [np.sqrt(0.75), 0, 0.5], atol=1e-6)
+    other, _ = read(file(tmp_path, CAMERA, FLOOR, light.replace("/></", '/><float name="sun_scale" value="0"/></')))
+    assert other.sky.sun is None
+
+
+def test_the_sun_of_a_sunsky_without_a_direction_is_that_of_its_site(tmp_path: Path) -> None:
+    """As Mitsuba 3.9.1 prints for its defaults: Tokyo, 2010-07-10, 15:00."""
+    pytest.importorskip("pvlib")
+    scene, _ = read(file(tmp_path, CAMERA, FLOOR, '<emitter type="sunsky"/>'))
+    np.testing.assert_allclose(scene.sky.sun.direction, [0.0513854, 0.691748, 0.720308], atol=2e-3)
 
 
 def test_what_changes_nothing_is_read(tmp_path: Path) -> None:

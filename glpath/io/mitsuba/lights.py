@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,13 +13,14 @@ from glpath.io.description import MAX_ENVIRONMENT_PIXELS
 from glpath.io.lights import MAPS
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.mitsuba.sunsky import sun_and_sky
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.transform import mirrors
 from glpath.io.values import unit
 from glpath.scene.geometry import Float64
 from glpath.scene.model import Environment, Light, Sky
 
-_KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap"))
+_KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap", "sunsky"))
 # How much of the cone's angle full light may be short of its end before it is noted.
 _SHARP = 0.999
 # Rows of a map from which half a row is not seen.
@@ -61,7 +63,11 @@ class Emitters:
                     raise plugin.location.error(
                         "shines from all around, as another emitter does.", "Leave one out."
                     )
-                self.sky = _constant(plugin) if plugin.kind == "constant" else _environment(plugin)
+                self.sky = _SKIES[plugin.kind](plugin)
+                if plugin.kind == "sunsky":
+                    self.notes[
+                        "a sunsky has the light of Mitsuba's on the ground, but Perez' pattern of the sky"
+                    ] = None
         plugin.check_all_read()
 
     def _spot(self, plugin: Plugin, name: str) -> Light:
@@ -103,6 +109,13 @@ def _environment(plugin: Plugin) -> Environment:
     up, middle = (world[:3, axis] / np.linalg.norm(world[:3, axis]) for axis in (1, 2))
     front, left, _ = Environment(image[:1, :1], up).frame
     return Environment(image, up, float(np.degrees(np.arctan2(middle @ left, middle @ front))), scale)
+
+
+_SKIES: dict[str, Callable[[Plugin], Sky | Environment]] = {
+    "constant": _constant,
+    "envmap": _environment,
+    "sunsky": sun_and_sky,
+}
 
 
 def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
