@@ -962,6 +962,16 @@ def test_a_parameter_without_a_default_is_taken_by_every_command(command: str, t
     assert glpath.load_scene(path, {"res": 12}).camera.resolution == (12, 24)
 
 
+def test_a_parameter_that_is_used_before_its_default_must_be_given(tmp_path: Path) -> None:
+    """As in the sensors of Mitsuba's documentation."""
+    default = '<default name="res" value="9"/>'
+    path = file(tmp_path, CAMERA.replace('"32"', '"$res"'), default, LAMP, FLOOR)
+    assert scene_parameters(str(path)) == {"res": (None, "must be given")}
+    with pytest.raises(SceneError, match="-D res="):
+        glpath.load_scene(path)
+    assert glpath.load_scene(path, {"res": 12}).camera.resolution == (12, 24)
+
+
 def test_an_included_file_may_be_named_by_a_parameter(tmp_path: Path) -> None:
     file(tmp_path, LAMP, name="night.xml")
     path = file(tmp_path, '<include filename="$time.xml"/>', CAMERA, FLOOR)

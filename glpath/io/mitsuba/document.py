@@ -64,7 +64,7 @@ class Document:
 
     root       : the element <scene>
     identified : elements by their id
-    defaults   : `<default>`s, in order, as text; None for a parameter that is used without one
+    defaults   : `<default>`s, in order, as text; None for a parameter that is used before it has one
     """
 
     root: Element
@@ -171,8 +171,7 @@ class _Reader:
                 self.identified[child.attribute("as")] = self.identified[known]
             elif child.tag == "default":
                 key, value = child.attribute("name"), child.attribute("value")
-                if self.defaults.get(key) is None:
-                    self.defaults[key] = value
+                self.defaults.setdefault(key, value)
                 self._values.setdefault(key, value)
             elif child.tag == "path":
                 self._search(child)
