@@ -193,6 +193,62 @@ def leaky_lookups() -> str:
     return "\n".join(rows) + "\n"
 
 
+def mitsuba_scenes() -> str:
+    """Of each repository, how many of Mitsuba's files have each verdict."""
+    verdicts = ("same", "warned", "differs", "unclear", "not compared", "refused")
+    rows = [
+        "| repository | files | load | " + " | ".join(verdicts) + " |",
+        "|---|---|---|" + "---|" * len(verdicts),
+    ]
+    of_repositories: dict[str, list[dict[str, Any]]] = {}
+    for row in result("mitsuba-scenes")["rows"]:
+        of_repositories.setdefault(row["file"].partition("/")[0], []).append(row)
+    everything = [row for found in of_repositories.values() for row in found]
+    for name, found in {**of_repositories, "all": everything}.items():
+        counts = " | ".join(str(sum(row["verdict"] == verdict for row in found)) for verdict in verdicts)
+        rows.append(f"| {name} | {len(found)} | {sum(row['loads'] for row in found)} | {counts} |")
+    return "\n".join(rows) + "\n"
+
+
+def mitsuba_plugins() -> str:
+    """Of each plugin, how far the pictures of files with it are off, at most."""
+    rows = [
+        "| plugin | files | of these without a warning | mean off by at most, % | blocks off by at most, % |",
+        "|---|---|---|---|---|",
+    ]
+    of_plugins: dict[str, list[dict[str, Any]]] = {}
+    for row in result("mitsuba-scenes")["rows"]:
+        for plugin in row.get("plugins", ()):
+            of_plugins.setdefault(plugin, []).append(row)
+    for plugin, found in sorted(of_plugins.items()):
+        plain = [row for row in found if not row["warnings"] and "worst_block" in row]
+        figures = [
+            f"{100 * max(row[name] for row in plain):.1f}" if plain else ""
+            for name in ("mean_difference", "worst_block")
+        ]
+        rows.append(f"| `{plugin}` | {len(found)} | {len(plain)} | {' | '.join(figures)} |")
+    return "\n".join(rows) + "\n"
+
+
+def mitsuba_differences() -> str:
+    """Of files that load but are not the same: the figures, and the warnings."""
+    rows = [
+        "| file | verdict | mean, ratio | worst block, % | noise, % | warnings or error |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in result("mitsuba-scenes")["rows"]:
+        if row["verdict"] in ("same", "refused"):
+            continue
+        figures = ["", "", ""]
+        if "worst_block" in row:
+            figures = [f"{row['mean_ratio']:.3f}", f"{100 * row['worst_block']:.1f}", f"{100 * row['noise']:.1f}"]
+        texts = [text.partition(": ")[2] or text for text in row["warnings"]] or [row.get("error", "")]
+        shown = "; ".join(texts).replace("|", "\\|").replace("<", "&lt;")
+        name = row["file"].partition("/")[2]
+        rows.append(f"| {name} | {row['verdict']} | {' | '.join(figures)} | {shown[:300]} |")
+    return "\n".join(rows) + "\n"
+
+
 #: By the page and the words of the marks around it.
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/developing.md", "variants"): variants,
@@ -203,6 +259,9 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/cie171.md", "cie171"): cie171,
     ("docs/explanation/cie171.md", "cie171-misprints"): cie171_misprints,
     ("docs/howto/materials.md", "glazing"): glazing,
+    ("docs/howto/mitsuba.md", "mitsuba-scenes"): mitsuba_scenes,
+    ("docs/howto/mitsuba.md", "mitsuba-plugins"): mitsuba_plugins,
+    ("docs/howto/mitsuba.md", "mitsuba-differences"): mitsuba_differences,
     ("README.md", "speed"): speed,
 }
 

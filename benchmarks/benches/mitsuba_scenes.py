@@ -4,7 +4,7 @@ The files are those of public repositories (mitsuba-data, mitsuba-tutorials, sio
 Pictures have 64 pixels on the longer side and are rendered in batches, whose spread is the noise. Two figures are
 taken of each pair: the ratio of the means of that channel which differs most, and the largest relative difference
 of a block of 16 x 16 pixels, after two standard errors are taken off. A block darker than a tenth of the picture
-is compared with that tenth. More samples are taken until the noise allows a verdict.
+is compared with that tenth. Files that are left undecided are rendered again with more samples.
 
 verdict:
     same         : no warning, the mean within 1 % and each block within 5 %, beyond noise below these limits
@@ -45,16 +45,16 @@ MAX_BLOCK_DIFFERENCE = 0.05
 #: Values of parameters for which a file has no <default>.
 PARAMETERS = {"spp": "16", "res": "64", "integrator": "path", "max_depth": "16"}
 
+#: Per pixel: more only for files that fewer leave undecided.
+SAMPLES = (128, 512, 2048)
+
 _SIDE = 64
 _BLOCK = 16
 _DEPTH = 16
 _BATCHES = 8  # as many as a film has
-_SAMPLES = (128, 512, 2048)  # per pixel; more only if noise hides the verdict
 _SIGMAS = 2.0
 _DARK = 0.1
 _MITSUBA_SECONDS = 120.0
-#: A noisier picture takes no further samples if the last ones took longer, seconds.
-_LONG = 90.0
 
 
 def files_of(folder: Path) -> list[Path]:
@@ -79,17 +79,28 @@ def load(folder: Path, path: Path) -> dict[str, Any]:
     return row | {"verdict": verdict(row)}
 
 
-def compare(folder: Path, row: dict[str, Any]) -> dict[str, Any]:
-    """The row with the figures of both pictures, and the verdict; with an error if there are none."""
+def compare(folder: Path, row: dict[str, Any], samples: int) -> dict[str, Any]:
+    """The row with the figures of both pictures, and the verdict; with an error if there are none.
+
+    samples : per pixel
+    """
     path = folder / row["file"]
     try:
         with warnings.catch_warnings(), aside("picture"):
             warnings.simplefilter("ignore", SceneWarning)
             scene = load_scene(path, row["parameters"])
-            row = row | _compared(scene, path, row["parameters"], _SAMPLES[:1] if row["warnings"] else _SAMPLES)
+            row = row | _compared(scene, path, row["parameters"], samples)
     except (GlpathError, subprocess.SubprocessError) as error:
         row = row | {"error": _shortened(str(error).splitlines()[-1], folder)[:300]}
     return row | {"verdict": verdict(row)}
+
+
+def is_waiting(row: Mapping[str, Any], samples: int) -> bool:
+    """True if so many samples may change a row: it has no figures yet, or fewer samples left it undecided."""
+    if not row["loads"] or "error" in row:
+        return False
+    undecided = row["verdict"] in ("unclear", "differs") and row.get("samples", 0) < samples
+    return "worst_block" not in row or undecided
 
 
 def _shortened(text: str, folder: Path) -> str:
@@ -156,24 +167,13 @@ def _parameters(path: Path) -> dict[str, str]:
     return {name: PARAMETERS[name] for name in missing if name in PARAMETERS}
 
 
-def _compared(scene: Scene, path: Path, parameters: dict[str, str], steps: Sequence[int]) -> dict[str, Any]:
-    """Figures of a row, by the first number of samples that allows a verdict.
-
-    Raises GlpathError, and SubprocessError from Mitsuba.
-    """
+def _compared(scene: Scene, path: Path, parameters: dict[str, str], samples: int) -> dict[str, Any]:
+    """Figures of a row. Raises GlpathError, and SubprocessError from Mitsuba."""
     width, height = scene.camera.resolution
     shrink = min(1.0, _SIDE / max(width, height))
     seen = scene.with_camera(resolution=(max(1, round(width * shrink)), max(1, round(height * shrink))))
-    figures: dict[str, Any] = {}
-    for samples in steps:
-        start = time.perf_counter()
-        theirs = _mitsubas(seen, path, parameters, samples)
-        ours = _ours(seen, samples)
-        figures = {"samples": samples, **difference(ours, theirs)}
-        decided = figures["noise"] <= MAX_BLOCK_DIFFERENCE and figures["mean_noise"] <= MAX_MEAN_DIFFERENCE
-        if decided or time.perf_counter() - start > _LONG:
-            break
-    return figures
+    theirs = _mitsubas(seen, path, parameters, samples)
+    return {"samples": samples, **difference(_ours(seen, samples), theirs)}
 
 
 def difference(ours: Float64, theirs: Float64) -> dict[str, float]:
@@ -286,12 +286,13 @@ def examine_all(
         for name in (path.relative_to(folder).as_posix() for path in paths)
     }
     on_rows(list(rows.values()))
-    waiting = [name for name, row in rows.items() if row["loads"] and not {"worst_block", "error"} & row.keys()]
-    for name in sorted(waiting, key=lambda name: bool(rows[name]["warnings"])):
-        start = time.perf_counter()
-        rows[name] = compare(folder, rows[name])
-        progress(f"{name}: {_summary(rows[name])} ({time.perf_counter() - start:.0f} s)")
-        on_rows(list(rows.values()))
+    for samples in SAMPLES:
+        waiting = [name for name, row in rows.items() if is_waiting(row, samples)]
+        for name in sorted(waiting, key=lambda name: bool(rows[name]["warnings"])):
+            start = time.perf_counter()
+            rows[name] = compare(folder, rows[name], samples)
+            progress(f"{name}: {_summary(rows[name])} ({time.perf_counter() - start:.0f} s)")
+            on_rows(list(rows.values()))
     return report(list(rows.values()))
 
 

@@ -11,7 +11,17 @@ import pytest
 
 import glpath
 from benchmarks import mitsuba_scenes_command
-from benchmarks.benches.mitsuba_scenes import compare, difference, files_of, load, plugins_of, report, verdict
+from benchmarks.benches.mitsuba_scenes import (
+    SAMPLES,
+    compare,
+    difference,
+    files_of,
+    is_waiting,
+    load,
+    plugins_of,
+    report,
+    verdict,
+)
 from glpath.errors import GlpathError
 from glpath.scene.model import Float64
 
@@ -74,6 +84,16 @@ def test_a_verdict_follows_from_the_figures(change: dict[str, Any], expected: st
     assert verdict({"loads": True, "warnings": []}) == "not compared"
 
 
+def test_more_samples_are_for_files_that_are_undecided() -> None:
+    compared = CLOSE | {"verdict": "same", "samples": 128}
+    assert not is_waiting(compared, 512)
+    assert is_waiting(compared | {"verdict": "unclear"}, 512)
+    assert not is_waiting(compared | {"verdict": "unclear"}, 128)
+    assert is_waiting({"loads": True, "verdict": "warned"}, 128)
+    assert not is_waiting({"loads": True, "verdict": "not compared", "error": "Mitsuba ends"}, 128)
+    assert not is_waiting({"loads": False, "verdict": "refused"}, 128)
+
+
 def write_files(folder: Path) -> None:
     """A file that uses half of its plugins, one that is refused, and one in a hidden folder."""
     folder.joinpath(".checkpoints").mkdir()
@@ -126,7 +146,7 @@ def test_a_folder_without_files_is_an_error(tmp_path: Path) -> None:
 def test_a_ball_has_the_picture_that_mitsuba_makes_of_it(tmp_path: Path) -> None:
     pytest.importorskip("mitsuba")
     write_files(tmp_path)
-    row = compare(tmp_path, load(tmp_path, tmp_path / "ball.xml"))
+    row = compare(tmp_path, load(tmp_path, tmp_path / "ball.xml"), SAMPLES[0])
     assert row["parameters"] == {"spp": "16"}
     assert row["verdict"] == "same", row
     assert glpath.load_scene(tmp_path / "ball.xml", row["parameters"]).camera.resolution == (640, 480)
