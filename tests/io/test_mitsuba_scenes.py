@@ -637,6 +637,12 @@ def test_a_light_by_wavelengths_has_the_colour_that_mitsuba_gives_it(
     np.testing.assert_allclose(lamp.intensity, rgb, rtol=5e-3, atol=1e-3)
 
 
+def test_a_spectrum_may_be_referred_to(tmp_path: Path) -> None:
+    spectrum = '<spectrum type="uniform" id="grey"><float name="value" value="0.3"/></spectrum>'
+    text = '<bsdf type="diffuse"><ref name="reflectance" id="grey"/></bsdf>'
+    assert surface(tmp_path, text, spectrum).reflectance.tolist() == [0.3] * 3
+
+
 # Shapes and surfaces of Mitsuba's own scenes
 
 

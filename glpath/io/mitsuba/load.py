@@ -25,7 +25,7 @@ from glpath.scene.model import Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 
 # Definitions, read where something refers to them; and how to render, which is asked of `glpath render`.
-_ASIDE = ("bsdf", "texture", "medium", "integrator", "film", "sampler", "rfilter")
+_ASIDE = ("bsdf", "texture", "medium", "integrator", "film", "sampler", "rfilter", "spectrum")
 
 
 def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> Scene:

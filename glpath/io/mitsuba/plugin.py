@@ -35,8 +35,11 @@ class Plugin:
         self._nested: list[tuple[str, Element]] = []
         self._asked: dict[str, None] = {}
         for child in element.children:
-            if child.tag == "ref" or child.tag in PLUGINS:
-                self._nested.append((child.name, document.resolved(child)))
+            resolved = document.resolved(child)
+            if child.tag == "ref" and resolved.tag == "spectrum":
+                self._properties[child.attribute("name")] = resolved
+            elif child.tag == "ref" or child.tag in PLUGINS:
+                self._nested.append((child.name, resolved))
             elif child.tag in _PROPERTIES:
                 name = child.attribute("name")
                 if name in self._properties:
