@@ -968,6 +968,11 @@ def test_a_parameter_without_a_default_is_taken_by_every_command(command: str, t
     assert glpath.load_scene(path, {"res": 12}).camera.resolution == (12, 24)
 
 
+def test_info_takes_up_for_a_file_without_a_sensor(tmp_path: Path) -> None:
+    done = run("info", file(tmp_path, LAMP, FLOOR), "-D", "up=z")
+    assert done.exit_code == 0, done.output
+
+
 def test_a_parameter_that_is_used_before_its_default_must_be_given(tmp_path: Path) -> None:
     """As in the sensors of Mitsuba's documentation."""
     default = '<default name="res" value="9"/>'

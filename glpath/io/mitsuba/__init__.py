@@ -4,9 +4,9 @@
 
 What is read: diffuse, (rough) conductor, (rough) dielectric, thin dielectric, (rough) plastic, principled,
 twosided, normalmap, bumpmap, mask and blendbsdf, and Sionna's radio materials; bitmaps, checkerboards, mesh
-attributes and spectra; obj, ply, serialized, rectangle, cube, sphere, disk, cylinder and instances; area, point,
-spot, directional, constant, envmap and sunsky emitters; perspective, thinlens and orthographic sensors; `<default>` with
-`$name`, `<include>`, `<alias>` and references. All else raises SceneError by its name.
+attributes and spectra; obj, ply, serialized, rectangle, cube, sphere, disk, cylinder and instances; area,
+point, spot, directional, constant, envmap and sunsky emitters; perspective, thinlens and orthographic sensors;
+`<default>` with `$name`, `<include>`, `<alias>` and references. All else raises SceneError by its name.
 
 Depth, samples per pixel, pixel filter and integrator are not the scene's: `glpath render` has options for them.
 

@@ -91,7 +91,8 @@ def read_document(path: Path, parameters: Mapping[str, object], *, complete: boo
     """The document of a file. Raises SceneError, also for parameters that the file does not have.
 
     parameters : stand for the values of its `<default>`s, and for `$name` without one
-    complete   : raise SceneError for a `$name` without a value; otherwise it is empty text
+    complete   : raise SceneError for a `$name` without a value and for unknown parameters; otherwise such a
+                 value is empty text
     """
     reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
     root = reader.read(path, SourceLocation(str(path)), 0)
@@ -99,7 +100,7 @@ def read_document(path: Path, parameters: Mapping[str, object], *, complete: boo
         raise root.location.error(
             "is the root, but a scene's is <scene>.", "Other XML of Mitsuba is included: <include filename=...>."
         )
-    for name in parameters:
+    for name in parameters if complete else ():
         if name not in reader.defaults:
             allowed = ", ".join(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
             near = difflib.get_close_matches(name, reader.defaults, 1)
