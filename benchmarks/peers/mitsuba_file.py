@@ -41,7 +41,7 @@ def render_file(
     mi.set_variant(VARIANT)
     mi.set_log_level(mi.LogLevel.Error)
     config = mi.parser.ParserConfig(VARIANT)
-    config.unused_parameters = mi.LogLevel.Debug
+    config.unused_parameters = config.unused_properties = mi.LogLevel.Debug
     state = mi.parser.parse_file(config, path, **parameters)
     mi.file_resolver().prepend(str(Path(path).parent))
     mi.parser.transform_all(config, state)
@@ -54,6 +54,7 @@ def render_file(
             node.props.set_plugin_name("box")
         elif node.type == mi.ObjectType.Integrator:
             hides |= bool(node.props.get("hide_emitters", False))
+            node.props.set_plugin_name("path")  # one that every variant has; the picture is another's
         elif node.type == mi.ObjectType.Medium:
             has_medium = True
         elif kind == RADIO_MATERIAL:

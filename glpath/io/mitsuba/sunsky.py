@@ -20,6 +20,7 @@ from glpath.scene.sun import Sun
 if TYPE_CHECKING:
     from glpath.io.mitsuba.plugin import Plugin
 
+_DATE = (("year", 2010), ("month", 7), ("day", 10))
 _TURBIDITIES = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0)
 _ALTITUDES = (3.0, 15.0, 30.0, 60.0, 88.0)
 # Linear Rec. 709 in Mitsuba's unit: irradiance of a horizontal surface by the sky, and of one that faces the sun.
@@ -106,16 +107,16 @@ def _towards_sun(plugin: Plugin) -> Float64:
 
     latitude = plugin.number("latitude", 35.6894, -90.0, 90.0)
     longitude = plugin.number("longitude", 139.6917, -180.0, 180.0)
-    names = (("year", 2010), ("month", 7), ("day", 10))
+    year, month, day = (plugin.whole(name, default, 1) for name, default in _DATE)
     try:
-        day = datetime(*(plugin.whole(name, default, 1) for name, default in names))
+        midnight = datetime(year, month, day)
     except ValueError as error:
         raise plugin.location.error(f"has a date that does not exist: {error}.") from error
     hours = sum(
         plugin.number(name, default) / parts
         for name, default, parts in (("hour", 15.0, 1), ("minute", 0.0, 60), ("second", 0.0, 3600))
     )
-    utc = day + timedelta(hours=hours - plugin.number("timezone", 9.0, -14.0, 14.0))
+    utc = midnight + timedelta(hours=hours - plugin.number("timezone", 9.0, -14.0, 14.0))
     position = sun_positions(np.array([utc], "datetime64[ns]"), latitude, longitude)
     a, z = np.radians(position.altitude[0]), np.radians(position.azimuth[0])
     return np.array([-np.cos(a) * np.cos(z), -np.cos(a) * np.sin(z), np.sin(a)])
