@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
+# Number of locations that a warning of many lists.
+_LISTED_LOCATIONS = 4
 _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
 
 
@@ -163,6 +165,44 @@ def _is_shown(text: str, level: int) -> bool:
     except SceneWarning:
         return True
     return bool(shown)
+
+
+#: Warnings that wait for others of the same cause, as (location, count, text) by cause; None if none are to wait.
+_waiting: ContextVar[dict[str, list[tuple[str, int, str]]] | None] = ContextVar("_waiting", default=None)
+
+
+def warn_at(location: str, cause: str, count: int, text: str) -> None:
+    """Warn as `warn`, or within `one_warning_per_cause` once for all locations with the same cause.
+
+    cause : what there are so many of, such as "triangles without area"
+    """
+    waiting = _waiting.get()
+    if waiting is None:
+        warn(text)
+    else:
+        waiting.setdefault(cause, []).append((location, count, text))
+
+
+@contextmanager
+def one_warning_per_cause() -> Iterator[None]:
+    """Context in which calls of `warn_at` become one warning for each cause, at its end."""
+    if _waiting.get() is not None:
+        yield
+        return
+    waiting: dict[str, list[tuple[str, int, str]]] = {}
+    token = _waiting.set(waiting)
+    try:
+        yield
+    finally:
+        _waiting.reset(token)
+    for cause, found in waiting.items():
+        if len(found) == 1:
+            warn(found[0][2])
+            continue
+        total = sum(count for _, count, _ in found)
+        listed = ", ".join(f"{location}: {count:,}" for location, count, _ in found[:_LISTED_LOCATIONS])
+        more = ", ..." if len(found) > _LISTED_LOCATIONS else ""
+        warn(f"{total:,} {cause} in {len(found):,} locations: {listed}{more}.")
 
 
 def _is_ours(file: str) -> bool:

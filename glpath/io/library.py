@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 import msgspec
 from msgspec import Meta
 
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, UsageError, one_warning_per_cause
 from glpath.io.completed import aside
 from glpath.io.convert import convert
 from glpath.io.from_python import AnyScene, is_made_in_python, scene_from_python
@@ -84,6 +84,11 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
     """
     surroundings, own = Surroundings.taken_from(parameters, SourceLocation("load_scene"))
+    with one_warning_per_cause():
+        return _in_surroundings(scene, surroundings, own)
+
+
+def _in_surroundings(scene: AnyScene, surroundings: Surroundings, own: Mapping[str, object]) -> Scene:
     if not surroundings:
         return _loaded(scene, own)
     with aside("light", "sky") if surroundings.environment is not None else nullcontext():

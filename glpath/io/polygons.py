@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import warn
+from glpath.errors import warn_at
 from glpath.io.values import warn_of_left_out
 from glpath.scene.geometry import Float64, Int32
 
@@ -140,9 +140,8 @@ def split_finite(
 def warn_of_crossing(source: str, count: int) -> None:
     """Warn of polygons of a file that cross themselves, if there are any."""
     if count:
-        warn(
-            f"{source}: outlines of faces that cross themselves: {count:,}. Their triangles overlap or leave gaps."
-        )
+        cause = "outlines of faces that cross themselves"
+        warn_at(source, cause, count, f"{source}: {cause}: {count:,}. Their triangles overlap or leave gaps.")
 
 
 def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64, int]:

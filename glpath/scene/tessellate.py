@@ -12,7 +12,7 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import warn
+from glpath.errors import warn_at
 from glpath.scene.model import Float64, Int32, Mesh, placed
 from glpath.scene.source_location import SourceLocation
 
@@ -176,9 +176,12 @@ def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceL
             "The corners of each coincide or lie on one line: check the coordinates and the transform.",
         )
     listed = np.flatnonzero(flat)
-    warn(
+    warn_at(
+        f'{location} ("{name}")',
+        "triangles without area were dropped",
+        len(listed),
         f'{location} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
-        f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0)."
+        f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0).",
     )
     return mesh.without_faces(flat)
 

@@ -284,3 +284,15 @@ def test_the_command_line_says_what_is_dropped(tmp_path: Path) -> None:
     assert (told.exit_code, told.output.count(text)) == (0, 1)
     listed = json.loads(CliRunner().invoke(app, ["info", "--json", scene]).stdout)
     assert [text in warning for warning in listed["warnings"]] == [True]
+
+
+def test_the_same_warning_of_many_shapes_is_one_with_a_count() -> None:
+    flat = {"type": "mesh", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2], [0, 1, 1]]}
+    camera = {"position": [0, 0, 5], "target": [0, 0, 0]}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_scene({"camera": camera, "shapes": [{**flat, "emission": {"radiance": 1}}] * 204})
+    (warning,) = caught
+    assert str(warning.message).startswith("204 triangles without area were dropped in 204 locations: ")
+    assert str(warning.message).count(": 1") == 4
+    assert warning.filename == __file__
