@@ -13,9 +13,10 @@ import numpy as np
 from glpath.errors import warn
 from glpath.io.plain_background import with_plain_background
 from glpath.io.up_axis import Up, axis_vector, evidence_for_z
-from glpath.scene.camera import framing
+from glpath.scene.camera import framing, upright_from_world
 from glpath.scene.emitted import emitted_radiance
 from glpath.scene.model import Camera, Float64, Scene, Shape, Sky
+from glpath.scene.sight import enclosing, winding_number
 from glpath.scene.source_location import shown
 from glpath.scene.studio import ground_below, nearest_axis, studio
 
@@ -25,6 +26,10 @@ RESOLUTION = (512, 512)
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
 # Mean radiance on a box around a model, beside 1 of the studio.
 _LAMP = 0.01
+# Camera in a room: fractions of its height for the eye and the target, of half its extent, and degrees.
+_EYE, _TARGET, _FROM_MIDDLE, _FOV = 0.6, 0.45, 0.85, 70.0
+# Fraction of all directions in which a room has a wall, and triangles above which it is not asked.
+_CLOSED, _MAX_ROOM_TRIANGLES = 0.9, 2**21
 # Emission up to which a surface is no lamp: that of white in a studio.
 _FAINT = 1.0
 #: Parts of a scene that a use of it may not need.
@@ -76,19 +81,21 @@ def completed(
     lying         : flat things lie rather than stand, as of `evidence_for_z`
     glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
     """
-    notes, evidence = [], None
+    notes, evidence, inside = [], None, None
     if not has_camera:
         if isinstance(up, str) and up == "guess":
             evidence = evidence_for_z(scene, lying)
             up = "z" if evidence else "y"
         axis = axis_vector(up) if isinstance(up, str) else up
-        camera = framing(scene.framed_points, scene.camera.resolution, axis)
+        inside = _camera_inside(scene, axis)
+        camera = inside or framing(scene.framed_points, scene.camera.resolution, axis)
         scene = replace(scene, camera=replace(camera, shutter=scene.camera.shutter))
     if not has_camera and not is_aside("camera") and not is_aside("view"):
         c = scene.camera
         guess = f" with z up (a guess, as {evidence}; -D up=y if y is up)" if evidence else ""
+        where = "that sees everything" if inside is None else "inside, as its walls face inwards"
         notes.append(
-            f"no camera, so one was set that sees everything{guess}: position {shown(c.position.round(3))}, target "
+            f"no camera, so one was set {where}{guess}: position {shown(c.position.round(3))}, target "
             f"{shown(c.target.round(3))}, fov {c.fov:g}, for {c.resolution[0]} x {c.resolution[1]} pixels"
         )
     emitters = [shape for shape in scene.shapes if shape.emits]
@@ -109,6 +116,29 @@ def completed(
     if notes:
         warn(f"{scene.source or scene.name}: has {', and '.join(notes)}.")
     return scene
+
+
+def _camera_inside(scene: Scene, up: Float64) -> Camera | None:
+    """Return a camera from a corner of a room across it; None if the scene is no room whose fronts face inwards.
+
+    A room has walls in at least 90 % of all directions. One whose walls have thickness is a body.
+    """
+    if scene.shapes.total("triangle") > _MAX_ROOM_TRIANGLES or scene.shapes.streams:
+        return None
+    upright = upright_from_world(up)
+    points = scene.framed_points @ upright.T
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    height = lower[1] + _EYE * (upper - lower)[1]
+    middle = 0.5 * (lower + upper)
+    for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
+        eye = middle + 0.5 * _FROM_MIDDLE * np.array([corner[0], 0.0, corner[1]]) * (upper - lower)
+        eye[1] = height
+        at = eye @ upright
+        around = float(enclosing(scene, at)[scene.shapes.primitive_shape("sphere")].sum())
+        if around + winding_number(scene.triangles, at) <= -_CLOSED:
+            target = np.array([middle[0], lower[1] + _TARGET * (upper - lower)[1], middle[2]])
+            return replace(scene.camera, position=at, target=target @ upright, up=up, fov=_FOV)
+    return None
 
 
 def _in_studio(scene: Scene) -> Scene:

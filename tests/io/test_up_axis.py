@@ -293,3 +293,41 @@ def test_a_scene_file_without_a_camera_has_the_up_of_its_sky(tmp_path: Path) -> 
     )
     with pytest.raises(glpath.SceneError, match=r"(?s)up is for files without a camera.*--camera-up"):
         glpath.load_scene(path, {"up": "z"})
+
+
+def room(window: bool = False) -> trimesh.Trimesh:
+    """4 x 3 x 6, y up, its fronts inwards, a table in it; with a window, a sixth of a wall is open."""
+    walls = trimesh.creation.box([4, 3, 6])
+    walls.invert()
+    if window:
+        walls = walls.subdivide().subdivide()
+        walls.update_faces(np.arange(len(walls.faces)) >= 5)
+    table = trimesh.creation.box([1, 1, 1])
+    table.apply_translation([0, -1, 0])
+    return trimesh.util.concatenate([walls, table])
+
+
+@pytest.mark.parametrize("window", [False, True])
+def test_a_room_whose_fronts_face_inwards_is_seen_from_inside(window: bool, tmp_path: Path) -> None:
+    path = tmp_path / "room.ply"
+    room(window).export(path)
+    scene, said = loaded(path, up="y")
+    assert "one was set inside, as its walls face inwards: position" in said
+    assert (np.abs(scene.camera.position) < [2, 1.5, 3]).all()
+    assert (scene.camera.target - scene.camera.position) @ (0 - scene.camera.position) > 0
+    assert loaded(path, up="z")[0].camera.up.tolist() == UP["z"]
+    assert (np.abs(loaded(path, up="z")[0].camera.position) < [2, 1.5, 3]).all()
+
+
+def test_a_body_and_an_open_shell_are_seen_from_outside(tmp_path: Path) -> None:
+    solid = trimesh.creation.box([4, 3, 6])
+    thick = solid.copy()
+    inner = trimesh.creation.box([3.8, 2.8, 5.8])
+    inner.invert()
+    half = inner.copy()
+    half.update_faces(half.triangles_center[:, 1] < 1)
+    half.update_faces(half.triangles_center[:, 2] < 2)
+    for thing in (solid, trimesh.util.concatenate([thick, inner]), half):
+        thing.export(tmp_path / "thing.ply")
+        scene, _ = loaded(tmp_path / "thing.ply", up="y")
+        assert scene.camera.position[2] > 3
