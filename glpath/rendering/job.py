@@ -207,7 +207,7 @@ class RenderJob:
                 "sensor": self.sensor.as_json(),
                 "window": self.window,
                 "path_sets": self.path_sets,
-                **({"strict": True} if self.strict else {}),
+                "strict": self.strict,
             },
             indent=2,
         )

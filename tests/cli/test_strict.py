@@ -153,7 +153,7 @@ def test_job_file_is_strict_whoever_runs_it(late: str, tmp_path: Path) -> None:
 def test_job_file_is_strict_by_an_option(late: str, tmp_path: Path) -> None:
     path, out = tmp_path / "job.json", tmp_path / "a.npz"
     RenderJob.of("cornell-box-36", **SMALL).save(path)
-    assert "strict" not in json.loads(path.read_text())
+    assert json.loads(path.read_text())["strict"] is False
     assert run("render", "--job", path, "-o", out, "--strict").exit_code == 1
     assert run("render", "--job", path, "-o", out).exit_code == 0
 
