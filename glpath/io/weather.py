@@ -31,6 +31,10 @@ WEATHER_FILES = (".epw", ".csv")
 TYPICAL_YEAR = 2023
 # Irradiance from here on is a mark for what is missing, W m^-2.
 _MISSING = 9000.0
+# Lines before the first hour of an EPW file.
+_EPW_HEAD = 8
+# Lowest irradiance that counts as noise of a pyranometer around 0, W m^-2.
+_MIN_NOISE = -20.0
 # Of the year's global light: what the sun and the sky may differ from it by, without a warning.
 _CLOSURE = 0.15
 # Degrees that a time zone may be off its longitude, without a warning.
@@ -148,8 +152,20 @@ def _is_utf8(raw: bytes) -> bool:
 def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if not text.startswith("LOCATION"):
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
-    table, site = _parsed(pvlib_module().iotools.read_epw, text, path)
+    table, site = _parsed(pvlib_module().iotools.read_epw, _with_hours_from_one(text, path), path)
     return table, {**site, "name": site.get("city", "")}, _without_zone(table)
+
+
+def _with_hours_from_one(text: str, path: Path) -> str:
+    """Return the text of an EPW file with its hours from 1 to 24, also if they are from 0 to 23."""
+    lines = text.splitlines()
+    rows = [line.split(",") for line in lines[_EPW_HEAD:]]
+    hours = {row[3].strip() for row in rows if len(row) > 3}
+    if not hours & {"0", "00"} or "24" in hours or not all(hour.isdecimal() for hour in hours):
+        return text
+    warn(f"{path}: its hours are from 0 to 23, not from 1 to 24. They are read as those that begin then.")
+    rows = [[*row[:3], str(int(row[3]) + 1), *row[4:]] if len(row) > 3 else row for row in rows]
+    return "\n".join([*lines[:_EPW_HEAD], *(",".join(row) for row in rows)]) + "\n"
 
 
 def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
@@ -195,6 +211,11 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
         raise SceneError(f"{source}: has no hour.")
     times = _of_one_year(begin)
     steps = np.diff(times).astype(np.int64)
+    new_year = np.flatnonzero(steps <= 0)
+    if len(new_year) == 1 and times[-1] < times[0]:  # a year that starts in July, or any other month
+        order = np.roll(np.arange(len(times)), -int(new_year[0]) - 1)
+        table, times = table.iloc[order], times[order]
+        steps = np.diff(times).astype(np.int64)
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
         raise SceneError(
@@ -253,7 +274,15 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
     except (TypeError, ValueError):
         raise SceneError(f"{source}: has something else than numbers in its column of {name}.") from None
     found[~np.isfinite(found) | (found >= _MISSING)] = np.nan
-    if np.nanmin(found, initial=0.0) < 0:
+    negative = np.flatnonzero(found < 0)
+    lowest = float(np.nanmin(found, initial=0.0))
+    if len(negative) and lowest >= _MIN_NOISE:
+        warn(
+            f"{source}: {len(negative):,} values of {name} are below 0, the lowest {lowest:g} W/m2, as "
+            "pyranometers show at night. They count as 0."
+        )
+        found[negative] = 0.0
+    elif len(negative):
         row = int(np.nanargmin(found))
         raise SceneError(
             f"{source}: has {found[row]:g} W/m2 of {name} in row {row + 1}, but light cannot be negative."

@@ -153,7 +153,7 @@ def test_missing_hours_are_counted(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda i, row: [*row[:13], *(["-3"] * 3), *row[16:]] if i == 5 else row, "-3 W/m2 of dni in row 6"),
+        (lambda i, row: [*row[:13], *(["-300"] * 3), *row[16:]] if i == 5 else row, "-300 W/m2 of dni in row 6"),
         (
             lambda i, row: [*row[:3], "1", *row[4:]] if i == 1 else row,
             "its row 2 is of 01-01 00:00, but the row before",
@@ -209,3 +209,38 @@ def test_a_february_of_a_leap_year_ends_on_the_28th(recwarn: pytest.WarningsReco
     assert (np.diff(found.times).astype(int) == 3600).all()
     assert found.times[[0, -1]].astype(str).tolist() == ["2023-01-01T00:00:00", "2023-12-31T23:00:00"]
     assert not recwarn.list
+
+
+def test_small_negative_irradiance_is_noise_of_the_night(epw: Path, weather: Weather, tmp_path: Path) -> None:
+    def at_night(_: int, row: list[str]) -> list[str]:
+        return [*row[:15], "-3", *row[16:]] if float(row[15]) == 0 else row
+
+    nights = int((weather.diffuse_horizontal == 0).sum())
+    with pytest.warns(SceneWarning, match=rf"{nights:,} values of dhi are below 0, the lowest -3 W/m2"):
+        found = read_weather(changed(epw, tmp_path / "noise.epw", at_night))
+    assert np.array_equal(found.diffuse_horizontal, weather.diffuse_horizontal)
+
+
+def test_hours_from_0_to_23_are_those_that_begin_then(epw: Path, weather: Weather, tmp_path: Path) -> None:
+    def earlier(_: int, row: list[str]) -> list[str]:
+        return [*row[:3], str(int(row[3]) - 1), *row[4:]]
+
+    with pytest.warns(SceneWarning, match="hours are from 0 to 23"):
+        found = read_weather(changed(epw, tmp_path / "zero.epw", earlier))
+    assert np.array_equal(found.times, weather.times)
+    assert np.array_equal(found.direct_normal, weather.direct_normal)
+
+
+@pytest.mark.parametrize("years", [("2021", "2022"), ("2021", "2021")])
+def test_a_year_that_starts_in_july_has_the_hours_of_one_from_january(
+    epw: Path, weather: Weather, tmp_path: Path, years: tuple[str, str]
+) -> None:
+    path = changed(epw, tmp_path / "july.epw", same)
+    lines = path.read_text().splitlines(keepends=True)
+    rows = [line.split(",", 1) for line in lines[8:]]
+    july = next(i for i, row in enumerate(rows) if row[1].startswith("7,"))
+    moved = [f"{years[0]},{row[1]}" for row in rows[july:]] + [f"{years[1]},{row[1]}" for row in rows[:july]]
+    path.write_text("".join(lines[:8] + moved))
+    found = read_weather(path)
+    assert np.array_equal(found.direct_normal, weather.direct_normal)
+    assert (np.diff(found.times).astype(int) > 0).all()
