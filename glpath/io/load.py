@@ -98,7 +98,7 @@ def scene_from_toml(
         return completed(scene, has_camera=False, up=scene.sky.up if of_sky and scene.sky else up)
     if up != "guess":
         raise location.field("up").error(
-            "is for files without a camera, but this one has a [camera].", "Turn its camera: --camera-up."
+            "is for files without a camera, but this one has a [camera].", "Turn its camera by `up` in [camera]."
         )
     return scene_of(data, location, folder, name, later)
 
