@@ -88,7 +88,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         check_camera(scene.camera, location)
         if up != "guess":
             raise location.field("up").error(
-                "is for files without a camera, but this one has a sensor.", "Turn its camera: --camera-up."
+                "is for files without a camera, but this one has a sensor.", "Turn its camera by its `to_world`."
             )
     return replace(completed(scene, has_camera=camera is not None, up=up), source=str(path))
 
