@@ -25,7 +25,7 @@ _UNSAID = (102, 102, 102)
 
 
 def coloured(mesh: Mesh, given: Any) -> Mesh:
-    """`mesh` with the colours of vertices or faces that `given` of trimesh has; itself where it has none.
+    """Return `mesh` with the colours of vertices or faces of trimesh's mesh `given`; itself if that has none.
 
     mesh : with the vertices and faces of `given`
     """
@@ -54,7 +54,7 @@ def surface_of_colours(mesh: Mesh) -> tuple[Mesh, Surface]:
 
 
 def _rgba(colours: Any, *, srgb: bool) -> Float64:
-    """(n, 4) in [0, 1], linear Rec. 709 and alpha, of numbers of any type."""
+    """(n, 4) in [0, 1], linear Rec. 709 and alpha, of fractions or of integers whose largest number is white."""
     stored = np.asarray(colours)
     values = stored / np.iinfo(stored.dtype).max if stored.dtype.kind in "iu" else stored.astype(np.float64)
     values = phong.share(values)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from glpath.io.from_trimesh import coloured, surface_of_colours
+from glpath.io.from_trimesh import surface_of_colours
 from glpath.io.gltf import Model
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.meshes import MeshFile, mesh_of_loaded, read_mesh_file, which
+from glpath.io.meshes import MeshFile, read_mesh_file, which
 from glpath.io.mtl import Library
 from glpath.io.pictures import Pictures, UnusableError
 from glpath.io.values import LARGEST
@@ -50,8 +49,9 @@ class _Reader:
             library.add(name)
         shapes: list[Shape] = []
         uses_colours = False
-        for loaded in self.file.meshes:
-            number, mesh = loaded.metadata.get("material", -1), mesh_of_loaded(loaded, self.path)
+        if self.file.ply is not None:
+            self.notes |= dict.fromkeys(self.file.ply.notes)
+        for mesh, number in zip(self.file.meshes, self.file.materials, strict=True):
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
                 prefix = which(self.path, self.location)
                 raise self.location.error(
@@ -63,7 +63,7 @@ class _Reader:
                 surface = self._with_coordinates(library.surface(name) or _GREY, mesh)
             else:
                 name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
-                mesh, surface = self._plain(mesh, loaded)
+                mesh, surface = self._plain(mesh)
                 uses_colours |= surface.material.name in ("colours", "colour")
             mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
             if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
@@ -100,12 +100,14 @@ class _Reader:
         material = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]
         return replace(surface, material=material)
 
-    def _plain(self, mesh: Mesh, loaded: Any) -> tuple[Mesh, Surface]:
+    def _plain(self, mesh: Mesh) -> tuple[Mesh, Surface]:
         """A mesh without a material is grey, or has its colours, or the texture of a PLY."""
-        mesh = coloured(mesh, loaded)
-        # Colours beside a texture are the same again, as scanners' programs write them.
-        if self.file.texture is not None:
-            return mesh, self._with_coordinates(self._textured(self.file.texture), mesh)
+        textures = self.file.ply.textures if self.file.ply is not None else ()
+        if len(textures) > 1:
+            self.notes[f"Textures but the first of {len(textures)}."] = None
+        if textures:
+            # Colours beside a texture are the same again, as scanners' programs write them.
+            return replace(mesh, colours=None), self._with_coordinates(self._textured(textures[0]), mesh)
         if mesh.colours is None:
             return mesh, _GREY
         return surface_of_colours(mesh)

@@ -1,6 +1,5 @@
-"""Meshes: inline vertices and faces, and files of `FORMATS` [trimesh].
+"""Meshes: inline vertices and faces, objects of trimesh, and files of `FORMATS`.
 
-trimesh takes most of a second to import, so it is imported when the first mesh file is read.
 Of a mesh that is a shape of a scene, the geometry, the texture coordinates and normals of vertices are used; the
 materials, colours and pictures in its file are not (`mesh_models` uses them), which a SceneWarning says. No normals
 are made up where it has none.
@@ -8,12 +7,10 @@ are made up where it has none.
 
 from __future__ import annotations
 
-import io
 import os
-import re
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +20,14 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError, SceneWarning, warn
 from glpath.io import obj
 from glpath.io.off import read_off
+from glpath.io.ply import read_header
+from glpath.io.ply_mesh import PlyMesh, read_ply_mesh
 from glpath.io.polygons import split_faces, split_polygons, warn_of_crossing
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.stl import read_stl
+from glpath.io.stored_colours import colours_of_facets, linear
 from glpath.io.strokes import balls, line_radius, point_radius, rods
-from glpath.io.text import decoded
-from glpath.io.values import LARGEST, nearby_files
+from glpath.io.values import LARGEST, nearby_files, no_such_vertex
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
@@ -38,12 +37,6 @@ from glpath.system.private_interfaces import given_trimesh_normals
 FORMATS = (".obj", ".ply", ".stl", ".off")
 #: The same for a reader.
 NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit(", ", 1))
-# In the header of a PLY.
-_RED = re.compile(rb"^property\s+\S+\s+red\s*$", re.MULTILINE)
-_POINTS = re.compile(rb"\belement\s+vertex\s+[1-9]")
-_TRIANGLES = re.compile(rb"\belement\s+(?:face|tristrips)\s+0*[1-9]")
-_SINGLE = re.compile(rb"^property\s+(?:float|float32)\s+[xyz]\s*$", re.MULTILINE)
-_COORDINATES = re.compile(rb"^(property\s.*\s)((?:texture_)?[uv]|s|t|texcoord)(?=\s*$)", re.MULTILINE)
 #: Keys of the geometry of a mesh in a dictionary.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
@@ -58,7 +51,7 @@ def inline_mesh(
     for index, face in enumerate(faces):
         for vertex in face:
             if not 0 <= vertex < len(vertices):
-                raise _no_such_vertex(location.field("faces").item(index), vertex, len(vertices))
+                raise no_such_vertex(location.field("faces").item(index), vertex, len(vertices))
     positions = np.array(vertices, np.float64)
     triangles, crossing = split_faces(positions, faces)
     warn_of_crossing(str(location.field("faces")), crossing)
@@ -143,7 +136,7 @@ def mesh_of_arrays(
     beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
     if len(beyond):
         row, column = beyond[0]
-        raise _no_such_vertex(location.field("faces").item(int(row)), int(faces[row, column]), len(vertices))
+        raise no_such_vertex(location.field("faces").item(int(row)), int(faces[row, column]), len(vertices))
     if uv is not None and len(uv) != len(vertices):
         raise location.field("uv").error(
             f"has {len(uv)} pairs, but the mesh has {len(vertices)} vertices.",
@@ -163,7 +156,7 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
     """
     file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
-    meshes = [mesh_of_loaded(mesh, path) for mesh in file.meshes]
+    meshes = file.meshes
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]
     return Mesh(
@@ -182,26 +175,28 @@ def _joined(parts: list[Float64 | None]) -> Float64 | None:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A file as trimesh loads it.
+    """Meshes of a file, in the order in which it first uses their materials.
 
-    meshes   : objects of trimesh, each with faces
-    obj      : the contents of an OBJ file
-    texture  : the name of the picture that a PLY has
-    coloured : vertices or faces have colours, in the file
-    single   : its vertices are numbers of 32 bits
+    meshes    : each with faces, and with its colours, if these are wanted
+    materials : number of each mesh's material in an OBJ, or -1
+    obj       : the contents of an OBJ file
+    ply       : the contents of a PLY file
+    coloured  : "vertex colours", "face colours", "colours", or "" if it has none
+    single    : its vertices are numbers of 32 bits
     """
 
-    meshes: list[Any]
+    meshes: list[Mesh]
+    materials: list[int] = field(default_factory=list)
     obj: obj.ObjFile | None = None
-    texture: str | None = None
-    coloured: bool = False
+    ply: PlyMesh | None = None
+    coloured: str = ""
     single: bool = False
 
 
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
-    """The contents of a file. `location` and errors as of `read_mesh`.
+    """Return the contents of a file. `location` and errors as of `read_mesh`.
 
-    colours : those of a PLY without a texture are wanted, not its texture coordinates: trimesh has one or the other
+    colours : colours are used, and points and lines of files without faces are drawn
     """
     if path.suffix.lower() not in FORMATS:
         raise location.wrong(
@@ -216,8 +211,9 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         file = _parse(path, colours)
     except (SceneError, SceneWarning):
         raise
-    except Exception as error:  # trimesh raises whatever its parsers run into
-        reason = f"{type(error).__name__}: {error}".rstrip(" .!")
+    except Exception as error:  # whatever parsers run into in a damaged file
+        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+        reason = f"{kind}{error}".rstrip(" .!")
         raise location.error(
             f"{which(path, location)}cannot be read as {path.suffix[1:].upper()}: {reason}.",
             "Open the file in another program to see whether it is whole, and write it anew.",
@@ -242,24 +238,6 @@ def which(path: Path, location: SourceLocation) -> str:
     return "" if location == SourceLocation(str(path)) else f"names {path}, which "
 
 
-def mesh_of_loaded(mesh: Any, path: Path) -> Mesh:
-    """A mesh of trimesh's that was read from a file, without its colours. Raises SceneError for what is broken."""
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    beyond = np.argwhere((faces < 0) | (faces >= len(vertices)))
-    if len(beyond):
-        face, corner = beyond[0]
-        raise _no_such_vertex(SourceLocation(str(path), f"face {face}"), int(faces[face, corner]), len(vertices))
-    uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
-    normals = _of_each(given_trimesh_normals(mesh), mesh, 3)
-    for name, values in (("vertex", vertices), ("texture coordinate", uv), ("normal of vertex", normals)):
-        if values is not None and not np.isfinite(values).all():
-            number = np.flatnonzero(~np.isfinite(values).all(axis=1))[0]
-            raise SourceLocation(str(path), f"{name} {number}").wrong(
-                values[number], f"{'two' if values is uv else 'three'} finite numbers", "Mend the file."
-            )
-    return Mesh(vertices, faces.astype(np.int32), uv, None if normals is None else unit_normals(normals))
-
-
 def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
     """(V, width) of a mesh's vertices; None where they are not of all."""
     if values is None or np.shape(values) != (len(mesh.vertices), width):
@@ -268,69 +246,48 @@ def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
 
 
 def _parse(path: Path, colours: bool) -> MeshFile:
-    import trimesh
-
     suffix, content = path.suffix.lower(), read_bytes(path)
-    texture = None
-    options: dict[str, Any] = {}
+    if suffix == ".ply":
+        return _ply(content, path, colours)
     if suffix == ".obj":
-        plain = obj.read_obj(content, str(path))
-        meshes = [_loaded(part) for part in plain.parts]
-        if colours and not meshes:
-            meshes = _strokes_of_obj(plain, path)
-        return MeshFile(meshes, plain, coloured=plain.coloured)
+        return _obj(obj.read_obj(content, str(path)), path, colours)
     if suffix == ".off":
         positions, triangles, has_colours = read_off(content, str(path))
-        meshes = [trimesh.Trimesh(positions, triangles, process=False)] if len(triangles) else []
-        return MeshFile(meshes, coloured=has_colours)
-    if suffix == ".stl":
-        solids = [each for each in read_stl(content, str(path)) if len(each.corners)]
-        meshes = [
-            trimesh.Trimesh(
-                each.corners.reshape(-1, 3), np.arange(3 * len(each.corners)).reshape(-1, 3), process=False
-            )
-            for each in solids
-        ]
-        return MeshFile(meshes, single=any(each.attributes is not None for each in solids))
-    if suffix == ".ply":
-        header, end, _ = content.partition(b"end_header")
-        if end and not _TRIANGLES.search(header):  # trimesh takes the points of some for a broken file
-            return MeshFile(_points_of_ply(content, path) if colours else [])
-        content, texture = _plain_ply(content, colours)
-        options = {"skip_materials": True}
-    loaded = trimesh.load_scene(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
-    # One by one, as `load_mesh` joins them and forgets the normals.
-    meshes = [loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry]
-    meshes = [mesh for mesh in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
-    for mesh in meshes:
-        for array in (mesh.vertices, mesh.faces):
-            if np.ndim(array) != 2 or np.shape(array)[1] != 3:
-                raise ValueError(f"its vertices or faces have {np.shape(array)} numbers, not three each")
-    coloured = False
-    if suffix == ".ply":
-        coloured = _RED.search(content.partition(b"end_header")[0]) is not None
-    # Of text as well, which trimesh takes at its word.
-    single = suffix == ".ply" and _SINGLE.search(content.partition(b"end_header")[0]) is not None
-    return MeshFile(meshes, None, texture, coloured, single)
+        meshes = [Mesh(positions, triangles.astype(np.int32))] if len(triangles) else []
+        return MeshFile(meshes, [-1] * len(meshes), coloured="colours" if has_colours else "")
+    return _stl(content, path, colours)
 
 
-def _loaded(part: obj.Part) -> Any:
-    """A mesh of trimesh's of a part of an OBJ."""
-    import trimesh
-
-    visual = None if part.uv is None else trimesh.visual.TextureVisuals(uv=part.uv)  # type: ignore[no-untyped-call]
-    return trimesh.Trimesh(
-        part.positions,
-        part.faces,
-        vertex_normals=part.normals,
-        vertex_colors=part.colours,
-        visual=visual,
-        metadata={"material": part.material},
-        process=False,
-    )
+def _stl(content: bytes, path: Path, colours: bool) -> MeshFile:
+    solids = [each for each in read_stl(content, str(path)) if len(each.corners)]
+    meshes, coloured = [], ""
+    for solid in solids:
+        mesh = Mesh.of_triangles(solid.corners)
+        rgba = None if solid.attributes is None else colours_of_facets(solid.attributes, solid.header)
+        if rgba is not None:
+            coloured = "face colours"
+            mesh = replace(mesh, colours=np.repeat(rgba, 3, axis=0)) if colours else mesh
+        meshes.append(mesh)
+    single = any(each.attributes is not None for each in solids)
+    return MeshFile(meshes, [-1] * len(meshes), coloured=coloured, single=single)
 
 
-def _strokes_of_obj(plain: obj.ObjFile, path: Path) -> list[Any]:
+def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
+    """The contents of an OBJ; colours are used if there is no material beside them."""
+    meshes, materials = [], [part.material for part in plain.parts]
+    for part in plain.parts:
+        normals = None if part.normals is None else unit_normals(part.normals)
+        rgba = linear(part.colours) if colours and part.colours is not None and part.material < 0 else None
+        meshes.append(Mesh(part.positions, part.faces.astype(np.int32), part.uv, normals, colours=rgba))
+    if colours and not meshes:
+        meshes = _strokes_of_obj(plain, path)
+        materials = [-1] * len(meshes)
+    if plain.guess and any(mesh.colours is not None for mesh in meshes):
+        warn(f"{path}: colours of its vertices: {plain.guess}.")
+    return MeshFile(meshes, materials, plain, coloured="vertex colours" if plain.coloured else "")
+
+
+def _strokes_of_obj(plain: obj.ObjFile, path: Path) -> list[Mesh]:
     """The lines of a file without faces as a mesh of rods, else its vertices as balls; with their colours."""
     points, colours = plain.positions, plain.colours
     is_finite = np.asarray(np.isfinite(points).all(axis=1))
@@ -348,62 +305,41 @@ def _strokes_of_obj(plain: obj.ObjFile, path: Path) -> list[Any]:
         made = balls(points, radius)
         drawn = f"{len(points):,} points are drawn as balls"
     warn(f"{path}: has no triangles, so its {drawn} of radius {radius:.3g}.")
-    return [_stroked(*made, colours)]
+    return [_stroked(*made, None if colours is None else linear(colours))]
 
 
-def _stroked(vertices: Float64, faces: NDArray[Any], normals: Float64, of: NDArray[Any], colours: Any) -> Any:
-    """A mesh of trimesh's from what `balls` and `rods` return, and colours of their points, or None."""
-    import trimesh
-
-    given = {} if colours is None else {"vertex_colors": np.asarray(colours)[of]}
-    return trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False, **given)
-
-
-def _points_of_ply(content: bytes, path: Path) -> list[Any]:
-    """A cloud of points as a mesh of balls, with its colours; none where there is nothing to draw."""
-    import trimesh
-
-    header = content.partition(b"end_header")[0]
-    if not _POINTS.search(header):
-        return []
-    cloud: Any = trimesh.load(io.BytesIO(content), file_type="ply")
-    points = np.asarray(cloud.vertices, np.float64)
-    if points.ndim != 2 or not len(points) or not np.isfinite(points).all():
-        return []
-    radius = point_radius(points)
-    colours: Any = getattr(cloud, "colors", None)
-    warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
-    return [_stroked(*balls(points, radius), colours if np.shape(colours) == (len(points), 4) else None)]
+def _stroked(
+    vertices: Float64, faces: NDArray[Any], normals: Float64, of: NDArray[Any], colours: Float64 | None
+) -> Mesh:
+    """The mesh of `balls` or `rods`, with the colours of their points."""
+    return Mesh(vertices, faces.astype(np.int32), normals=normals, colours=None if colours is None else colours[of])
 
 
-def _plain_ply(content: bytes, colours: bool) -> tuple[bytes, str | None]:
-    """The file with an ASCII header (comments may hold names that are not), and the name of its texture."""
-    header, end, rest = content.partition(b"end_header")
-    named = re.search(rb"^comment TextureFile\s+(.*?)\s*$", header, re.MULTILINE)
-    texture = decoded(named[1]) if named else None
-    if colours and texture is None and _RED.search(header):
-        header = _COORDINATES.sub(rb"\1unused_\2", header)
-    return header.decode("ascii", errors="replace").encode("ascii", errors="replace") + end + rest, texture
+def _ply(content: bytes, path: Path, colours: bool) -> MeshFile:
+    """A PLY file; a cloud of points becomes balls, with its colours, if colours are used."""
+    header = read_header(content)
+    if not colours and not header.count("face", "tristrips"):
+        return MeshFile([])
+    read = read_ply_mesh(content, header, str(path), looks=colours)
+    mesh = read.mesh
+    if not len(mesh.faces):
+        points = mesh.vertices
+        if not len(points) or header.count("face", "tristrips"):
+            return MeshFile([])
+        radius = point_radius(points)
+        warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
+        mesh = _stroked(*balls(points, radius), mesh.colours)
+    return MeshFile([mesh], [-1], ply=read, coloured=read.coloured, single=read.single)
 
 
 def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:
-    kinds = {getattr(mesh.visual, "kind", None) for mesh in file.meshes}
-    dropped = {f"{kind} colours" for kind in kinds if kind in ("vertex", "face")}
-    if file.texture is not None:
+    dropped = {file.coloured} - {""}
+    if file.ply is not None and file.ply.textures:
         dropped.add("a texture")
     if file.obj is not None and (file.obj.materials or file.obj.libraries):
         dropped.add("materials")
-    if file.coloured and not dropped & {"vertex colours", "face colours"}:
-        dropped.add("colours" if file.obj is None else "vertex colours")
     if dropped:
         warn(
             f"{path}: {' and '.join(sorted(dropped))} in it are not used: the shape has the material that the "
             "scene gives it. In an [[assets]] table the file has its own."
         )
-
-
-def _no_such_vertex(location: SourceLocation, vertex: int, count: int) -> SceneError:
-    return location.error(
-        f"names vertex {vertex}, but the mesh has {count} vertices (0 to {count - 1}).",
-        "Face indices count from 0; OBJ files count from 1.",
-    )

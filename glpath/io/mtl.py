@@ -5,7 +5,7 @@ Colours are linear, as Blender writes them. What the statements become:
     Kd map_Kd             reflectance and its texture
     Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
     Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, instead of Ks and Ns; map_Pr and map_Pm multiply
-    d, or Tr, map_d       opacity, blended
+    d, or Tr, map_d       opacity, blended; a surface of opacity 0 is taken for opaque, with a note
     illum 6, 7            glass of index Ni and colour Tf, which refracts. Sharp, as in the ray tracers that these
                           were made for
     illum 4, 9            the same without refraction, but only if d < 1 or Tf is neither 0 nor 1: Maya writes
@@ -162,6 +162,10 @@ class _Reader:
         glass = self._glass(illum, opacity)
         if glass:
             fields |= glass
+            opacity = 1.0
+        elif opacity == 0:
+            # Some programs write transparency as d. An invisible surface is never meant.
+            self.library.notes["d of 0, by which a surface would not be there: it is opaque."] = None
             opacity = 1.0
         texture = self._base_slot(base, alpha)
         emission = np.maximum(self._colour("ke", 1.0 if maps["map_ke"] is not None else 0.0, limited=False), 0.0)

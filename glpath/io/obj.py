@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError
 from glpath.io.polygons import split_finite
+from glpath.io.stored_colours import fractions
 from glpath.io.text import decoded, parse_numbers, statements
 from glpath.scene.source_location import SourceLocation
 
@@ -58,6 +59,7 @@ class ObjFile:
     materials : names of the materials that faces use
     libraries : the MTL files that it names
     coloured  : vertices have colours, or some of them, which then are left out
+    guess     : how the scale of colours was guessed; empty if they are fractions
     lines     : (L, 2) indices, from 0, of the vertices between which lines are
     """
 
@@ -67,6 +69,7 @@ class ObjFile:
     materials: tuple[str, ...]
     libraries: tuple[str, ...]
     coloured: bool
+    guess: str
     lines: Int64
 
 
@@ -144,26 +147,28 @@ def read_obj(content: bytes, source: str) -> ObjFile:
         raise _no_such(location, "v", str(lines[row, column]), len(tables.v))
     starts, numbers = (np.array(each, np.int64) for each in zip(*used, strict=True))
     material_of = np.repeat(numbers, np.diff(starts, append=len(sizes)))
+    colours, guess = _colours(tables.v)
     return ObjFile(
         tables.v[:, :3],
-        _colours(tables.v),
+        colours,
         _parts(tables, corners, np.array(sizes, np.int64), material_of, source),
         tuple(materials),
         tuple(libraries),
         max(rows["v"].widths, default=0) >= 6,
+        guess,
         lines[:, :2] - 1,
     )
 
 
-def _colours(rows: Float64) -> Float64 | None:
-    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; None without.
+def _colours(rows: Float64) -> tuple[Float64 | None, str]:
+    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; None without. And their guess.
 
     Seven numbers are x y z r g b a, unless only the fourth is 1 for all vertices.
     """
     if rows.shape[1] < 6:
-        return None
+        return None, ""
     first = 4 if rows.shape[1] >= 7 and (rows[:, 3] == 1).all() and not (rows[:, 6] == 1).all() else 3
-    return np.clip(np.nan_to_num(rows[:, first : first + 3]), 0.0, 1.0)
+    return fractions(rows[:, first : first + 3], "f8")
 
 
 def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
@@ -264,7 +269,7 @@ def _part(material: int, triangles: Int64, tables: _Tables) -> Part:
     else:
         _, first, faces = np.unique(key, return_index=True, return_inverse=True)
     vertices = corners[first]
-    colours = _colours(tables.v)
+    colours, _ = _colours(tables.v)
     # The row behind the last is that of corners without a normal.
     normals = np.vstack([tables.vn[:, :3], np.zeros(3)]) if has_normals else None
     return Part(

@@ -112,3 +112,11 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
     except (OSError, RuntimeError, ValueError):  # a name too long, a circle of links
         pass
     return None
+
+
+def no_such_vertex(location: SourceLocation, vertex: int, count: int) -> SceneError:
+    """The error for a face with a vertex that is not one of `count`."""
+    return location.error(
+        f"names vertex {vertex}, but the mesh has {count} vertices (0 to {count - 1}).",
+        "Face indices count from 0; OBJ files count from 1.",
+    )

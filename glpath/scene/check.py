@@ -16,6 +16,8 @@ from glpath.scene.source_location import SourceLocation, coordinates
 
 MAX_PIXELS = 2**28
 
+# Opacity of a scene below which hardly anything can be seen.
+_MIN_OPACITY = 0.02
 # Sine of the angle between `up` and the view below which there is no telling what is up.
 _PARALLEL = 1e-6
 
@@ -133,7 +135,7 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     lit_inside = np.any([np.zeros(len(scene.shapes)), *around_lights], axis=0)
     if seen:
         found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
-    return found + _about_time(scene) + _about_materials(scene)
+    return found + _about_time(scene) + _about_materials(scene) + _about_opacity(scene)
 
 
 def _about_time(scene: Scene) -> list[str]:
@@ -247,3 +249,29 @@ def _about_materials(scene: Scene) -> list[str]:
                 "them."
             )
     return found
+
+
+def _about_opacity(scene: Scene) -> list[str]:
+    """A scene in which nothing can be seen because everything is transparent by its alpha."""
+    if not scene.shapes or any(_max_opacity(scene, shape) > _MIN_OPACITY for shape in scene.shapes):
+        return []
+    highest = max(_max_opacity(scene, shape) for shape in scene.shapes)
+    return [
+        f"Nothing in the scene is opaque: the highest opacity is {highest:.3g}, so hardly anything can be seen. "
+        "Raise the opacity (alpha of colours, textures or materials; d in MTL)."
+    ]
+
+
+def _max_opacity(scene: Scene, shape: Shape) -> float:
+    """Opacity of a shape where it is highest: of its material, times alpha of its texture and its vertices."""
+    material = scene.materials[shape.material]
+    if material.alpha == "opaque":
+        return 1.0
+    opacity = material.opacity
+    if isinstance(shape.geometry, Mesh) and shape.geometry.colours is not None and len(shape.geometry.faces):
+        opacity *= float(shape.geometry.colours[shape.geometry.faces, 3].max())
+    if material.texture is not None:
+        image = scene.textures[material.texture.texture].image
+        if image.shape[2] == 4:
+            opacity *= float(image[..., 3].max()) / (255.0 if image.dtype == np.uint8 else 1.0)
+    return float(opacity >= material.cutoff) if material.alpha == "mask" else opacity

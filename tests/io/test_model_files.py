@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import warnings
 from dataclasses import fields
 from itertools import product
@@ -316,12 +317,30 @@ def test_phong_becomes_microfacets(tmp_path: Path) -> None:
     assert np.allclose(mirror.dielectric[0], 0.6)
 
 
-@pytest.mark.parametrize(("written", "opacity"), [("Tr 1", 1.0), ("Tr 0.25", 0.75), ("d 0\nTr 1", 0.0)])
-def test_tr_of_one_alone_is_not_a_surface_that_is_not_there(tmp_path: Path, written: str, opacity: float) -> None:
-    """MeshLab and others write opacity as Tr: their models were invisible."""
+@pytest.mark.parametrize(
+    ("written", "opacity", "note"),
+    [
+        ("Tr 1", 1.0, "Tr of 1"),
+        ("Tr 0.25", 0.75, ""),
+        ("d 0\nTr 1", 1.0, "d of 0"),
+        ("d 0", 1.0, "d of 0"),
+        ("d 0.000", 1.0, "d of 0"),
+        ("d -1", 1.0, "d of 0"),
+        ("d 0.5", 0.5, ""),
+    ],
+)
+def test_a_material_of_mtl_is_never_invisible(tmp_path: Path, written: str, opacity: float, note: str) -> None:
+    """MeshLab and others write opacity as Tr, and some write transparency as d: their models were invisible."""
     path = obj(tmp_path / "box.obj", f"newmtl Paint\nKd 1 1 1\n{written}\nnewmtl Gold\nKd 1 1 1")
     assert quiet(path).materials[0].opacity == opacity
-    assert any("Tr of 1" in text for text in said(path)) == (written == "Tr 1")
+    told = [text for text in said(path) if "by which a surface would not be there: it is opaque" in text]
+    assert len(told) == bool(note)
+    assert all(note in text for text in told)
+
+
+def test_glass_of_mtl_may_let_all_light_through(tmp_path: Path) -> None:
+    (glass, _) = surfaces(tmp_path, "newmtl Paint\nillum 7\nNi 1.5\nd 0\nnewmtl Gold\nKd 1 1 1").materials
+    assert (glass.transmission, glass.opacity) == (1.0, 1.0)
 
 
 def test_glass_light_and_opacity_of_mtl(tmp_path: Path) -> None:
@@ -377,7 +396,7 @@ def test_colours_of_obj_vertices_follow_the_position_or_its_weight(tmp_path: Pat
     path.write_text("".join(f"v {x} {y} 0 {row}\n" for x, y in ((0, 0), (1, 0), (1, 1))) + "f 1 2 3\n")
     scene = quiet(path)
     found = scene.materials[scene.shapes[0].material].reflectance
-    assert found == pytest.approx([0.7913, 0.0103, 0.0331], abs=1e-3)
+    assert found == pytest.approx(decode_srgb(np.array([0.9, 0.1, 0.2])))
 
 
 def test_textures_of_mtl(tmp_path: Path) -> None:
@@ -521,6 +540,116 @@ def test_colours_of_an_obj(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nf 1 2 3\n")
     assert quiet(path).shapes[0].geometry.colours.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]]
+
+
+@pytest.mark.parametrize("white", [255, 65535])
+def test_colours_of_an_obj_beyond_one_are_of_the_white_that_their_maximum_tells(tmp_path: Path, white: int) -> None:
+    rgb = (0.9, 0.25, 0.125)
+    row = " ".join(f"{white * each:g}" for each in rgb)
+    path = tmp_path / "a.obj"
+    path.write_text("".join(f"v {x} {y} 0 {row}\n" for x, y in ((0, 0), (1, 0), (1, 1))) + "f 1 2 3\n")
+    (material,) = quiet(path).materials
+    assert material.reflectance == pytest.approx(decode_srgb(np.array(rgb)), abs=5e-3)
+    assert ["white is taken to be" in text for text in said(path)] == [True, False]
+
+
+# Colours of binary STL: 5 bits each. A square of two facets.
+
+
+def coloured_stl(words: tuple[int, int], header: bytes = b"") -> bytes:
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], "<f4")
+    facets = [bytes(12) + c.tobytes() + w.to_bytes(2, "little") for c, w in zip(corners, words, strict=True)]
+    return header.ljust(80, b" ") + (2).to_bytes(4, "little") + b"".join(facets)
+
+
+def word(red: int, green: int, blue: int, flag: int) -> int:
+    """With red in the highest bits, as VisCAM has it; Magics swaps red and blue."""
+    return flag << 15 | red << 10 | green << 5 | blue
+
+
+@pytest.mark.parametrize(
+    ("header", "words", "expected"),
+    [
+        (b"VisCAM", (word(31, 0, 0, 1), word(0, 16, 31, 1)), [(255, 0, 0), (0, 131.6, 255)]),
+        (b"VisCAM", (word(31, 0, 0, 1), word(0, 16, 31, 0)), [(255, 0, 0), None]),
+        (b"x COLOR=\x40\x80\xff\xff", (word(31, 0, 0, 0), word(0, 16, 31, 0)), [(0, 0, 255), (255, 131.6, 0)]),
+        (b"x COLOR=\x40\x80\xff\xff", (word(31, 0, 0, 0), word(0, 16, 31, 1)), [(0, 0, 255), (64, 128, 255)]),
+    ],
+)
+def test_facets_of_stl_have_the_colours_of_viscam_and_of_magics(
+    tmp_path: Path, header: bytes, words: tuple[int, int], expected: list[tuple[float, ...] | None]
+) -> None:
+    """https://en.wikipedia.org/wiki/STL_(file_format)#Color"""
+    path = tmp_path / "a.stl"
+    path.write_bytes(coloured_stl(words, header))
+    assert len(said(path)) == 1  # of the camera
+    mesh = quiet(path).shapes[0].geometry
+    linear = [np.full(3, 0.5) if rgb is None else decode_srgb(np.array(rgb) / 255) for rgb in expected]
+    assert np.allclose(
+        mesh.colours[mesh.faces][:, :, :3], np.repeat(np.array(linear)[:, None], 3, axis=1), atol=1e-3
+    )
+
+
+@pytest.mark.parametrize("words", [(0, 0), (word(0, 0, 0, 1), word(9, 9, 9, 1))])
+def test_an_stl_of_magics_may_have_one_colour_for_all(tmp_path: Path, words: tuple[int, int]) -> None:
+    path = tmp_path / "a.stl"
+    path.write_bytes(coloured_stl(words, b"COLOR=\x40\x80\xff\xff"))
+    assert quiet(path).materials[0].reflectance == pytest.approx(decode_srgb(np.array([64, 128, 255]) / 255))
+
+
+def test_words_of_stl_that_are_no_colours_are_not_taken_for_such(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    path.write_bytes(coloured_stl((50, 12)))
+    assert quiet(path).materials[0].reflectance.tolist() == [0.5] * 3
+
+
+def test_colours_of_an_stl_are_not_used_for_bare_geometry(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(coloured_stl((word(31, 0, 0, 1),) * 2))
+    (tmp_path / "room.toml").write_text(
+        "camera = { position = [0.5, 0.5, 5], target = [0.5, 0.5, 0] }\nsky = { zenith = 1, horizon = 1 }\n"
+        '[[shapes]]\ntype = "mesh"\nfile = "a.stl"\n'
+    )
+    (text,) = said(tmp_path / "room.toml")
+    assert "face colours in it are not used" in text
+
+
+# Nothing is opaque.
+
+
+def invisible(folder: Path, kind: str) -> Path:
+    """A model whose alpha is 0 everywhere by a cause that the format allows."""
+    clear = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0]}}
+    if kind == "glTF blend":
+        return Gltf().one_triangle(alphaMode="BLEND", **clear).write(folder)
+    if kind == "glTF mask":
+        return Gltf().one_triangle(alphaMode="MASK", alphaCutoff=1.5).write(folder)
+    if kind == "glTF texture":
+        made = Gltf()
+        texture = {"baseColorTexture": {"index": made.texture([[[255, 0, 0, 0], [9, 9, 9, 1]]])}}
+        return made.one_triangle(alphaMode="BLEND", pbrMetallicRoughness=texture).write(folder)
+    if kind == "map_d":
+        Image.new("L", (2, 2)).save(folder / "a.png")
+        return obj(folder / "a.obj", "newmtl Paint\nmap_d a.png\nnewmtl Gold\nmap_d a.png\n", uv=True)
+    if kind == "d":
+        return obj(folder / "a.obj", "newmtl Paint\nd 0.001\nnewmtl Gold\nd 0.002\n")
+    assert kind == "PLY"
+    path = folder / "a.ply"
+    alpha = PLY.replace("property float s", "property uchar alpha\nproperty float s")
+    path.write_text("".join(re.sub(r"^(\S+ \S+ 0 \d+ \d+ \d+)", r"\1 1", line) for line in alpha.splitlines(True)))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["glTF blend", "glTF mask", "glTF texture", "map_d", "d", "PLY"])
+def test_a_model_in_which_nothing_is_opaque_is_told(tmp_path: Path, kind: str) -> None:
+    found = check_scene(quiet(invisible(tmp_path, kind)))
+    assert [text.startswith("Nothing in the scene is opaque") for text in found] == [True]
+
+
+def test_a_model_with_one_thing_that_is_seen_needs_no_such_warning(tmp_path: Path) -> None:
+    clear = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0]}, "alphaMode": "BLEND"}
+    faint = {"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 0.2]}, "alphaMode": "BLEND"}
+    path = Gltf().one_triangle(**clear).one_triangle(**faint).write(tmp_path)
+    assert check_scene(quiet(path)) == []
 
 
 # trimesh's objects.

@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.exchange.ply import load_ply
 
+from glpath.film.image import decode_srgb
 from glpath.io.export.geometry import v_downwards
-from glpath.io.meshes import mesh_of_loaded, read_mesh_file
+from glpath.io.meshes import read_mesh_file
 from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.ply_mesh import PlyMesh
+from glpath.io.stored_colours import fractions
 from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
 from glpath.system.files import read_bytes
@@ -51,6 +53,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
         raise plugin.location.error("lacks the parameter `filename`, which must be there.")
     path = plugin.element.file(name)
     flips = plugin.flag("flip_tex_coords", suffix == ".obj")
+    stored = None
     if suffix == ".serialized":
         mesh = _serialized(plugin, path)
     else:
@@ -58,7 +61,8 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
             raise where.error(f"names {name}, but must be a file that ends in {suffix}.")
         # Materials in it are not used, in Mitsuba neither.
         file = read_mesh_file(path, where, colours=False)
-        mesh = _joined([mesh_of_loaded(each, path) for each in file.meshes])
+        stored = file.ply
+        mesh = _joined(file.meshes)
     if mesh.uv is not None and not flips:
         mesh = replace(mesh, uv=v_downwards(mesh.uv))
     if plugin.flag("face_normals", False):
@@ -68,8 +72,8 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
     if not attribute:
         return mesh
     of_faces = attribute.startswith("face_")
-    colours = _ply_attribute(path, attribute) if suffix == ".ply" else None
-    if colours is None or len(colours) != len(mesh.faces if of_faces else mesh.vertices):
+    colours = None if stored is None else _ply_attribute(stored, attribute)
+    if colours is None:
         element, _, stem = attribute.partition("_")
         raise where.error(
             f"names {name}, whose {element} elements have no {stem}_0, {stem}_1 and {stem}_2, but its surface asks "
@@ -184,23 +188,22 @@ def _joined(meshes: list[Mesh]) -> Mesh:
     )
 
 
-def _ply_attribute(path: Path, attribute: str) -> Float64 | None:
-    """(N, 3) of the vertices or faces of a PLY: NAME_0 to NAME_2, NAME_0 alone, or r, g and b; None without.
+def _ply_attribute(stored: PlyMesh, attribute: str) -> Float64 | None:
+    """(N, 3) of the vertices or triangles: NAME_0 to NAME_2, NAME_0 alone, or r, g and b; None without.
+
+    Integers are fractions of white in sRGB, as Mitsuba reads those of 16 bits.
 
     attribute : vertex_NAME or face_NAME
     """
-    element, _, stem = attribute.partition("_")
-    with path.open("rb") as file:
-        data = load_ply(file)["metadata"]["_ply_raw"].get(element, {}).get("data")
-    known = () if data is None else data.dtype.names if isinstance(data, np.ndarray) else data
-    names = [f"{stem}_{channel}" for channel in range(3)]
-    if stem == "color" and {"r", "g", "b"} <= set(known or ()):
-        names = list("rgb")
-    elif f"{stem}_1" not in (known or ()):
-        names = [f"{stem}_0"] * 3
-    if data is None or not set(names) <= set(known or ()):
+    element, _, stem = attribute.lower().partition("_")
+    rows = stored.faces if element == "face" else stored.vertices
+    numbers = stored.polygon_of if element == "face" else stored.vertex_of
+    of_colour = (("r", "g", "b"), ("red", "green", "blue")) if stem == "color" else ()
+    names = rows.first_of(*of_colour, (f"{stem}_0", f"{stem}_1", f"{stem}_2"), (f"{stem}_0",) * 3)
+    if not names or (numbers < 0).any():
         return None
-    return np.stack([np.asarray(data[name], np.float64).ravel() for name in names], axis=1)
+    values, kind = rows.stacked(names)[numbers], rows.types[names[0]]
+    return values if kind[0] == "f" else decode_srgb(fractions(values, kind)[0])
 
 
 def _serialized(plugin: Plugin, path: Path) -> Mesh:

@@ -18,7 +18,7 @@ from glpath.accel.bvh import build_bvh
 from glpath.errors import SceneError, UsageError, warn
 from glpath.io import load_scene
 from glpath.io.completed import aside
-from glpath.io.meshes import FORMATS, mesh_of_loaded, read_mesh_file
+from glpath.io.meshes import FORMATS, read_mesh_file
 from glpath.radiosity.view_factors.convex import CORNERS
 from glpath.radiosity.view_factors.facets import (
     ROUNDING,
@@ -97,7 +97,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
     elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and not by_shape:
         source = str(given)  # not by a scene, which leaves out triangles without area
         file = read_mesh_file(Path(given), SourceLocation(source), colours=False)
-        meshes = [mesh_of_loaded(each, Path(given)) for each in file.meshes]
+        meshes = file.meshes
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         vertices = np.concatenate([mesh.vertices for mesh in meshes])
         outlines = [

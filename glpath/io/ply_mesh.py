@@ -1,0 +1,287 @@
+"""Triangles, or a cloud of points, of a PLY file, with what its vertices and faces have.
+
+Names of properties that are read: x y z; nx ny nz; texture coordinates u v, s t, texture_u texture_v; colours red
+green blue alpha, r g b a, diffuse_red ..., color_r ... and alike, in any case; faces as lists of vertex_indices or
+vertex_index, with texcoord for each corner; tristrips, which -1 divides.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.errors import warn
+from glpath.io.ply import Element, Header, Int64, Ragged, read_elements
+from glpath.io.polygons import split_finite
+from glpath.io.stored_colours import fractions, linear
+from glpath.io.values import no_such_vertex, warn_of_left_out
+from glpath.scene.geometry import Float64, Mesh, unit_normals
+from glpath.scene.source_location import SourceLocation
+
+_POSITION = ("x", "y", "z")
+_NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+_UV = (
+    ("texture_u", "texture_v"),
+    ("u", "v"),
+    ("s", "t"),
+    ("texture_s", "texture_t"),
+    ("texcoord_u", "texcoord_v"),
+    ("texcoord_s", "texcoord_t"),
+)
+_COLOURS = tuple(
+    (f"{prefix}{red}", f"{prefix}{green}", f"{prefix}{blue}", f"{prefix}{alpha}")
+    for prefix in ("", "diffuse_", "diffuse", "color_", "colour_", "vertex_", "face_", "vertex_color_")
+    for red, green, blue, alpha in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a"))
+) + tuple(tuple(f"{prefix}{index}" for index in range(4)) for prefix in ("color_", "colour_", "rgb_"))
+# Properties that hold some colour, whatever their names.
+_COLOUR_LIKE = re.compile(r"red|green|blue|rgb|colou?r|^[rgb]$|f_dc_")
+
+
+@dataclass(frozen=True)
+class PlyMesh:
+    """A file as triangles; if it has no faces, the vertices are a cloud of points.
+
+    mesh       : its colours are those of the vertices, or those of faces, whose triangles share no vertices
+    textures   : names of the pictures
+    coloured   : "vertex colours", "face colours" or ""
+    single     : positions are numbers of 32 bits
+    vertices   : element of the vertices, as stored
+    faces      : element of the faces, as stored
+    vertex_of  : (V,) row of `vertices` for each vertex of the mesh
+    polygon_of : (F,) row of the faces for each triangle of the mesh; -1 for those of strips
+    notes      : parts of the file that are not used, as sentences
+    """
+
+    mesh: Mesh
+    textures: tuple[str, ...]
+    coloured: str
+    single: bool
+    vertices: Element
+    faces: Element
+    vertex_of: Int64
+    polygon_of: Int64
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Triangles:
+    """Triangles of faces and strips.
+
+    corners  : (F, 3) vertices
+    polygons : (F,) row of the faces for each; -1 for those of strips
+    uv       : (3 F, 2) texture coordinates of the corners; None without
+    """
+
+    corners: Int64
+    polygons: Int64
+    uv: Float64 | None
+
+
+def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -> PlyMesh:
+    """Return the triangles of a file. Raises ValueError, or SceneError for faces with vertices that do not exist.
+
+    Warns of faces, points and attributes that are dropped because their numbers are not finite.
+
+    source : the file, for errors and warnings
+    looks  : colours are used, so that a guessed scale and an alpha of 0 are worth a warning
+    """
+    elements, behind = read_elements(content, header)
+    vertices, faces = elements.get("vertex", Element()), elements.get("face", Element())
+    if not header.count("vertex") or not vertices.first_of(_POSITION):
+        raise ValueError("its header announces no vertices with the properties x, y and z")
+    if behind:
+        unit = "numbers" if header.format == "ascii" else "bytes"
+        warn(f"{source}: {behind:,} {unit} behind the last element are not read, as the header announces no more.")
+    positions = vertices.stacked(_POSITION)
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
+    notes: list[str] = []
+    left_out: dict[str, int] = {}
+    uv = _attribute(vertices, _UV, "texture coordinates", left_out)
+    normals = _attribute(vertices, _NORMALS, "normals", left_out)
+    colours = _Colours(source, looks, notes, left_out)
+    of_vertices, face_colours = colours.of(vertices), colours.of(faces)
+    triangles = _triangles(elements, positions, finite, source, left_out)
+    vertex_of = np.arange(len(positions))
+    if len(triangles.corners):
+        is_used = np.zeros(len(positions), np.bool_)
+        is_used[triangles.corners] = True
+        used = np.flatnonzero(is_used)
+        if not finite.all():
+            positions[~finite] = positions[used[0]]  # of vertices that no triangle has
+    else:
+        used = vertex_of = vertex_of[finite]
+    vertex_colours = of_vertices
+    if of_vertices is not None and face_colours is not None:
+        # MeshLab writes vertices of one colour beside faces of many.
+        if len(used) and np.ptp(of_vertices[used], axis=0).any():
+            notes.append("Colours of faces, beside those of vertices.")
+            face_colours = None
+        else:
+            notes.append("Colours of vertices, beside those of faces.")
+            vertex_colours = None
+    coloured = (
+        "face colours" if face_colours is not None else "vertex colours" if vertex_colours is not None else ""
+    )
+    normals = None if normals is None else unit_normals(normals)
+    attributes = {"uv": uv, "normals": normals, "colours": vertex_colours if looks else None}
+    selected = {name: None if values is None else values[vertex_of] for name, values in attributes.items()}
+    mesh = Mesh(positions[vertex_of], triangles.corners.astype(np.int32), **selected)
+    with_face_colours = face_colours is not None and looks
+    if len(mesh.faces) and (with_face_colours or triangles.uv is not None):
+        vertex_of, mesh = triangles.corners.ravel(), mesh.unshared()
+        if triangles.uv is not None:
+            mesh = replace(mesh, uv=triangles.uv)
+        if with_face_colours:
+            assert face_colours is not None
+            of_triangles = np.concatenate([face_colours, np.ones((1, 4))])[triangles.polygons]  # -1 is white
+            mesh = replace(mesh, colours=np.repeat(of_triangles, 3, axis=0))
+    if mesh.colours is not None:
+        alpha = mesh.colours[:, 3]
+        if not np.any(alpha[mesh.faces] if len(mesh.faces) else alpha):
+            mesh.colours[:, 3] = 1.0
+            warn(f"{source}: alpha is 0 everywhere, by which nothing could be seen: it is taken for opaque.")
+    return PlyMesh(
+        mesh,
+        tuple(header.textures),
+        coloured,
+        any(vertices.types[name] in ("f2", "f4") for name in _POSITION),
+        vertices,
+        faces,
+        vertex_of,
+        triangles.polygons,
+        tuple(notes),
+    )
+
+
+def _triangles(
+    elements: dict[str, Element],
+    positions: Float64,
+    finite: NDArray[np.bool_],
+    source: str,
+    left_out: dict[str, int],
+) -> _Triangles:
+    """Return the triangles whose vertices have finite positions. Warns of all that is left out of the file."""
+    faces, strips = elements.get("face", Element()), elements.get("tristrips", Element())
+    lists = _vertex_lists(faces, "face")
+    _check_vertices(lists, "face", len(positions), source, min_vertex=0)
+    in_strips = _vertex_lists(strips, "tristrips")
+    _check_vertices(in_strips, "tristrips", len(positions), source, min_vertex=-1)
+    of_strips = _triangles_of_strips(in_strips)
+    strips_finite = np.asarray(finite[of_strips].all(axis=1))
+    left_out["triangles of strips with such a vertex"] = int(np.count_nonzero(~strips_finite))
+    of_strips = of_strips[strips_finite]
+    texcoord = faces.lists.get("texcoord")
+    uv = None
+    if texcoord is not None and np.array_equal(texcoord.counts, 2 * lists.counts) and not len(of_strips):
+        uv = _finite(texcoord.values.reshape(-1, 2).astype(np.float64), "texture coordinates of corners", left_out)
+    if not faces.count and not strips.count:
+        left_out = {"points that are not finite": int(np.count_nonzero(~finite)), **left_out}
+        warn_of_left_out(source, left_out)
+        return _Triangles(np.zeros((0, 3), np.int64), np.zeros(0, np.int64), None)
+    # A corner is a position in `lists.values`.
+    split = split_finite(source, positions, lists.values, lists.counts, left_out)
+    return _Triangles(
+        np.concatenate([lists.values[split.triangles], of_strips]),
+        np.concatenate([split.polygons, np.full(len(of_strips), -1)]),
+        None if uv is None else uv[split.triangles.ravel()],
+    )
+
+
+def _vertex_lists(element: Element, name: str) -> Ragged:
+    """Return the lists of vertices of faces or strips. Raises ValueError if they have none."""
+    if not element.count:
+        return Ragged(np.zeros(0, np.int64), np.zeros(0, np.int64))
+    found = [each for key, each in element.lists.items() if key in ("vertex_indices", "vertex_index")]
+    found = found or list(element.lists.values())[:1]
+    if not found:
+        raise ValueError(f"its element {name} has no property list with the name vertex_indices")
+    values = found[0].values
+    if values.dtype.kind == "f":
+        wrong = np.flatnonzero((values != np.floor(values)) | ~(np.abs(values) < 2.0**62))
+        if len(wrong):
+            raise ValueError(f"its element {name} names vertex {values[wrong[0]]}, which is not a whole number")
+    return Ragged(found[0].counts, values.astype(np.int64))
+
+
+def _check_vertices(lists: Ragged, name: str, count: int, source: str, *, min_vertex: int) -> None:
+    """Raise SceneError for a list with a vertex that does not exist."""
+    wrong = np.flatnonzero((lists.values < min_vertex) | (lists.values >= count))
+    if len(wrong):
+        row = int(np.searchsorted(np.cumsum(lists.counts), wrong[0], side="right"))
+        raise no_such_vertex(SourceLocation(source, f"{name} {row}"), int(lists.values[wrong[0]]), count)
+
+
+def _triangles_of_strips(strips: Ragged) -> Int64:
+    """Return (T, 3) vertices: each but the first two of a strip ends a triangle, of which every second is turned.
+
+    Triangles with a vertex twice only continue a strip elsewhere, and are left out.
+    """
+    values = strips.values
+    if len(values) < 3:
+        return np.zeros((0, 3), np.int64)
+    number = np.arange(len(values))
+    starts = np.zeros(len(values) + 1, np.bool_)
+    starts[np.cumsum(strips.counts) - strips.counts] = True
+    starts[1:] |= values == -1
+    begin = np.maximum.accumulate(np.where(starts[:-1], number, 0))
+    last = np.flatnonzero((number - begin >= 2) & (values != -1))
+    first, second = last - 2, last - 1
+    odd = (last - begin[last]) % 2 == 1
+    corners = np.stack([np.where(odd, second, first), np.where(odd, first, second), last], axis=1)
+    triangles = values[corners]
+    a, b, c = triangles.T
+    return np.asarray(triangles[(a != b) & (b != c) & (c != a)])
+
+
+def _attribute(
+    element: Element, choices: tuple[tuple[str, ...], ...], name: str, left_out: dict[str, int]
+) -> Float64 | None:
+    """Return an attribute of all vertices, with zeros for those that are not finite; None without."""
+    names = element.first_of(*choices)
+    return _finite(element.stacked(names), name, left_out) if names else None
+
+
+def _finite(values: Float64, name: str, left_out: dict[str, int]) -> Float64:
+    """Return rows with zeros for those that are not finite, which are counted."""
+    broken = ~np.asarray(np.isfinite(values).all(axis=1))
+    if broken.any():
+        left_out[f"{name} that are not finite"] = int(np.count_nonzero(broken))
+        values[broken] = 0.0
+    return values
+
+
+@dataclass(frozen=True)
+class _Colours:
+    """Reader of the colours of elements, which collects notes, and counts of those that are not finite."""
+
+    source: str
+    looks: bool
+    notes: list[str]
+    left_out: dict[str, int]
+
+    def of(self, element: Element) -> Float64 | None:
+        """Return (count, 4) linear Rec. 709 and alpha; None without."""
+        names = element.first_of(*(each[:3] for each in _COLOURS))
+        alpha = next((each[3] for each in _COLOURS if each[:3] == names), "alpha")
+        alpha = alpha if alpha in element.columns else "alpha"
+        found = (*element.columns, *element.lists)
+        others = [name for name in found if _COLOUR_LIKE.search(name) and name not in (*names, alpha)]
+        if others:
+            listed = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
+            self.notes.append(f"Colours in the properties {listed}.")
+        if not names or not element.count:
+            return None
+        stored = element.stacked(names)
+        values, guess = fractions(stored, element.types[names[0]])
+        colours = linear(values)
+        if alpha in element.columns:
+            colours[:, 3], _ = fractions(element.columns[alpha], element.types[alpha])
+        broken = np.count_nonzero(~np.isfinite(stored).all(axis=1))
+        if broken and self.looks:
+            self.left_out["colours that are not finite"] = int(broken)
+        if guess and self.looks:
+            warn(f"{self.source}: its colours {', '.join(names)}: {guess}.")
+        return colours

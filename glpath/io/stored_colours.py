@@ -1,0 +1,82 @@
+"""Colours of mesh files as fractions of white: bytes, 16 bits, floats of unknown scale, and the words of STL."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glpath.film.image import decode_srgb
+from glpath.scene.geometry import Float64
+
+# Floats up to this value are fractions, which rounding or a bright light may have brought above 1.
+_MAX_FRACTION = 2.0
+_MAX_WORD = 31  # 5 bits
+_HIGHEST_BIT = 1 << 15
+# Reflectance of facets without colour, as that of meshes without.
+_GREY = 0.5
+
+
+def fractions(stored: NDArray[Any], kind: str) -> tuple[Float64, str]:
+    """Return colours in [0, 1], and a note if their scale had to be guessed; the note is empty otherwise.
+
+    The maximum of all values decides what white is: 1, 255, 65,535 or the largest number of the type. Bytes are
+    always of 255. Values that are not finite become white, which changes no material.
+
+    stored : numbers of all colours of the file, without alpha
+    kind   : numpy code of the type that the file declares, such as "u2"
+    """
+    values = np.asarray(stored, np.float64)
+    if kind[0] == "i":  # some programs store numbers without a sign in a type with one
+        values = np.where(values < 0, values + 2.0 ** (8 * int(kind[1:])), values)
+    finite = np.isfinite(values)
+    highest = float(values.max(initial=0.0, where=finite))
+    white, guessed = _white(highest, kind)
+    scaled = np.clip(np.where(finite, values, white) / white, 0.0, 1.0)
+    return (
+        scaled,
+        f"white is taken to be {white:,.10g}, as the largest number is {highest:,.10g}" if guessed else "",
+    )
+
+
+def _white(highest: float, kind: str) -> tuple[float, bool]:
+    """Return the number that means white, and True if it is a guess."""
+    if kind in ("u1", "i1"):
+        return 255.0, False
+    if kind[0] == "f" and highest <= 1.0:
+        return 1.0, False
+    if highest <= (_MAX_FRACTION if kind[0] == "f" else 1.0):
+        return 1.0, highest > 0
+    if highest <= 255.0:
+        return 255.0, True
+    if highest <= 65535.0:
+        return 65535.0, kind not in ("u2", "i2")
+    return (2.0**32 - 1 if kind[0] != "f" and highest < 2.0**32 else highest), True
+
+
+def linear(rgb: Float64) -> Float64:
+    """(n, 4) linear Rec. 709 and an alpha of 1 of sRGB fractions (n, 3)."""
+    return np.column_stack([decode_srgb(rgb), np.ones(len(rgb))])
+
+
+def colours_of_facets(words: NDArray[np.uint16], header: bytes) -> Float64 | None:
+    """(F, 4) colours of the facets of a binary STL, linear Rec. 709 and alpha; None if it has none.
+
+    Magics writes COLOR= and RGBA of the object into the header, red into the lowest five bits of a word, and sets
+    the highest bit if the facet has the object's colour. VisCAM and SolidView write blue into the lowest five bits,
+    and set the highest bit if the facet has a colour.
+
+    words  : (F,) the 16 bits that end each facet
+    header : the first 80 bytes of the file
+    """
+    parts = linear(np.stack([words >> shift & _MAX_WORD for shift in (0, 5, 10)], axis=1) / _MAX_WORD)
+    flagged = ((words & _HIGHEST_BIT) != 0)[:, None]
+    at = header.find(b"COLOR=")
+    if 0 <= at <= len(header) - 10:
+        of_object = linear(np.frombuffer(header, np.uint8, 3, at + 6)[None] / 255.0)
+        of_object[:, 3] = (header[at + 9] or 255) / 255.0  # an invisible object is never meant
+        return np.where(~flagged, parts, of_object) if words.any() else np.repeat(of_object, len(words), axis=0)
+    if not flagged.any():
+        return None
+    return np.where(flagged, parts[:, [2, 1, 0, 3]], [_GREY, _GREY, _GREY, 1.0])
