@@ -52,6 +52,8 @@ Uv = Literal["make", "keep"]
 Materials = Literal["unlit", "keep"]
 
 DEFAULT_SIZE = 512
+#: Texels per scene unit that are possible: squares of others, times areas, are beyond floating-point numbers.
+DENSITIES = 1e-18, 1e18
 #: Samples of a texel where a denoiser follows: of half as many it leaves blotches that the eye finds (`room`).
 DENOISED_SPP = 128
 #: Texels of the longer side of a page that a notebook shows.
@@ -459,8 +461,11 @@ class Bake:
 def check_density(texels: float | None, size: int | None, uv: str) -> None:
     """Raise UsageError for what no atlas can be made of."""
     check_word("uv", uv, get_args(Uv))
-    if texels is not None and not (isinstance(texels, int | float | np.number) and 0 < texels < np.inf):
-        raise UsageError(f"texels is {texels!r}; must be a number above 0, texels per scene unit.")
+    low, high = DENSITIES
+    if texels is not None and not (isinstance(texels, int | float | np.number) and low <= texels <= high):
+        raise UsageError(
+            f"texels is {texels!r}; must be a number above 0, texels per scene unit, from {low:g} to {high:g}."
+        )
     if size is not None and not (isinstance(size, int | np.integer) and 16 <= size <= MAX_SIZE):
         raise UsageError(f"size is {size!r}; must be a whole number from 16 to {MAX_SIZE}, texels.")
     if uv == "keep" and texels is not None:

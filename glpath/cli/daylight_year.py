@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from glpath.errors import UsageError
 from glpath.system.files import Save, is_stream
+from glpath.system.numerals import real
 
 if TYPE_CHECKING:
     from glpath.daylight.coefficients import DaylightCoefficients
@@ -114,6 +115,6 @@ def year_summary(year: DaylightYear) -> Iterator[str]:
 def _hours(text: str) -> tuple[float, float]:
     first, _, last = text.partition("-")
     try:
-        return float(first), float(last)
+        return real(first), real(last)
     except ValueError:
         raise UsageError(f"--occupied {text}: two hours of the day are needed.", "For example 8-18.") from None

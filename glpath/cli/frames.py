@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import re
 import time
 import warnings
@@ -23,7 +24,7 @@ from glpath.cli.running import workers_of
 from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
-from glpath.errors import GlpathError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.system.files import check_writable, save_all, whole_file
 from glpath.system.locks import Lock
 from glpath.system.reporting import duration
@@ -38,6 +39,10 @@ if TYPE_CHECKING:
 
 #: Of films of frames, which imageio-ffmpeg writes.
 MOVIES = (".mp4", ".mov", ".mkv")
+
+
+# A file name that holds the number of a frame once, of at most 99 digits.
+_FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ class Frames:
     @classmethod
     def of_range(cls, text: str) -> Frames:
         """Of `--frames A:B`. Raises UsageError."""
-        match = re.fullmatch(r"(\d{1,9}):(\d{1,9})", text.strip())
+        match = re.fullmatch(r"([0-9]{1,9}):([0-9]{1,9})", text.strip())
         if not match or int(match[1]) >= int(match[2]):
             raise UsageError(f"--frames {text}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
         return cls("--frames", int(match[1]), int(match[2]))
@@ -97,11 +102,7 @@ class Frames:
                 raise UsageError(
                     f"-o - beside {self.option}: each frame is a file.", "Name one: turn.png is turn-0.png ..."
                 )
-            try:
-                different = self.path(path, 0) != self.path(path, 1)
-            except (IndexError, KeyError, ValueError):
-                different = False
-            if not different:
+            if "{" in path.name and not _FRAME_NUMBER.fullmatch(path.name):
                 raise UsageError(
                     f"-o {path}: its name does not hold the number of a frame.",
                     "Write it as frame_{:04}.png, or leave the braces out: turn.png is turn-0.png ...",
@@ -136,12 +137,17 @@ def write_movie(path: Path, frames: Sequence[Path], fps: float) -> None:
     """Encode pictures in their order, at so many a second. Raises ImageError."""
     from imageio import v2 as imageio
 
+    from glpath.film.image import read_eight_bits
+
     with whole_file(path) as temporary:
         settings: dict[str, Any] = {"fps": fps, "macro_block_size": 1, "quality": 8}
         movie: Any = imageio.get_writer(temporary, format="FFMPEG", **settings)
         with movie:
             for frame in frames:
-                movie.append_data(_even(imageio.imread(frame)))
+                picture = read_eight_bits(frame)
+                if picture is None:
+                    raise ImageError(f"{frame}: is not a picture of 8 bits, which a movie is made of.")
+                movie.append_data(_even(picture))
 
 
 def _even(picture: NDArray[Any]) -> NDArray[Any]:
@@ -150,6 +156,10 @@ def _even(picture: NDArray[Any]) -> NDArray[Any]:
 
     height, width = picture.shape[:2]
     return np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+
+
+# A file name that holds the number of a frame once, of at most 99 digits.
+_FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 
 @dataclass(frozen=True)
@@ -253,7 +263,7 @@ def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
     numbers = list(range(frames.first, frames.stop))
     if not resume:
         return numbers
-    return [i for i in numbers if not all(frames.path(path, i).exists() for path in out)]
+    return [i for i in numbers if not all(os.path.exists(frames.path(path, i)) for path in out)]
 
 
 def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
@@ -264,6 +274,7 @@ def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
         for i in range(frames.first, frames.stop):
             there = frames.path(path, i)
             if path.suffix.lower() == ".png" and there.is_file():
-                with contextlib.suppress(OSError, KeyError, ValueError), Image.open(there) as picture:
+                suppressed = contextlib.suppress(OSError, KeyError, ValueError)
+                with suppressed, Image.open(there, formats=("PNG",)) as picture:
                     return float(picture.info["glpath.exposure_stops"])
     return None

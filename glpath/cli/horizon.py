@@ -14,6 +14,7 @@ from glpath.cli.help import command_help
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.system.files import Save, check_writable, save_all
+from glpath.system.numerals import real, whole
 from glpath.system.reporting import MODES, duration, reporting
 from glpath.system.terminal import say
 
@@ -215,7 +216,7 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 
     if path.suffix.lower() in CLOUD_SUFFIXES:
         try:
-            wanted = () if classes is None else tuple(int(each) for each in classes.split(","))
+            wanted = () if classes is None else tuple(whole(each) for each in classes.split(","))
         except ValueError:
             raise UsageError(f"--classes {classes}: expected whole numbers with commas, such as 2,6.") from None
         return load_point_cloud(path, wanted)
@@ -252,7 +253,7 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
         values = np.empty(len(rows) - 1)
         for i, row in enumerate(rows[1:]):
             try:
-                values[i] = float(row[column])
+                values[i] = real(row[column])
             except (ValueError, IndexError):
                 cell = row[column] if column < len(row) else ""
                 raise UsageError(f"{option} {path}: row {i + 1}, {name}: {cell!r} is no number.") from None

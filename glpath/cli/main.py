@@ -10,6 +10,7 @@ import atexit
 import io
 import logging
 import os
+import re
 import sys
 import threading
 import traceback
@@ -30,9 +31,10 @@ from glpath.cli.plain_values import spare_conversions
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError, warning_scope
-from glpath.system.terminal import CleanHandler, say
+from glpath.system.terminal import CleanHandler, say, shortened
 
 FAILED, WRONG_USAGE = 1, 2
+_LESS = "Take a smaller scene or picture, or allow more memory (`ulimit -v`, the container's limit)."
 
 
 class Commands(TyperGroup):
@@ -77,8 +79,12 @@ class Commands(TyperGroup):
                     raise typer.Exit(INTERRUPTED)
                 return done
             except GlpathError as error:
-                say(f"glpath: error: {as_typed(str(error))}", err=True)
+                say(f"glpath: error: {as_typed(shortened(str(error)))}", err=True)
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
+            except MemoryError as error:
+                reason = f": {error}" if str(error) else ""
+                say(f"glpath: error: there is not enough memory{shortened(reason)}.\n  {_LESS}", err=True)
+                raise typer.Exit(FAILED) from error
             except KeyboardInterrupt as stop:
                 say("glpath: interrupted", err=True)
                 raise typer.Exit(exit_code()) from stop
@@ -95,7 +101,10 @@ def _wrong_usage_as_lines() -> Iterator[None]:
             raise
         context = getattr(error, "ctx", None)
         command = "glpath" if context is None else context.command_path
-        say(f"glpath: error: {error.format_message()}\n  `{command} --help` says what is allowed.", err=True)
+        say(
+            f"glpath: error: {shortened(error.format_message())}\n  `{command} --help` says what is allowed.",
+            err=True,
+        )
         raise typer.Exit(WRONG_USAGE) from error
 
 
@@ -103,7 +112,7 @@ def _wrong_usage_as_lines() -> Iterator[None]:
 def _warnings_and_logs_as_lines() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *location: Any, **more: Any) -> None:
         if issubclass(category, SceneWarning):
-            say(f"glpath: warning: {as_typed(str(message))}", err=True)
+            say(f"glpath: warning: {as_typed(shortened(str(message)))}", err=True)
         else:
             say(warnings.formatwarning(message, category, *location[:2]).rstrip(), err=True)
 
@@ -171,6 +180,15 @@ def _common(
 def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     """The entry point of the `glpath` script, of `python -m glpath`, and of another program of such commands."""
     sys.excepthook = _traceback_as_lines
+    if not re.fullmatch("[1-9][0-9]{0,3}", os.environ.get("COLUMNS", "")):
+        os.environ.pop("COLUMNS", None)  # rich would print nothing in 0 columns
+    threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
+    if not threads:
+        os.environ.pop("NUMBA_NUM_THREADS", None)
+    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # before numba's modules fail for it
+        found = shortened(threads)
+        say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
+        raise SystemExit(WRONG_USAGE)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
     try:

@@ -11,6 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+import typer
+
+from glpath.system.numerals import real, whole
+from glpath.system.terminal import shortened
+
 
 def spare_conversions(command: Any) -> None:
     """Have a command's parameters ask typer for a conversion only where a value needs one."""
@@ -43,6 +48,7 @@ class _SparingConversion:
         if value is None:
             return () if several else None
         of, info = param.type_descriptor.annotation, param.type_descriptor.parameter_info
+        _check_digits(value, get_args(of)[0] if get_origin(of) is list else of, param, ctx)
         if info.parser is None and get_origin(of) in (None, list):
             values = list(value) if get_origin(of) is list and isinstance(value, list | tuple) else [value]
             kind = get_args(of)[0] if get_origin(of) is list else of
@@ -50,6 +56,25 @@ class _SparingConversion:
                 plain = [Path(each) if kind is Path else each for each in values]
                 return plain if get_origin(of) is list else plain[0]
         return self._convert().coerce(value, param=param, ctx=ctx)
+
+
+def _check_digits(value: Any, kind: Any, param: Any, ctx: Any) -> None:
+    """Raise BadParameter for a number that typer would take, but in other digits or with too many of them."""
+    read = whole if kind is int else real if kind is float else None
+    if read is None:
+        return
+    for each in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(each, str) and not _is_read(read, each) and _is_read(kind, each):
+            text = f"{shortened(each)!r} is not a valid {'whole number' if kind is int else 'number'}."
+            raise typer.BadParameter(text, ctx=ctx, param=param)
+
+
+def _is_read(read: Callable[[str], object], text: str) -> bool:
+    try:
+        read(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_plain(value: Any, kind: Any) -> bool:

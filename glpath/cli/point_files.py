@@ -6,7 +6,6 @@ import csv
 import io
 import math
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,8 @@ from numpy.typing import NDArray
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
 from glpath.film.units import symbol
-from glpath.system.files import is_stream, read_bytes, reason_of, whole_file, write_bytes
+from glpath.system.files import is_stream, read_bytes, read_standard_input, reason_of, whole_file, write_bytes
+from glpath.system.numerals import real
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -239,7 +239,7 @@ def _at(x: float) -> str:
 def _apart(spacing: str) -> float:
     """UNITS of --spacing. Raises UsageError."""
     try:
-        value = float(spacing)
+        value = real(spacing)
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value > 0):
@@ -317,7 +317,7 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 def _text(path: Path) -> str:
     """Raises UsageError for what is not text."""
     try:
-        content = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path)
+        content = read_standard_input() if str(path) == "-" else read_bytes(path)
         # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:
@@ -372,7 +372,7 @@ def _names(cells: Sequence[str], path: Path, line: int) -> list[str]:
 
 def _number(cell: str) -> float | None:
     try:
-        value = float(cell)
+        value = real(cell)
     except ValueError:
         return None
     return value if math.isfinite(value) else None

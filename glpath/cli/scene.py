@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +12,15 @@ import typer
 from glpath.cli import completion
 from glpath.errors import UsageError
 from glpath.scene.source_location import SourceLocation
+from glpath.system.files import MAX_TEXT_BYTES, read_standard_input, reason_of
+from glpath.system.numerals import real
 
 if TYPE_CHECKING:
     from glpath.scene import Scene
 
 HELP = "A file, the name of a shipped scene, or - for TOML from stdin."
+
+_PIPE = "Write the scene into a file, and name that."
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=HELP, autocompletion=completion.scenes)]
 
@@ -80,7 +83,11 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     surroundings = {name: value for name, value in values.items() if name in SURROUNDINGS}
     if len(values) > len(surroundings):
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
-    read = scene_from_toml(sys.stdin.buffer.read(), SourceLocation("standard input"), Path(), "scene")
+    try:
+        content = read_standard_input(MAX_TEXT_BYTES)
+    except OSError as error:
+        raise SourceLocation("standard input").error(f"cannot be read: {reason_of(error)}.", _PIPE) from error
+    read = scene_from_toml(content, SourceLocation("standard input"), Path(), "scene")
     return load_scene(read, surroundings)
 
 
@@ -143,7 +150,7 @@ class Scenes:
         others = [text for text in self.parameters if text.partition("=")[0].strip() != "time"]
         begun = [text.partition("=")[2] for text in self.parameters if text not in others]
         try:
-            time = frame / self.fps + (float(begun[-1]) if begun else 0.0)
+            time = frame / self.fps + (real(begun[-1]) if begun else 0.0)
         except ValueError:
             raise UsageError(f"-D time={begun[-1]} beside --frames: expected seconds, as in -D time=1.5.") from None
         camera = self.camera

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 from glpath.errors import UsageError
+from glpath.system.numerals import real, whole
 
 Vector = tuple[float, float, float]
 
@@ -43,19 +44,19 @@ def vector(option: str, text: str | None) -> Vector | None:
     """X,Y,Z."""
     if text is None:
         return None
-    x, y, z = numbers(option, text, "X,Y,Z", [3], float)
+    x, y, z = numbers(option, text, "X,Y,Z", [3], real)
     return x, y, z
 
 
 def shutter(text: str) -> tuple[float, float]:
     """T,T of --camera-shutter."""
-    opened, closed = numbers("--camera-shutter", text, "T,T", [2], float)
+    opened, closed = numbers("--camera-shutter", text, "T,T", [2], real)
     return opened, closed
 
 
 def colour(option: str, text: str) -> Vector:
     """R,G,B or one number for all three, not negative."""
-    found = numbers(option, text, "R,G,B or one number,", [1, 3], float)
+    found = numbers(option, text, "R,G,B or one number,", [1, 3], real)
     if min(found) < 0:
         raise UsageError(f"{option} {text}: radiance cannot be negative.")
     r, g, b = found if len(found) == 3 else found * 3
@@ -64,7 +65,7 @@ def colour(option: str, text: str) -> Vector:
 
 def resolution(text: str) -> tuple[int, int]:
     """WxH of --resolution."""
-    width, height = numbers("--resolution", text.lower(), "WxH", [2], int, "x")
+    width, height = numbers("--resolution", text.lower(), "WxH", [2], whole, "x")
     if width < 1 or height < 1:
         raise UsageError(f"--resolution {text}: both sides must be at least 1 pixel.")
     return width, height
@@ -72,7 +73,7 @@ def resolution(text: str) -> tuple[int, int]:
 
 def crop(text: str) -> tuple[int, int, int, int]:
     """X,Y,W,H of --crop."""
-    x, y, width, height = numbers("--crop", text, "X,Y,W,H", [4], int)
+    x, y, width, height = numbers("--crop", text, "X,Y,W,H", [4], whole)
     if width < 1 or height < 1:
         raise UsageError(f"--crop {text}: both sides must be at least 1 pixel.")
     return x, y, width, height
@@ -83,7 +84,7 @@ def exposure(text: str | None) -> float | Literal["auto"] | None:
     if text is None or text == "auto":
         return text  # type: ignore[return-value]
     try:
-        stops = float(text)
+        stops = real(text)
     except ValueError:
         stops = math.nan
     if not abs(stops) <= 100:
@@ -93,7 +94,7 @@ def exposure(text: str | None) -> float | Literal["auto"] | None:
 
 def seconds(option: str, text: str, allow_zero: bool = False) -> float:
     """90, 90s, 10m, 2h, 1.5h or 1d. Raises UsageError."""
-    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)", text.strip().lower())
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([a-z]*)", text.strip().lower())
     value = float(match[1]) * _UNITS[match[2]] if match and match[2] in _UNITS else -1.0
     if not (value > 0 or (allow_zero and value == 0)) or value > 1e9:
         raise UsageError(f"{option} {text}: expected a time above 0 such as 90s, 10m, 2h or 1d.")
@@ -102,7 +103,7 @@ def seconds(option: str, text: str, allow_zero: bool = False) -> float:
 
 def interval(option: str, text: str) -> tuple[float | None, int | None]:
     """Seconds, or steps: 60s, 5m, 100i. Raises UsageError."""
-    if match := re.fullmatch(r"(\d+)i", text.strip().lower()):
+    if match := re.fullmatch(r"([0-9]{1,18})i", text.strip().lower()):
         if int(match[1]) < 1:
             raise UsageError(f"{option} {text}: must be at least one step, 1i.")
         return None, int(match[1])
@@ -116,7 +117,7 @@ def shard_of(text: str | None) -> tuple[int, int] | None:
     """K and N of --shard K/N. Raises UsageError."""
     if text is None:
         return None
-    found = re.fullmatch(r"(\d+)/(\d+)", text.strip())
+    found = re.fullmatch(r"([0-9]{1,18})/([0-9]{1,18})", text.strip())
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         raise UsageError(f"--shard {text}: expected K/N, whole numbers with K from 1 to N, e.g. 1/4.")
     return int(found[1]), int(found[2])
@@ -124,7 +125,7 @@ def shard_of(text: str | None) -> tuple[int, int] | None:
 
 def sample_range(text: str) -> tuple[int, int]:
     """First path set and how many of --sample-range. Raises UsageError."""
-    match = re.fullmatch(r"(\d+):(\d+)", text.strip())
+    match = re.fullmatch(r"([0-9]{1,18}):([0-9]{1,18})", text.strip())
     if not match or int(match[1]) >= int(match[2]):
         raise UsageError(f"--sample-range {text}: expected A:B, whole numbers of which B is greater, e.g. 0:64.")
     return int(match[1]), int(match[2]) - int(match[1])

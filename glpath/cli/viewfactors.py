@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Iterator
@@ -154,7 +155,7 @@ def viewfactors(
 def _kept(part: Path | None) -> str:
     if part is None:
         return "nothing is kept; --resume keeps the rows that are done"
-    return f"the rows that are done are in {part}" if part.exists() else "no row was done yet"
+    return f"the rows that are done are in {part}" if os.path.exists(part) else "no row was done yet"
 
 
 def _summary(found: ViewFactors) -> Iterator[str]:

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 #: Formats read by Pillow; the rest of READABLE is radiance.
 _BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
 
+# Pillow's names of them, and of others that hold nothing but pixels. Some of its formats run other programs.
+_FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA")
+
 SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -82,7 +85,7 @@ def _by_pillow(data: bytes, name: str) -> Picture:
 
     with reading(name, "a picture"):
         try:
-            image = Image.open(io.BytesIO(data))
+            image = Image.open(io.BytesIO(data), formats=_FORMATS)
         except UnidentifiedImageError as error:  # its own text names an object in memory
             why = "it is cut off, or of an unknown format"
             raise ImageError(f"{name}: cannot be read as a picture: {why}.") from error

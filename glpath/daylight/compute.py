@@ -40,7 +40,7 @@ from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.rendering.interrupts import Flag, interrupt_as_flag
-from glpath.rendering.options import check_word
+from glpath.rendering.options import check_count, check_word
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
 
@@ -60,6 +60,8 @@ DEFAULT_RAYS = 100_000_000
 ELEMENT_SAMPLES = 4
 #: And of the ground, which is one patch.
 ELEMENT_GROUND = 512
+#: What can be asked for: elements of the surfaces, and rays from each.
+MAX_ELEMENTS, MAX_GATHER_RAYS = 10**7, 10**7
 #: How many times as many elements there are if the bias with `DEFAULT_ELEMENTS` is too large.
 REFINED = 4
 
@@ -158,15 +160,15 @@ def daylight_coefficients(
     started = time.perf_counter()
     check_word("receiver", receiver, RECEIVERS)
     of_counts = (
-        ("elements", 1 if elements is None else elements),
-        ("gather_rays", gather_rays),
-        ("geometry_budget", geometry_budget),
+        ("elements", elements, 1, MAX_ELEMENTS),
+        ("gather_rays", gather_rays, 1, MAX_GATHER_RAYS),
+        ("geometry_budget", geometry_budget, 1, 2**31),
+        ("max_depth", max_depth, 1, 2**31),
+        ("seed", seed, 0, 2**63 - 1),
     )
-    for name, value in of_counts:
-        if not (isinstance(value, int) and value >= 1):
-            raise UsageError(f"{name}: {value!r} where a whole number from 1 is needed")
-    if not (max_depth is None or (isinstance(max_depth, int) and max_depth >= 1)):
-        raise UsageError(f"max_depth: {max_depth!r} where None or a whole number from 1 is needed")
+    for name, value, low, high in of_counts:
+        if value is not None:  # a default that depends on the scene
+            check_count(name, value, low, high)
     is_whole = isinstance(samples, int)
     if not (samples is None or (is_whole and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES)))):
         raise UsageError(f"samples: {samples!r} where 1 or an even number up to {MAX_SAMPLES} is needed")

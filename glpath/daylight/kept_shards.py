@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from pathlib import Path
@@ -22,14 +23,14 @@ class KeptShards:
     """
 
     def __init__(self, folder: Path, work: str, count: int) -> None:
-        if folder.exists() and not folder.is_dir():
+        if os.path.exists(folder) and not os.path.isdir(folder):
             raise ImageError(
                 f"{folder}: is a file, where a cluster keeps a folder of shards.",
                 "It may be of a computation by one process: resume that one, or remove the file.",
             )
         self._folder, self._work = folder, work
         self._files: dict[int, Path] = {}
-        for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
+        for path in sorted(folder.glob("*.npz")) if os.path.isdir(folder) else []:
             match = _NAME.fullmatch(path.name)
             if match is not None:
                 number, count = map(int, match.groups())

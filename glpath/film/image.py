@@ -10,8 +10,9 @@ import base64
 import html
 import io
 import math
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -232,8 +233,8 @@ def write_exr(
         planes = layer[..., None] if layer.ndim == 2 else layer
         for i, channel in enumerate(layer_channels(name)):
             written[channel] = np.ascontiguousarray(planes[..., i], np.float32)
-    with whole_file(path) as temporary, _openexr(temporary):
-        OpenEXR.File(header, written).write(str(temporary))
+    with whole_file(path) as temporary, _openexr(temporary, os.O_RDWR | os.O_CREAT) as name:
+        OpenEXR.File(header, written).write(name)
 
 
 def layer_channels(name: str) -> list[str]:
@@ -356,8 +357,8 @@ def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     import OpenEXR
 
     (height, width), header = _exr_header(path)
-    with _openexr(path):
-        channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    with _openexr(path) as name:
+        channels = OpenEXR.File(name, separate_channels=True).channels()
     pixels = {name: np.asarray(channel.pixels) for name, channel in channels.items()}
     for name, array in pixels.items():
         if array.shape != (height, width) or array.dtype.kind not in "fiu":
@@ -371,17 +372,25 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
 
     with path.open("rb") as file:  # what the system says is clearer than what OpenEXR does
         size = file.seek(0, 2)
-    with _openexr(path):
-        header = OpenEXR.File(str(path), header_only=True).header()
+    with _openexr(path) as name:
+        header = OpenEXR.File(name, header_only=True).header()
     first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
     width, height = (last - first + 1).tolist()
     check_unfolded(width * height * 4 * len(header["channels"]), size)
     return (height, width), header
 
 
-def _openexr(path: Path) -> AbstractContextManager[None]:
-    """To read and write with OpenEXR, which writes lines of its own before it raises."""
-    return without_lines(f"{path}: (EXR_", "Warning: Exception raised reading pixel data")
+@contextmanager
+def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
+    """Yield a name of `path` for OpenEXR, which takes UTF-8 alone and prints lines of its own before it raises."""
+    with ExitStack() as stack:
+        name = str(path)
+        if name.encode(errors="surrogateescape") != name.encode(errors="replace"):
+            descriptor = os.open(path, flags, 0o666)
+            stack.callback(os.close, descriptor)
+            name = f"/proc/self/fd/{descriptor}"
+        stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
+        yield name
 
 
 def _read_npz(path: Path) -> Float64:

@@ -22,6 +22,8 @@ from glpath.system.npz import open_npz
 
 #: Of the file; another one is refused by name. A film without a number is of format 1.
 FORMAT = 1
+# The largest sum of radiance whose square is a number.
+_LARGEST_SUM = 1e150
 
 
 class FilmParts(NamedTuple):
@@ -85,8 +87,8 @@ def read_parts(path: str | Path) -> FilmParts:
         film = FilmParts.empty(metadata)
         used = counts > 0
         sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
-        if not np.isfinite(sums).all():
-            raise ValueError("it holds sums that are NaN or infinite")
+        if not (np.abs(sums) <= _LARGEST_SUM).all():
+            raise ValueError(f"it holds sums that are NaN or infinite, or beyond {_LARGEST_SUM:g}")
         for name, n in metadata.aov_sums.items():
             film.aov_sums[name][:] = stored.read(_aov_key(name), "f", (*sums.shape[1:3], n))
         shapes = film.shape_counts

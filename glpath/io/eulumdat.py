@@ -36,6 +36,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
+from glpath.system.numerals import real
 
 # Lines by their numbers.
 _TYPE, _SYMMETRY, _PLANES, _GAMMAS, _OUTPUT_RATIO, _FACTOR, _SETS = 2, 3, 4, 6, 23, 24, 26
@@ -166,7 +167,7 @@ class _Reader:
     def _number(self, what: str, minimum: float = -math.inf) -> float:
         text = self._text(what)
         try:
-            number = float(text.replace(",", "."))
+            number = real(text.replace(",", "."))
         except ValueError:
             self._wrong(f"{text[:20]!r} where {what} is expected")
         if not math.isfinite(number) or number < minimum:

@@ -29,6 +29,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
+from glpath.system.numerals import real
 
 _TYPES = {"1": "C", "2": "B", "3": "A"}
 # First and last angle of C.
@@ -143,7 +144,7 @@ class _Reader:
     def _number(self, what: str, minimum: float = -math.inf) -> float:
         word = self._word(what)
         try:
-            number = float(word)
+            number = real(word)
         except ValueError:
             self._wrong(f"{word[:20]!r} where {what} is expected")
         if not math.isfinite(number) or number < minimum:

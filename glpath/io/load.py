@@ -34,7 +34,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.camera import framing
 from glpath.scene.model import Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.files import read_bytes
+from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
@@ -60,9 +60,10 @@ def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
         )
     try:
-        content = read_bytes(path)
+        content = read_bytes(path, MAX_TEXT_BYTES)
     except OSError as error:
-        raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions of the file.") from error
+        remedy = "Check the permissions of the file." if isinstance(error, PermissionError) else ""
+        raise location.error(f"cannot be read: {reason_of(error)}.", remedy) from error
     return scene_from_toml(content, location, path.parent, path.stem, later, up)
 
 

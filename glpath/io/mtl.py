@@ -18,6 +18,7 @@ Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloade
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,7 +32,7 @@ from glpath.io.gltf.surfaces import Surface
 from glpath.io.pictures import MOVED, Image, Pictures, UnusableError, inside, resized
 from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
-from glpath.system.files import check_file
+from glpath.system.files import read_bytes, reason_of
 
 #: In one material library.
 MAX_BYTES = 2**28
@@ -75,7 +76,7 @@ class Library:
     def add(self, name: str) -> None:
         """Read the MTL file of that name in the folder, or the files, if `name` lists several."""
         names = name.split()
-        if len(names) > 1 and not (self.folder / name).is_file():
+        if len(names) > 1 and not os.path.isfile(self.folder / name):
             for each in names:
                 self._add(each)
         else:
@@ -84,15 +85,12 @@ class Library:
     def _add(self, name: str) -> None:
         try:
             path = inside(self.folder, name)
-            if path.stat().st_size > MAX_BYTES:
-                raise UnusableError(f"which has more than {MAX_BYTES:,} bytes")
-            check_file(path)
-            content = path.read_bytes()
+            content = read_bytes(path, MAX_BYTES)
         except UnusableError as error:
             self._note(f'The materials of "{name}", {error}.')
             return
         except OSError as error:
-            self._note(f'The materials of "{name}", which cannot be read: {error.strerror}.')
+            self._note(f'The materials of "{name}", which cannot be read: {reason_of(error)}.')
             return
         written: dict[str, list[str]] = {}
         for _, words in statements(decoded(content)):

@@ -11,6 +11,7 @@ from glpath.io.ies import parse_ies
 from glpath.io.values import nearby_files
 from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
+from glpath.system.files import read_bytes, reason_of
 
 #: By suffix: what the format is called, and who reads it.
 FORMATS: dict[str, tuple[str, Callable[[bytes, Path | str, SourceLocation], LightProfile]]] = {
@@ -31,11 +32,8 @@ def read_profile(path: Path, location: SourceLocation) -> LightProfile:
             f"names the file {path}, which {'is no file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Photometric files", path, SUFFIXES),
         )
-    size = os.path.getsize(path)
-    if size > MAX_BYTES:
-        raise location.error(f"names {path} of {size:,} bytes; a photometric file has at most {MAX_BYTES:,}.")
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, MAX_BYTES)
     except OSError as error:
-        raise location.error(f"names {path}, which cannot be read ({error.strerror}).") from error
+        raise location.error(f"names {path}, which cannot be read: {reason_of(error)}.") from error
     return FORMATS[path.suffix.lower()][1](data, path, location)

@@ -20,6 +20,7 @@ from glpath.scene.geometry import Float64, placed
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.stream import Stream
 from glpath.scene.tessellate import without_area
+from glpath.system.files import open_file
 
 #: Triangles that are read from a file at once: two megabytes, and some twenty while they are made ready.
 CHUNK = 1 << 15
@@ -63,14 +64,14 @@ class NpyTriangles:
         if not os.path.isfile(path):
             raise location.error(f"names {path}: no such file.", nearby_files("Files", path, (".npy",)))
         try:
-            with open(path, "rb") as file:
+            with open_file(path) as file:
                 version = np.lib.format.read_magic(file)
                 read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
                 shape, fortran, dtype = read[version](file)
                 start = file.tell()
         except OSError as error:
             raise location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
-        except (ValueError, KeyError) as error:
+        except Exception as error:  # of numpy, which reads the header as an expression of Python
             raise location.error(f"names {path}, which is no .npy file of numpy's.") from error
         right = len(shape) == 3 and shape[1:] == (3, 3) and shape[0] > 0 and dtype.kind == "f" and not fortran
         if not right or dtype.itemsize not in (4, 8):

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from glpath.errors import SceneError, warn
+from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
-# The largest number that a GPU squares in 32 bits without overflow, far beyond sensible ones.
-LARGEST = 1e15
 # Folders beside a model in which its pictures are looked for.
 _MAX_FOLDERS = 100
-# And without underflow.
+# The smallest number that a GPU squares in 32 bits without underflow.
 SMALLEST = 1e-15
 
 

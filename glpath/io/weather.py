@@ -24,11 +24,14 @@ from glpath.errors import SceneError, warn
 from glpath.io.sun_position import SunPosition, Times, pvlib_module, sun_of_hours
 from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
+from glpath.system.files import read_bytes, reason_of
 
 #: Suffixes of weather files.
 WEATHER_FILES = (".epw", ".csv")
 #: Of a file whose hours are of several years: what its dates are taken to be of.
 TYPICAL_YEAR = 2023
+# Maximum size of a file, ten times that of a year, bytes.
+_MAX_BYTES = 2**24
 # Irradiance from here on is a mark for what is missing, W m^-2.
 _MISSING = 9000.0
 # Lines before the first hour of an EPW file.
@@ -37,6 +40,8 @@ _EPW_HEAD = 8
 _MIN_NOISE = -20.0
 # Of the year's global light: what the sun and the sky may differ from it by, without a warning.
 _CLOSURE = 0.15
+# Metres above the sea of the ground, with a margin.
+_ALTITUDES = -1000, 10000
 # Degrees that a time zone may be off its longitude, without a warning.
 _ZONE = 45.0
 
@@ -133,9 +138,9 @@ def read_weather(path: Path | str) -> Weather:
             "EnergyPlus weather is .epw, TMY3 is .csv.",
         )
     try:
-        raw = path.read_bytes()
+        raw = read_bytes(path, _MAX_BYTES)
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}.", "Check the name.") from None
+        raise SceneError(f"{path}: cannot be read: {reason_of(error)}.", "Check the name.") from None
     text = raw.decode("utf-8-sig") if _is_utf8(raw) else raw.decode("latin-1")
     table, site, begin = _epw(text, path) if path.suffix.lower() == ".epw" else _tmy3(text, path)
     return _checked(table, site, begin, str(path))
@@ -207,6 +212,9 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     for name, value, limit in (("latitude", latitude, 90), ("longitude", longitude, 180), ("time zone", zone, 14)):
         if not abs(value) <= limit:
             raise SceneError(f"{source}: has the {name} {value:g}, but allowed is from -{limit} to {limit}.")
+    low, high = _ALTITUDES
+    if not low <= site["altitude"] <= high:
+        raise SceneError(f"{source}: has the altitude {site['altitude']:g}, but allowed is from {low} to {high} m.")
     if not len(begin):
         raise SceneError(f"{source}: has no hour.")
     times = _of_one_year(begin)
@@ -226,7 +234,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     direct, diffuse, total = (_irradiance(table, name, source) for name in ("dni", "dhi", "ghi"))
     missing = ~(np.isfinite(direct) & np.isfinite(diffuse))
     direct[missing] = diffuse[missing] = 0.0
-    dew = np.asarray(table["temp_dew"], np.float64) if "temp_dew" in table else np.full(len(times), np.nan)
+    dew = _column(table, "temp_dew", source) if "temp_dew" in table else np.full(len(times), np.nan)
     dew = np.where(np.abs(dew) < 90, dew, np.nan)
     weather = Weather(
         source,
@@ -269,10 +277,7 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
     """(H,) W m^-2, NaN where it is missing. Raises SceneError for what is no irradiance."""
     if name not in table:
         raise SceneError(f"{source}: has no column of {name}.")
-    try:
-        found = np.array(table[name], np.float64)
-    except (TypeError, ValueError):
-        raise SceneError(f"{source}: has something else than numbers in its column of {name}.") from None
+    found = _column(table, name, source)
     found[~np.isfinite(found) | (found >= _MISSING)] = np.nan
     negative = np.flatnonzero(found < 0)
     lowest = float(np.nanmin(found, initial=0.0))
@@ -288,6 +293,14 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
             f"{source}: has {found[row]:g} W/m2 of {name} in row {row + 1}, but light cannot be negative."
         )
     return found
+
+
+def _column(table: Any, name: str, source: str) -> Float64:
+    """(H,) numbers of a column. Raises SceneError."""
+    try:
+        return np.array(table[name], np.float64)
+    except (TypeError, ValueError):
+        raise SceneError(f"{source}: has something else than numbers in its column of {name}.") from None
 
 
 def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:

@@ -16,12 +16,11 @@ import logging
 import os
 import socket
 import time
-from pathlib import Path
 from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
 from glpath.jobs.worker import Sharable, hold, let_go
-from glpath.system.files import reason_of
+from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.machine import core_count
 
 log = logging.getLogger("glpath")
@@ -235,10 +234,10 @@ def _address_in(path: str) -> str:
     if not os.path.isfile(path):
         raise UsageError(f"cluster {path}: is not a file.", "Name the file of dask scheduler --scheduler-file.")
     try:
-        return str(json.loads(Path(path).read_text())["address"])
+        return str(json.loads(read_bytes(path, MAX_TEXT_BYTES))["address"])
     except OSError as error:
         raise ContextError(f"cluster {path}: cannot be read: {reason_of(error)}.") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise UsageError(
             f"cluster {path}: is not the file of a scheduler.", "Name the file of dask scheduler --scheduler-file."
         ) from error

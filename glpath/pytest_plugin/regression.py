@@ -165,8 +165,8 @@ class RenderRegression:
         return found
 
     def _stem(self, name: str) -> str:
-        if not re.fullmatch(r"[A-Za-z0-9_.+=-]*", name):
-            raise UsageError(f"name: found {name!r}, expected letters, digits and . _ - + = only.")
+        if not re.fullmatch(r"[A-Za-z0-9_.+=-]{0,80}", name):
+            raise UsageError(f"name: found {name[:100]!r}, expected up to 80 letters, digits and . _ - + = only.")
         # File systems of macOS and Windows take names for one that differ in case alone.
         before = self._names.get(name.lower())
         if before is not None:
@@ -186,7 +186,7 @@ class RenderRegression:
         __tracebackhide__ = True
         config = self._item.config
         baseline = _existing(baseline_folder(config, self._item.path, marked["baseline_path"]), stem, picture)
-        missing = not baseline.exists()
+        missing = not os.path.exists(baseline)
         results = results_folder(config, self._item.path, stem)
         # A test that is expected to fail has a baseline that it does not meet, and keeps it.
         update = "none" if is_xfail(self._item) else self._settings.update
@@ -309,9 +309,9 @@ def shown_path(path: str | Path) -> str:
 
 def _existing(folder: Path, stem: str, picture: Picture) -> Path:
     exr, png = folder / f"{stem}.exr", folder / f"{stem}.png"
-    if exr.exists():
+    if os.path.exists(exr):
         return exr
-    if png.exists():
+    if os.path.exists(png):
         with contextlib.suppress(ImageError):
             if PREVIEW in read_picture(png).provenance:
                 return exr
@@ -447,7 +447,7 @@ def is_baseline(file: Path) -> bool | None:
 def delete_baseline(file: Path) -> None:
     """Delete it, and the picture to look at beside it."""
     for path in (file, file.with_suffix(".png")):
-        if path.exists() and is_baseline(path):
+        if os.path.exists(path) and is_baseline(path):
             path.unlink()
     with contextlib.suppress(OSError):  # it holds more
         file.parent.rmdir()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -65,7 +66,7 @@ def picture_of(
         subject = subject()
     if isinstance(subject, str | Path):
         beside = folder / subject
-        subject = beside if beside.is_file() else subject
+        subject = beside if os.path.isfile(beside) else subject
     is_file = isinstance(subject, str | Path) and Path(subject).suffix.lower() in SUFFIXES
     if not is_file and (isinstance(subject, str | Path | Scene) or is_made_in_python(subject)):
         from glpath.rendering import render

@@ -7,6 +7,11 @@ from pathlib import Path
 
 from glpath.errors import UsageError
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 
 def available_bytes() -> int:
     """Memory that can still be had: the machine's, or what a container leaves of it."""
@@ -24,7 +29,21 @@ def available_bytes() -> int:
             free = min(free, int(limit) - int((group / "memory.current").read_text()))
     except (OSError, ValueError):
         pass  # without a limit
+    if resource is not None:
+        for kind, used in ((resource.RLIMIT_AS, "VmSize"), (resource.RLIMIT_DATA, "VmData")):
+            limit_bytes, _ = resource.getrlimit(kind)  # of `ulimit -v` and `ulimit -d`
+            if limit_bytes != resource.RLIM_INFINITY:
+                free = min(free, limit_bytes - _status_bytes(used))
     return max(free, 0)
+
+
+def _status_bytes(name: str) -> int:
+    """A size of this process by its name in /proc/self/status; 0 if the system does not tell."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), 0)
+    except (OSError, ValueError):
+        return 0
 
 
 def require_memory(need: float, what: str, remedy: str) -> None:
@@ -35,4 +54,6 @@ def require_memory(need: float, what: str, remedy: str) -> None:
 
 
 def _size(count: float) -> str:
+    if count >= 1e15:
+        return f"{count / 1e9:.3g} GB"
     return f"{count / 1e9:,.1f} GB" if count >= 1e9 else f"{count / 1e6:,.1f} MB"

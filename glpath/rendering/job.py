@@ -47,7 +47,7 @@ from glpath.scene import Camera, Scene, check_camera
 from glpath.scene.choices import PROJECTIONS, Projection
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
-from glpath.system.files import read_bytes, whole_file
+from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
 
 Window = tuple[int, int, int, int]
 
@@ -252,7 +252,7 @@ class RenderJob:
     def load(cls, path: str | Path) -> RenderJob:
         """Read a file that `save` wrote. Raises UsageError."""
         try:
-            text = read_bytes(path).decode("utf-8")
+            text = read_bytes(path, MAX_TEXT_BYTES).decode("utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
             raise UsageError(f"{path}: cannot be read as a render job: {reason}.") from error

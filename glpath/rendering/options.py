@@ -302,15 +302,18 @@ def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
 
 
 def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
-    """So many finite numbers, or a UsageError that names the option."""
+    """So many finite numbers up to 1e15, or a UsageError that names the option."""
     import numpy as np
+
+    from glpath.scene.geometry import LARGEST
 
     try:
         found = np.atleast_1d(np.asarray(value, np.float64))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.empty(0)
-    if found.shape != (count,) or not np.all(np.isfinite(found)) or isinstance(value, str):
-        needed = "a finite number is" if count == 1 else f"{count} finite numbers are"
+    if found.shape != (count,) or not np.all(np.abs(found) <= LARGEST) or isinstance(value, str):
+        limit = f" up to {LARGEST:g}" if np.isfinite(found).all() and len(found) else ""
+        needed = f"a finite number{limit} is" if count == 1 else f"{count} finite numbers{limit} are"
         raise UsageError(f"{name}: {value!r} where {needed} needed")
     return found
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from glpath.scene.camera import CameraKey
 from glpath.scene.choices import PROJECTIONS
+from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Light, Mesh, Scene, Shape
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
 from glpath.scene.source_location import SourceLocation, coordinates
@@ -32,8 +33,9 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
     location = scene.field("camera")
     for name in ("position", "target", "up"):
         vector = np.asarray(getattr(camera, name), np.float64)
-        if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise location.field(name).wrong(vector, "three finite numbers")
+        if vector.shape != (3,) or not (np.abs(vector) <= LARGEST).all():
+            allowed = f"three finite numbers between -{LARGEST:g} and {LARGEST:g}"
+            raise location.field(name).wrong(vector, allowed)
     if not 0 < camera.fov < 180:
         raise location.field("fov").wrong(
             float(camera.fov), "above 0 and below 180 degrees", "It is the vertical field of view."

@@ -19,6 +19,9 @@ from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
 from glpath.scene.stream import Stream
 
+#: The largest number that a GPU squares in 32 bits without overflow, far beyond sensible ones.
+LARGEST = 1e15
+
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 

@@ -8,6 +8,7 @@ other process has it (`locks`).
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -56,7 +57,7 @@ class CheckpointFile(Locked):
     def found(self) -> bool:
         """Whether there is one to resume from; what a killed process has left half-written is removed."""
         remove_parts(self.path)
-        return self.path.exists()
+        return os.path.exists(self.path)
 
     def due(self, step: int) -> bool:
         """Whether it is time to write it, after so many steps."""

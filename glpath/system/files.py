@@ -17,6 +17,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -65,24 +66,34 @@ for _name in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"):
 
 _WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NONBLOCK", 0)
 
-# How long somebody may take to begin to write into a pipe that is read.
-_PIPE_S = 10.0
+#: Maximum size of a file that is read as a whole, bytes.
+MAX_FILE_BYTES = 2**32
+#: Maximum size of a text that describes something, such as a scene, a job or a year of weather, bytes.
+MAX_TEXT_BYTES = 2**28
+# Maximum size of data from a pipe, which cannot tell its size, bytes.
+_MAX_PIPE_BYTES = 2**28
+# Seconds that a pipe may be silent, and seconds until all of its data must be there.
+_PIPE_S, _WHOLE_PIPE_S = 3.5, 120.0
+# A file with holes may be that many times as large as its data, or have that many bytes in any case.
+_HOLES_RATIO, _SMALL_BYTES = 64, 2**26
 
 
 def check_file(path: str | Path) -> None:
-    """Raise OSError, with the reason as its text, where a library that opens `path` itself would wait for ever."""
+    """Raise OSError, with the reason as its text, unless a library may open `path` itself and read all of it."""
     if (kind := _unreadable_kind(mode := _mode(path))) or stat.S_ISFIFO(mode):
-        raise _refused(path, kind or "a pipe")
+        raise _refused(path, kind or "a pipe")  # without opening it, which would end its writer
+    if mode:
+        open_file(path).close()
 
 
 def open_file(path: str | Path) -> BinaryIO:
-    """A file, opened to be read. Raises OSError, also for a pipe or a device, which would block or never end."""
-    # Without waiting: who opens a pipe is halted until somebody writes.
-    descriptor = os.open(path, _READ)
+    """Open a file to be read. Raises OSError, also for a pipe, a device, or a file that is nearly all holes."""
+    descriptor = _open(path)
     try:
-        mode = os.fstat(descriptor).st_mode
-        if (kind := _unreadable_kind(mode)) or stat.S_ISFIFO(mode):
+        status = os.fstat(descriptor)
+        if (kind := _unreadable_kind(status.st_mode)) or stat.S_ISFIFO(status.st_mode):
             raise _refused(path, kind or "a pipe")
+        _check_holes(descriptor, status.st_size)
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
@@ -113,21 +124,105 @@ def open_without_links(path: str | Path, flags: int, mode: int = 0o666) -> int:
     return descriptor
 
 
-def read_bytes(path: str | Path) -> bytes:
-    """All of a file, or of a pipe into which somebody writes, as bash has one for <(...). Raises OSError."""
-    descriptor = os.open(path, _READ)
+def read_bytes(path: str | Path, limit: int = MAX_FILE_BYTES) -> bytes:
+    """Return all of a file, or of a pipe into which somebody writes, as bash has one for <(...).
+
+    limit : maximum size in bytes
+
+    Raises OSError, with the reason as its text, for a device, for too many bytes, and for a pipe that is silent.
+    """
+    descriptor = _open(path)
     with os.fdopen(descriptor, "rb") as file:
-        mode = os.fstat(descriptor).st_mode
-        if kind := _unreadable_kind(mode):
+        if kind := _unreadable_kind(os.fstat(descriptor).st_mode):
             raise _refused(path, kind)
-        if stat.S_ISFIFO(mode):
-            waiting = select.poll()
-            waiting.register(descriptor, select.POLLIN)
-            if not waiting.poll(1e3 * _PIPE_S):
-                raise _refused(path, f"a pipe into which nothing was written for {_PIPE_S:g} s")
-        if hasattr(os, "set_blocking"):
-            os.set_blocking(descriptor, True)
-        return file.read()
+        return _all_of(file, str(path), limit)
+
+
+def _open(path: str | Path) -> int:
+    """A descriptor to read from. Does not wait: opening a pipe otherwise blocks until somebody writes."""
+    try:
+        return os.open(path, _READ)
+    except ValueError as error:  # a name that holds a NUL
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path)) from error
+
+
+def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
+    """Return all of standard input, within the limits of `read_bytes`. A terminal has no limit of time.
+
+    Raises OSError, with the reason as its text.
+    """
+    stream: BinaryIO | None = getattr(sys.stdin, "buffer", None)
+    if stream is None:
+        raise OSError(errno.EBADF, "it is closed")
+    try:
+        descriptor = stream.fileno()
+    except OSError:  # it is an object of Python, not of the system
+        return _within(stream.read(limit + 1), limit)
+    kind = _unreadable_kind(os.fstat(descriptor).st_mode)
+    if kind and not os.isatty(descriptor):
+        raise _refused(_STDOUT, kind)
+    return _within(stream.read(), limit) if kind else _all_of(stream, _STDOUT, limit)
+
+
+def _all_of(file: BinaryIO, name: str, limit: int) -> bytes:
+    """All bytes of an open file or pipe. Raises OSError as `read_bytes`."""
+    descriptor = file.fileno()
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode) or not status.st_size:  # the size of a file of /proc is 0, too
+        return _all_of_pipe(file, name, min(limit, _MAX_PIPE_BYTES))
+    if status.st_size > limit:
+        raise _too_large(f"{status.st_size:,}", limit)
+    _check_holes(descriptor, status.st_size)
+    return file.read(status.st_size)
+
+
+def _all_of_pipe(file: BinaryIO, name: str, limit: int) -> bytes:
+    descriptor, found = file.fileno(), bytearray()
+    waiting = select.poll() if hasattr(select, "poll") else None  # Windows has none
+    if waiting is not None:
+        waiting.register(descriptor, select.POLLIN)
+    end = time.monotonic() + _WHOLE_PIPE_S
+    while True:
+        if time.monotonic() > end:
+            raise _refused(name, f"a pipe that did not end within {_WHOLE_PIPE_S:g} s")
+        if waiting is not None and not waiting.poll(1e3 * _PIPE_S):
+            raise _refused(name, f"a pipe into which nothing was written for {_PIPE_S:g} s")
+        part = os.read(descriptor, 1 << 20)
+        if not part:
+            return bytes(found)
+        found += part
+        if len(found) > limit:
+            raise _too_large("more", limit)
+
+
+def _within(content: bytes, limit: int) -> bytes:
+    if len(content) > limit:
+        raise _too_large("more", limit)
+    return content
+
+
+def _too_large(size: str, limit: int) -> OSError:
+    than = "than" if size == "more" else "bytes, more than"
+    return OSError(errno.EFBIG, f"it has {size} {than} the {limit:,} bytes that are read")
+
+
+def _check_holes(descriptor: int, size: int) -> None:
+    """Raise OSError for a large file that is nearly all holes, which take memory here but none of the disk."""
+    if size <= _SMALL_BYTES or not hasattr(os, "SEEK_DATA"):
+        return
+    here, data, start = os.lseek(descriptor, 0, os.SEEK_CUR), 0, 0
+    while start < size:
+        try:
+            start = os.lseek(descriptor, start, os.SEEK_DATA)
+            stop = os.lseek(descriptor, start, os.SEEK_HOLE)
+        except OSError:  # no data any more
+            break
+        data, start = data + stop - start, stop
+        if data * _HOLES_RATIO >= size:
+            break
+    os.lseek(descriptor, here, os.SEEK_SET)
+    if data * _HOLES_RATIO < size:
+        raise OSError(errno.EFBIG, f"of its {size:,} bytes {size - data:,} are holes")
 
 
 def _unreadable_kind(mode: int) -> str:

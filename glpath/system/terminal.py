@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import re
 import sys
 import unicodedata
 from collections.abc import Iterable
@@ -21,6 +22,8 @@ from rich.text import Text
 
 # Unicode's general categories: controls, formats (bidirectional, zero width), halves of surrogates, unassigned,
 # separators of lines and of paragraphs.
+# Names of files have at most 255 bytes, paths several of them.
+_LONG_WORD, _ENDS = re.compile(r"[^\s/]{300,}"), 40
 _ESCAPED = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
 
 
@@ -77,6 +80,11 @@ class ReportStream:
 def report_stream(stream: IO[str] | None) -> IO[str]:
     """Return a stream that writes reports to `stream`, and never raises because of it."""
     return cast("IO[str]", stream if isinstance(stream, ReportStream) else ReportStream(stream))
+
+
+def shortened(text: str) -> str:
+    """`text` with each word of hundreds of letters, such as a number of 400 digits, cut in its middle."""
+    return _LONG_WORD.sub(lambda word: f"{word[0][:_ENDS]}...{word[0][-_ENDS:]}", text)
 
 
 def say(text: str = "", err: bool = False) -> None:

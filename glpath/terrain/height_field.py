@@ -16,6 +16,8 @@ Bool = NDArray[np.bool_]
 
 #: Heights of more than that are no metres above the sea: values that stand for "no data", as -9999 and 3.4e38 do.
 _HIGHEST = 1e5
+# Distances of samples whose squares 32 bits hold.
+_FINEST, _COARSEST = 1e-9, 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +98,11 @@ class HeightField:
                 "Does it stand for no data? Give a mask, or NaN there.",
             )
         apart = (spacing, spacing) if isinstance(spacing, int | float) else tuple(spacing)
-        if len(apart) != 2 or not all(math.isfinite(each) and each > 0 for each in apart):
-            raise SceneError(f"{source}: has a spacing of {spacing}, but needs one number above 0, or two.")
+        if len(apart) != 2 or not all(_FINEST <= each <= _COARSEST for each in apart):
+            raise SceneError(
+                f"{source}: has a spacing of {spacing}, but needs one number above 0, or two, from {_FINEST:g} to "
+                f"{_COARSEST:g}."
+            )
         at_corner = tuple(float(each) for each in origin)
         if len(at_corner) != 2 or not all(map(math.isfinite, at_corner)):
             raise SceneError(f"{source}: has the origin {origin}, but needs two finite numbers, x and y.")

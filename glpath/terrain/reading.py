@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import re
+import struct
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import GlpathError, SceneError, warn
-from glpath.system.files import read_bytes, reading, reason_of
-from glpath.system.npz import open_npz, read_npy
+from glpath.scene.geometry import LARGEST
+from glpath.system.files import check_file, open_file, read_bytes, reading, reason_of
+from glpath.system.npz import check_unfolded, open_npz, read_npy
 from glpath.terrain.height_field import HeightField
 
 Float64 = NDArray[np.float64]
@@ -24,6 +27,15 @@ Float64 = NDArray[np.float64]
 FIELD_SUFFIXES = (".tif", ".tiff", ".asc", ".npy", ".npz")
 #: What clouds of points are read from.
 CLOUD_SUFFIXES = (".las", ".laz")
+
+# Suffixes of the files that say where a TIFF lies [ESRI], and their maximum size in bytes.
+_WORLD_FILES, _MAX_WORLD_BYTES = (".tfw", ".tifw", ".wld"), 4096
+
+# LAS: layers and minimum size in bytes of layered formats of points; each further byte is a layer.
+_LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
+_LAS_FORMAT = 0x3F
+# LAS: sizes in bytes of the headers before and since 1.4 and of the smallest record; a bit of the format.
+_LAS_HEADER, _LAS_HEADER_1_4, _LAS_RECORD, _LAS_COMPRESSED = 227, 375, 54, 0x80
 
 _HOW_NPZ = "np.savez(path, heights=..., spacing=(dx, dy), origin=(x, y))"
 
@@ -106,10 +118,16 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
     for name in ("ncols", "nrows"):
         if not header.get(name, 0) >= 1:
             raise SceneError(f"{path}: is no ESRI ASCII grid: it has no {name}.")
+        if not header[name].is_integer():
+            raise SceneError(f"{path}: {name} is {header[name]:g} where a whole number is needed.")
     columns, rows = int(header["ncols"]), int(header["nrows"])
     apart = (header.get("dx", header.get("cellsize", 0.0)), header.get("dy", header.get("cellsize", 0.0)))
+    words = content[position:].split()
     try:
-        values = np.array(content[position:].split(), np.float32)
+        if b"_" in content[position:]:
+            raise ValueError("it has an underscore")
+        with np.errstate(over="ignore"):  # `HeightField.of` says which height is infinite
+            values = np.array(words, np.float32)
     except ValueError as error:
         raise SceneError(f"{path}: has a height that is no number: {error}.") from None
     if len(values) != rows * columns:
@@ -126,21 +144,14 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
 
 def _geotiff(path: Path, holes: bool) -> HeightField:
     rasterio = package_for("rasterio", "this file is read")
-    with _readable(path), rasterio.Env(GDAL_PAM_ENABLED="NO"):
-        with warnings.catch_warnings():
-            # Of a picture without a position; that it has none is an error below.
-            warnings.simplefilter("ignore")
-            try:
-                opened = rasterio.open(path)
-            except rasterio.errors.RasterioError as error:
-                raise SceneError(f"{path}: cannot be read: {error}.") from error
-        with opened as raster:
+    with _readable(path):
+        with _opened_tiff(path, rasterio) as raster:
             if raster.count != 1:
                 raise SceneError(
                     f"{path}: has {raster.count} bands where one of heights is needed.",
                     "gdal_translate -b 1 takes the first.",
                 )
-            t, crs = raster.transform, raster.crs
+            t, crs = _transform(path, raster), raster.crs
             if t.is_identity:
                 raise SceneError(
                     f"{path}: has no geotransform, so that its spacing is not known.",
@@ -162,14 +173,53 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
                     f"{path}: has pixels of {t.a:g} x {t.e:g}, but columns must go east and rows south.",
                     "gdalwarp turns it.",
                 )
-            try:
-                heights = raster.read(1, masked=True, out_dtype="float32")
-            except rasterio.errors.RasterioError as error:
-                raise SceneError(f"{path}: cannot be read: {error}.") from error
+            heights = raster.read(1, masked=True, out_dtype="float32")
             wkt = crs.to_wkt() if crs is not None else ""
+        beside = path.with_name(f"{path.name}.msk")
+        if os.path.isfile(beside):
+            with _opened_tiff(beside, rasterio) as raster:
+                if (raster.count, raster.shape) != (1, heights.shape):
+                    found = f"{raster.count} bands of {raster.width:,} x {raster.height:,}"
+                    raise SceneError(f"{beside}: is no mask of {path.name}: it has {found} pixels.", "Remove it.")
+                heights = np.ma.masked_where(raster.read(1) == 0, heights)
     return HeightField.of(
         heights, (t.a, -t.e), (t.c + 0.5 * t.a, t.f + 0.5 * t.e), holes=holes, source=str(path), crs=wkt
     )
+
+
+@contextmanager
+def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
+    """An open TIFF of rasterio's. Raises SceneError.
+
+    GDAL has a hundred formats, some of which name other files and addresses. It would use any of them for this
+    file, whatever its suffix, and for files beside it. So it is confined to TIFF, and sees no file beside it.
+    """
+    check_file(path)
+    try:
+        with rasterio.Env(GDAL_PAM_ENABLED="NO", GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"):
+            with warnings.catch_warnings():
+                # Of a picture without a position; that it has none is an error of `_geotiff`.
+                warnings.simplefilter("ignore")
+                opened = rasterio.open(path.absolute(), driver="GTiff")
+            with opened as raster:
+                check_unfolded(4 * raster.width * raster.height * raster.count, path.stat().st_size)
+                yield raster
+    except (rasterio.errors.RasterioError, ValueError) as error:
+        raise SceneError(f"{path}: cannot be read as a TIFF: {reason_of(error)}.") from error
+
+
+def _transform(path: Path, raster: Any) -> Any:
+    """The geotransform of a TIFF, or that of a world file beside it."""
+    if not raster.transform.is_identity:
+        return raster.transform
+    beside = next((file for each in _WORLD_FILES if (file := path.with_suffix(each)).is_file()), None)
+    if beside is None:
+        return raster.transform
+    try:
+        a, d, b, e, x, y = map(float, read_bytes(beside, _MAX_WORLD_BYTES).split())
+    except ValueError as error:
+        raise SceneError(f"{beside}: is no world file of six numbers: {error}.") from error
+    return type(raster.transform)(a, b, x - 0.5 * (a + b), d, e, y - 0.5 * (d + e))
 
 
 def _check_units(path: Path, crs: Any) -> None:
@@ -190,10 +240,18 @@ def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64
     path = Path(path)
     with _readable(path):
         try:
-            cloud = laspy.read(path)
-        except (laspy.errors.LaspyException, ValueError) as error:
-            raise SceneError(f"{path}: cannot be read: {error}.") from error
-    points = np.stack([np.asarray(cloud[axis], np.float64) for axis in ("x", "y", "z")], axis=1)
+            with open_file(path) as file:
+                _check_las(file, path.stat().st_size)
+                file.seek(0)
+                cloud = laspy.read(file, laz_backend=laspy.LazBackend.Lazrs)
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # laspy and lazrs raise all kinds; a panic of Rust's is no Exception
+            raise SceneError(f"{path}: cannot be read: {reason_of(error)}.") from error
+    with np.errstate(over="ignore", invalid="ignore"):
+        points = np.stack([np.asarray(cloud[axis], np.float64) for axis in ("x", "y", "z")], axis=1)
+    if not (np.abs(points) <= LARGEST).all():
+        raise SceneError(f"{path}: has a point that is not finite, or beyond {LARGEST:g}.")
     if classes:
         found = np.asarray(cloud.classification)
         points = points[np.isin(found, classes)]
@@ -205,10 +263,51 @@ def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64
     return points
 
 
+def _check_las(file: BinaryIO, total: int) -> None:
+    """Raise ValueError for a LAS header that announces more than the file can hold; laspy allocates it at once.
+
+    Source: ASPRS, LAS 1.4-R15, table 3; Isenburg 2013, LASzip, for the table of chunks.
+    """
+    head = file.read(_LAS_HEADER_1_4)
+    if head[:4] != b"LASF" or len(head) < _LAS_HEADER:
+        raise ValueError("it is cut off, or not of this format")
+    size, points_at, records, kind, length, points = struct.unpack_from("<HIIBHI", head, 94)
+    extra = 0
+    if head[25] >= 4 and len(head) == _LAS_HEADER_1_4:
+        _, extra, points = struct.unpack_from("<QIQ", head, 235)
+    if size + _LAS_RECORD * records > points_at or points_at > total:
+        raise ValueError(f"{records:,} records of its header do not fit before its points")
+    if _LAS_RECORD * extra > total:
+        raise ValueError(f"{extra:,} records behind its points do not fit in {total:,} bytes")
+    stored = total - points_at
+    if kind & _LAS_COMPRESSED:
+        check_unfolded(points * length, stored)
+        file.seek(points_at)
+        (table_at,) = struct.unpack("<q", file.read(8))
+        if table_at == -1:  # of a file written into a pipe, which has it at its end
+            file.seek(total - 8)
+            (table_at,) = struct.unpack("<q", file.read(8))
+        if not points_at <= table_at <= total - 8:
+            raise ValueError(f"its table of chunks is at byte {table_at:,} of {total:,}")
+        file.seek(table_at)
+        _, chunks = struct.unpack("<II", file.read(8))
+        if chunks > stored:
+            raise ValueError(f"{chunks:,} chunks do not fit in {total:,} bytes")
+        form = kind & _LAS_FORMAT
+        if form in _LAS_LAYERS:  # whose sizes follow the first point and the count of a chunk
+            layers, plain = _LAS_LAYERS[form]
+            file.seek(points_at + 8 + length + 4)
+            sizes = np.frombuffer(file.read(4 * (layers + max(0, length - plain))), "<u4")
+            if sizes.sum(dtype=np.int64) > stored:
+                raise ValueError(f"{sizes.sum(dtype=np.int64):,} bytes of its first chunk are not in it")
+    elif points * length > stored:
+        raise ValueError(f"{points:,} points of {length} bytes do not fit in {total:,} bytes")
+
+
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     try:
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise SceneError(f"{path}: no such file.")
         yield
     except OSError as error:

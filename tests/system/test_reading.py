@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import RenderJob
 from glpath.system import files
 from tests.support.gltf_files import Gltf
+from tests.support.repository import ROOT
 
 SCENES = ("a.toml", "a.obj", "a.ply", "a.stl", "a.gltf", "a.glb")
 PICTURES = ("a.png", "a.jpg", "a.exr", "a.hdr", "a.npz", "a.npy")
@@ -45,7 +48,7 @@ def in_time(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     monkeypatch.setattr(files, "_PIPE_S", 0.2)
     before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(30)
+    signal.alarm(120)
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
@@ -122,3 +125,101 @@ def test_lines_of_others_are_kept_meanwhile(capfd: pytest.CaptureFixture[str]) -
         os.write(1, b"of a library: oh\n")
         os.write(2, b"of somebody else\n")
     assert capfd.readouterr() == ("", "of somebody else\n")
+
+
+def run(*arguments: str | Path, **how: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "glpath", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=100, **how)
+
+
+def check_refused(done: subprocess.CompletedProcess[str], words: str) -> None:
+    """One error block and nothing else."""
+    assert done.returncode in (1, 2)
+    assert done.stderr.startswith("glpath: error: ")
+    assert "Traceback" not in done.stderr
+    assert words in done.stderr
+
+
+def test_standard_input_into_which_nobody_writes_is_refused() -> None:
+    reading, writing = os.pipe()  # nobody closes it either
+    done = run("info", "-", stdin=reading)
+    os.close(writing)
+    os.close(reading)
+    check_refused(done, "standard input: cannot be read: it is a pipe into which nothing was written for 3.5 s")
+
+
+@pytest.mark.parametrize("command", ["info -", "measure cornell-box-36 --points - -o -"])
+def test_standard_input_is_no_device(command: str) -> None:
+    with open("/dev/zero", "rb") as zeros:
+        check_refused(run(*command.split(), stdin=zeros), "it is a device")
+
+
+def test_standard_input_that_is_closed_is_an_error() -> None:
+    check_refused(run("info", "-", preexec_fn=lambda: os.close(0)), "standard input: cannot be read: it is closed")
+
+
+@pytest.mark.parametrize("line", ["zcat {} | {} info -", "(sleep 1; zcat {}) | {} info -", "{1} info <(zcat {0})"])
+def test_a_scene_is_read_from_pipes_of_the_shell(line: str, tmp_path: Path) -> None:
+    packed = tmp_path / "a.toml.gz"
+    packed.write_bytes(gzip.compress((ROOT / "scenes" / "cornell-box.toml").read_bytes()))
+    command = ["bash", "-c", line.format(packed, f"{sys.executable} -m glpath")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "triangles" in done.stdout
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_weather_and_other_tables_are_no_pipes_without_a_writer_and_no_devices(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    from glpath.io.weather import read_weather
+
+    for name, read in (
+        ("a.epw", read_weather),
+        ("a.asc", glpath.load_height_field),
+        ("a.hbjson", glpath.load_scene),
+        ("a.xml", glpath.load_scene),
+    ):
+        if kind == "pipe":
+            os.mkfifo(tmp_path / name)
+        else:
+            (tmp_path / name).symlink_to("/dev/zero")
+        with pytest.raises(GlpathError, match=r"pipe|device|no such file|not a file"):
+            read(tmp_path / name)
+
+
+def test_a_pipe_without_an_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "_MAX_PIPE_BYTES", 1 << 20)
+    os.mkfifo(path := tmp_path / "a.toml")
+    endless = subprocess.Popen(["sh", "-c", f"exec cat /dev/zero > '{path}'"])
+    words = r"a\.toml: cannot be read: it has more than the 1,048,576 bytes"
+    with endless, pytest.raises(GlpathError, match=words):
+        glpath.load_scene(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "SEEK_DATA"), reason="this system cannot tell where the holes of a file are")
+@pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.glb", "a.toml", "a.hbjson", "a.png", "a.npy", "a.epw"])
+def test_a_file_of_holes_is_refused(name: str, tmp_path: Path) -> None:
+    """A file of 3 GB that has 64 kB on the disk."""
+    path = tmp_path / name
+    path.write_bytes(b"\n" * 65536)
+    os.truncate(path, 3 << 30)
+    read: Any = image.read_image if path.suffix in (".png", ".npy") else glpath.load_scene
+    if path.suffix == ".epw":
+        pytest.importorskip("pvlib")
+        from glpath.io.weather import read_weather as read
+    with pytest.raises(GlpathError, match=r"are holes|bytes that are read"):
+        read(path)
+
+
+def test_a_file_with_some_holes_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"a" * (2 << 20))
+    os.truncate(path, 100 << 20)
+    assert files.read_bytes(path).rstrip(b"\0") == b"a" * (2 << 20)
+    with pytest.raises(OSError, match="more than the 1,000 bytes"):
+        files.read_bytes(path, 1000)
+
+
+def test_a_name_with_a_nul_is_no_traceback() -> None:
+    with pytest.raises(OSError, match="Invalid argument"):
+        files.read_bytes("a\0b")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -191,3 +194,108 @@ def test_without_the_extra_there_is_the_line_to_type(tmp_path: Path, monkeypatch
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(glpath.GlpathError, match=r"glpath\[terrain\]"):
         load_height_field(tmp_path / "dem.tif")
+
+
+@pytest.fixture
+def rasterio() -> Any:
+    return pytest.importorskip("rasterio")
+
+
+def tiff(rasterio: Any, path: Path, heights: Any = HEIGHTS, **more: Any) -> Path:
+    """A TIFF of samples 2 apart, whose corner in the north-west is (10, 30)."""
+    heights = np.asarray(heights, np.float32)
+    size = {"height": heights.shape[0], "width": heights.shape[1], "count": 1, "dtype": "float32"}
+    made = {"transform": rasterio.Affine(2, 0, 10, 0, -2, 30), **size, **more}
+    with rasterio.open(path, "w", driver="GTiff", **made) as raster:
+        raster.write(heights, 1)
+    return path
+
+
+VRT = (
+    '<VRTDataset rasterXSize="4" rasterYSize="3"><GeoTransform>10,2,0,30,0,-2</GeoTransform>'
+    '<Metadata><MDI key="INTERNAL_MASK_FLAGS_1">2</MDI></Metadata>'
+    '<VRTRasterBand dataType="{}" band="1"><SimpleSource><SourceFilename relativeToVRT="0">{}</SourceFilename>'
+    "<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"
+)
+
+
+def test_a_tiff_reaches_neither_network_nor_other_files(rasterio: Any, tmp_path: Path) -> None:
+    """GDAL chooses the format by the content, and opens masks and overviews beside a file in any format."""
+    requests: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def handle(self) -> None:
+            requests.append(str(self.client_address))
+
+    other = ascii_grid(tmp_path / "other.asc")
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        for source in (f"/vsicurl/http://127.0.0.1:{server.server_port}/x.tif", str(other)):
+            (tmp_path / "a.tif").write_text(VRT.format("Float32", source))
+            with pytest.raises(glpath.SceneError, match=r"a\.tif: cannot be read as a TIFF"):
+                load_height_field(tmp_path / "a.tif")
+            path = tiff(rasterio, tmp_path / f"b{len(source)}.tif")
+            beside = path.with_name(f"{path.name}.msk")
+            beside.write_text(VRT.format("Byte", source))
+            with pytest.raises(glpath.SceneError, match=r"\.tif\.msk: cannot be read as a TIFF"):
+                load_height_field(path, holes=True)
+            beside.rename(path.with_suffix(".tif.ovr"))
+            np.testing.assert_array_equal(load_height_field(path).heights, HEIGHTS)
+        server.shutdown()
+    assert requests == []
+
+
+@pytest.mark.filterwarnings("ignore:.*(geotransform|identity)")
+def test_a_mask_and_a_world_file_beside_a_tiff_are_read_as_gdal_does(rasterio: Any, tmp_path: Path) -> None:
+    path = tiff(rasterio, tmp_path / "a.tif", transform=None)
+    (tmp_path / "a.tfw").write_text("2\n0\n0\n-3\n11\n28.5\n")
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False), rasterio.open(path, "r+") as raster:
+        raster.write_mask(HEIGHTS > 4)
+    assert (tmp_path / "a.tif.msk").exists()
+    field = load_height_field(path, holes=True)
+    with rasterio.open(path) as witness:
+        np.testing.assert_array_equal(np.isnan(field.heights), np.ma.getmaskarray(witness.read(1, masked=True)))
+        assert (field.spacing, field.origin) == ((witness.transform.a, -witness.transform.e), witness.xy(0, 0))
+    assert np.isnan(field.heights).sum() == 5
+    (tmp_path / "a.tfw").write_text("2\n0\n0\n")
+    with pytest.raises(glpath.SceneError, match=r"a\.tfw: is no world file of six numbers"):
+        load_height_field(path)
+
+
+def test_a_tiff_of_a_few_bytes_does_not_fill_the_memory(rasterio: Any, tmp_path: Path) -> None:
+    made = {"width": 60_000, "height": 60_000, "count": 1, "dtype": "float32", "tiled": True}
+    transform = rasterio.Affine(1, 0, 5, 0, -1, 5)
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", transform=transform, SPARSE_OK=True, **made):
+        pass
+    with pytest.raises(glpath.SceneError, match=r"unfold to 14\.4 GB"):
+        load_height_field(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(
+    ("at", "kind", "value", "words"),
+    [
+        (100, "<I", 2**32 - 1, "4,294,967,295 records of its header do not fit"),
+        (107, "<I", 2**32 - 1, "4,294,967,295 points of 20 bytes do not fit"),
+        (96, "<I", 2**31, "records of its header do not fit"),
+        (0, "<I", 0, "not of this format"),
+    ],
+)
+def test_a_las_header_that_announces_too_much_is_refused(
+    at: int, kind: str, value: int, words: str, tmp_path: Path
+) -> None:
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.create(file_version="1.2", point_format=0)
+    cloud.x, cloud.y, cloud.z = np.arange(9.0).reshape(3, 3)
+    cloud.write(tmp_path / "a.las")
+    np.testing.assert_allclose(load_point_cloud(tmp_path / "a.las")[:, 2], [6, 7, 8], atol=0.01)
+    content = bytearray((tmp_path / "a.las").read_bytes())
+    struct.pack_into(kind, content, at, value)
+    (tmp_path / "a.las").write_bytes(content)
+    with pytest.raises(glpath.SceneError, match=words):
+        load_point_cloud(tmp_path / "a.las")
+
+
+def test_the_sizes_of_an_ascii_grid_are_whole_numbers(tmp_path: Path) -> None:
+    for count in ("inf", "4.5", "nan", "1e400"):
+        with pytest.raises(glpath.SceneError, match="ncols"):
+            load_height_field(ascii_grid(tmp_path / "a.asc", header=ASC.replace("ncols 4", f"ncols {count}")))

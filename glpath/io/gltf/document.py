@@ -26,7 +26,7 @@ from glpath.io.gltf.table import Table, Tables, printable
 from glpath.io.pictures import MOVED, is_moved
 from glpath.io.values import nearby_files, similar_file
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.files import open_file
+from glpath.system.files import read_bytes, reason_of
 
 SUFFIXES = (".gltf", ".glb")
 #: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
@@ -262,13 +262,9 @@ def read_document(path: Path) -> Document:
 def read_file(path: Path, location: SourceLocation) -> bytes:
     """The bytes of a file, unless they are too many. Raises SceneError."""
     try:
-        with open_file(path) as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > limits.MAX_FILE_BYTES:
-                raise location.error(f"is a file of {size:,} bytes; at most {limits.MAX_FILE_BYTES:,} are read.")
-            return file.read()
+        return read_bytes(path, limits.MAX_FILE_BYTES)
     except OSError as error:
-        raise location.error(f"cannot be read: {error.strerror or error}.") from error
+        raise location.error(f"cannot be read: {reason_of(error)}.") from error
 
 
 def _chunks(content: bytes, location: SourceLocation) -> tuple[bytes, bytes | None]:

@@ -31,7 +31,7 @@ class Face3D(Struct):
 
 class Mesh3D(Struct):
     vertices: list[Point]
-    faces: list[Annotated[list[Annotated[int, Meta(ge=0)]], Meta(min_length=3, max_length=4)]]
+    faces: list[Annotated[list[Annotated[int, Meta(ge=0, le=2**31 - 1)]], Meta(min_length=3, max_length=4)]]
 
 
 class Radiance(Struct):
@@ -129,9 +129,22 @@ class View(Struct):
     v_size: float = 60.0
 
 
+class ModifierSet(Struct):
+    """Names of modifiers by the kind of an object and the side that it is seen from."""
+
+    identifier: str
+    wall_set: dict[str, Any] | None = None
+    floor_set: dict[str, Any] | None = None
+    roof_ceiling_set: dict[str, Any] | None = None
+    aperture_set: dict[str, Any] | None = None
+    door_set: dict[str, Any] | None = None
+    shade_set: dict[str, Any] | None = None
+    air_boundary_modifier: str | None = None
+
+
 class ModelRadiance(Struct):
     modifiers: list[dict[str, Any]] | None = None
-    modifier_sets: list[dict[str, Any]] | None = None
+    modifier_sets: list[ModifierSet] | None = None
     sensor_grids: list[SensorGrid] | None = None
     views: list[View] | None = None
 

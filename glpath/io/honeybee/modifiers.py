@@ -6,7 +6,6 @@ metal, trans and glass; the defaults are those of honeybee-standards 2.0.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from glpath.io.convert import convert
-from glpath.io.honeybee.model import Aperture, Door, Face, ModelRadiance
+from glpath.io.honeybee.model import Aperture, Door, Face, ModelRadiance, ModifierSet
 from glpath.scene.geometry import Float64
 from glpath.scene.model import Material
 from glpath.scene.source_location import SourceLocation
@@ -162,7 +161,7 @@ class Modifiers:
     def __post_init__(self) -> None:
         given = self.radiance.modifiers or []
         self._known = _STANDARD | {str(each.get("identifier")): each for each in given}
-        self._sets = {str(each.get("identifier")): each for each in self.radiance.modifier_sets or []}
+        self._sets = {each.identifier: each for each in self.radiance.modifier_sets or []}
 
     def number(self, name: str, user: str) -> int | None:
         """Index into `materials` of a modifier; None for one that is not there to be seen.
@@ -180,7 +179,7 @@ class Modifiers:
         if face.modifier is not None:
             return face.modifier
         if face.face_type == "AirBoundary":
-            return str(self._set(room_set, face.identifier).get("air_boundary_modifier") or "air_boundary")
+            return self._set(room_set, face.identifier).air_boundary_modifier or "air_boundary"
         outdoors = face.boundary_condition.type == "Outdoors"
         side = "exterior_modifier" if outdoors else "interior_modifier"
         return self._from_set(room_set, _FACE_SETS[face.face_type], side, face.identifier)
@@ -209,9 +208,9 @@ class Modifiers:
         """That of a shade which has none of its own."""
         return self._from_set(room_set, "shade_set", _BOTH[not indoors], user)
 
-    def _set(self, name: str | None, user: str) -> Mapping[str, Any]:
+    def _set(self, name: str | None, user: str) -> ModifierSet:
         if name is None or name == "Generic_Interior_Visible_Modifier_Set":
-            return {}
+            return ModifierSet("")
         if name not in self._sets:
             raise self.location.error(
                 f'"{user}" has the modifier set "{name}", which is not in the file.',
@@ -220,7 +219,7 @@ class Modifiers:
         return self._sets[name]
 
     def _from_set(self, name: str | None, part: str, key: str, user: str) -> str:
-        given = self._set(name, user).get(part) or {}
+        given = getattr(self._set(name, user), part) or {}
         return str(given.get(key) or _GENERIC[part][key])
 
     def _added(self, name: str, user: str) -> int | None:

@@ -16,11 +16,16 @@ from xml.parsers import expat
 from glpath.errors import SceneError
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.files import read_bytes
+from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 
 _DEEPEST = 15  # includes in each other, as in Mitsuba
 _NESTED = 100  # elements in each other
+# Of a scene with all that it includes: elements, files, bytes of text, and bytes that values put for `$name`.
+_MAX_ELEMENTS, _MAX_FILES, _MAX_VALUES = 2**19, 2**10, 2**22
+# Plugins in each other by `<ref>`s. Two in each of them are twice as many with each step.
+_MAX_REFERENCES = 16
 _DOLLAR = re.compile(r"\$(\w+)")
+_VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
 # Names of Mitsuba 0.x that are no camel case of today's.
 _RENAMED = {"lookAt": "lookat"}
@@ -48,7 +53,7 @@ class Element:
     def file(self, name: str) -> Path:
         """Where a file is that it names; in its own folder where there is none."""
         found = (folder / name for folder in (self.folder, *self.searched))
-        return next((path for path in found if path.exists()), self.folder / name)
+        return next((path for path in found if os.path.exists(path)), self.folder / name)
 
     def attribute(self, name: str) -> str:
         """The value of an attribute that must be there. Raises SceneError."""
@@ -71,8 +76,16 @@ class Document:
     identified: dict[str, Element]
     defaults: dict[str, str | None]
 
-    def resolved(self, element: Element) -> Element:
-        """The element that a `<ref>` is to; itself of any other. Raises SceneError."""
+    def resolved(self, element: Element, depth: int = 0) -> Element:
+        """The element that a `<ref>` is to; itself of any other. Raises SceneError.
+
+        depth : number of plugins that it lies in
+        """
+        if depth > _MAX_REFERENCES:
+            raise element.location.error(
+                f"is in more than {_MAX_REFERENCES} plugins by references; a scene needs five.",
+                "Does one of them refer to itself?",
+            )
         if element.tag != "ref":
             return element
         wanted = element.attribute("id")
@@ -95,7 +108,7 @@ def read_document(path: Path, parameters: Mapping[str, object], *, complete: boo
                  value is empty text
     """
     reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
-    root = reader.read(path, SourceLocation(str(path)), 0)
+    root = reader.read(path, SourceLocation(str(path)), 0, 0)
     if root.tag != "scene":
         raise root.location.error(
             "is the root, but a scene's is <scene>.", "Other XML of Mitsuba is included: <include filename=...>."
@@ -121,9 +134,13 @@ class _Reader:
         self._complete = complete
         self.defaults: dict[str, str | None] = {}
         self.identified: dict[str, Element] = {}
+        self._files = self._bytes = self._elements = self._substituted = 0
 
-    def read(self, path: Path, location: SourceLocation, depth: int) -> Element:
-        """The root element of a file; `location` is where it is named."""
+    def read(self, path: Path, location: SourceLocation, depth: int, nested: int) -> Element:
+        """The root element of a file; `location` is where it is named.
+
+        depth, nested : number of files and of elements that it lies in
+        """
         if depth > _DEEPEST:
             raise location.error(f"includes files in each other, more than {_DEEPEST} deep.", "Is it a circle?")
         if not os.path.isfile(path):
@@ -131,23 +148,28 @@ class _Reader:
                 f"names {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
                 nearby_files("Files", path, (".xml",)),
             )
+        self._files += 1
+        if self._files > _MAX_FILES:
+            raise location.error(f"is the include after {_MAX_FILES:,} files; no more are read.")
         try:
-            content = read_bytes(path)
+            content = read_bytes(path, MAX_TEXT_BYTES - self._bytes)
         except OSError as error:
-            raise location.error(f"cannot be read: {error.strerror}.", "Check the permissions.") from error
-        root = _parsed(content, path, self._searched)
+            raise location.error(f"cannot be read: {reason_of(error)}.") from error
+        self._bytes += len(content)
+        root = self._parsed(content, path, nested)
         _check_old_names(root)
-        self._resolve(root, depth)
+        self._resolve(root, depth, nested)
         return root
 
-    def _resolve(self, element: Element, depth: int) -> None:
+    def _resolve(self, element: Element, depth: int, nested: int) -> None:
         """Substitute `$name` in an element, register its id, then do the same for its children in order.
 
         Includes are replaced by their content.
         """
         for key, text in element.attributes.items():
             if "$" in text:
-                element.attributes[key] = _DOLLAR.sub(lambda found: self._value(found[1], element), text)
+                value = _DOLLAR.sub(lambda found: self._value(found[1], element), text)
+                element.attributes[key] = value
         name = element.attributes.get("id", "")
         if element.tag not in ("ref", "alias", "default") and name:
             if name in self.identified:
@@ -158,12 +180,12 @@ class _Reader:
             self.identified[name] = element
         children = []
         for child in element.children:
-            self._resolve(child, depth)
+            self._resolve(child, depth, nested + 1)
             if child.tag == "include":
                 path = child.file(child.attribute("filename"))
                 if not (self._complete or os.path.isfile(path)):
                     continue
-                root = self.read(path, child.location, depth + 1)
+                root = self.read(path, child.location, depth + 1, nested + 1)
                 children += root.children if root.tag == "scene" else [root]
             elif child.tag == "alias":
                 known = child.attribute("id")
@@ -183,7 +205,7 @@ class _Reader:
     def _search(self, element: Element) -> None:
         """Add the folder of a `<path>`: in the folder of its own file, or in that of the scene."""
         folders = [folder / element.attribute("value") for folder in (element.folder, self._scene_folder)]
-        found = [folder for folder in folders if folder.is_dir()]
+        found = [folder for folder in folders if os.path.isdir(folder)]
         if not found:
             raise element.location.error(
                 f"names {' and '.join(map(str, dict.fromkeys(folders)))}, which is no folder.",
@@ -193,10 +215,17 @@ class _Reader:
 
     def _value(self, name: str, element: Element) -> str:
         # As Mitsuba has it: the longest name that is known, so that `$widthpx` may be `$width` and px.
-        for end in range(len(name), 0, -1):
+        for end in range(min(len(name), max(map(len, self._values), default=0)), 0, -1):
             if name[:end] in self._values:
                 self.defaults.setdefault(name[:end], None)
-                return self._values[name[:end]] + name[end:]
+                value = self._values[name[:end]]
+                self._substituted += len(value)
+                if self._substituted > _MAX_VALUES:
+                    raise element.location.error(
+                        f"brings the values of parameters to more than {_MAX_VALUES:,} letters in all.",
+                        "Do parameters stand for each other?",
+                    )
+                return value + name[end:]
         self.defaults.setdefault(name, None)
         if not self._complete:
             return ""
@@ -205,44 +234,51 @@ class _Reader:
             f'Give it one: -D {name}=..., or <default name="{name}" value="..."/> before it.',
         )
 
+    def _parsed(self, content: bytes, path: Path, nested: int) -> Element:
+        """The root of a file's elements."""
+        parser = expat.ParserCreate()
+        stack: list[Element] = []
+        roots: list[Element] = []
 
-def _parsed(content: bytes, path: Path, searched: list[Path]) -> Element:
-    """The root of a file's elements."""
-    parser = expat.ParserCreate()
-    stack: list[Element] = []
-    roots: list[Element] = []
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            kind = f' type="{attributes["type"]}"' if "type" in attributes else ""
+            kind += f' name="{attributes["name"]}"' if "name" in attributes else ""
+            location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}, <{tag}{kind}>")
+            self._elements += 1
+            if nested + len(stack) > _NESTED:
+                raise location.error(f"is in more than {_NESTED} elements; a scene needs ten.")
+            if self._elements > _MAX_ELEMENTS:
+                raise location.error(f"is the element after {_MAX_ELEMENTS:,} others; no more are read.")
+            element = Element(_RENAMED.get(tag, tag), dict(attributes), location, path.parent, self._searched)
+            (stack[-1].children if stack else roots).append(element)
+            stack.append(element)
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        kind = f' type="{attributes["type"]}"' if "type" in attributes else ""
-        kind += f' name="{attributes["name"]}"' if "name" in attributes else ""
-        location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}, <{tag}{kind}>")
-        if len(stack) > _NESTED:
-            raise location.error(f"is in more than {_NESTED} elements; a scene needs ten.")
-        element = Element(_RENAMED.get(tag, tag), dict(attributes), location, path.parent, searched)
-        (stack[-1].children if stack else roots).append(element)
-        stack.append(element)
+        def doctype(*_: object) -> None:
+            location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
+            remedy = "Remove <!DOCTYPE ...>."
+            raise location.error("has a document type, which scenes of Mitsuba do not have.", remedy)
 
-    def doctype(*_: object) -> None:
-        location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
-        raise location.error("has a document type, which scenes of Mitsuba do not have.", "Remove <!DOCTYPE ...>.")
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: stack.pop()
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        location = SourceLocation(str(path), f"line {error.lineno}, column {error.offset + 1}")
-        raise location.error(f"is not XML: {expat.errors.messages[error.code]}.") from error
-    return roots[0]
+        parser.StartElementHandler = start
+        parser.EndElementHandler = lambda _: stack.pop()
+        parser.StartDoctypeDeclHandler = doctype
+        try:
+            parser.Parse(content, True)
+        except expat.ExpatError as error:
+            location = SourceLocation(str(path), f"line {error.lineno}, column {error.offset + 1}")
+            raise location.error(f"is not XML: {expat.errors.messages[error.code]}.") from error
+        except (LookupError, ValueError) as error:  # of the encoding that the file says it has
+            location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
+            raise location.error(f"has an encoding that is not read: {error}.", "Write it as UTF-8.") from error
+        return roots[0]
 
 
 def _check_old_names(root: Element) -> None:
     """Scenes of Mitsuba 0.x have names in camel case: toWorld is to_world today, intIOR int_ior."""
     version = root.attributes.get("version", "3.0.0")
-    if not version.partition(".")[0].isdigit():
+    found = _VERSION.match(version)
+    if found is None:
         raise root.location.error(f"has the version {shown(version)}.", 'For example version="3.0.0".')
-    if int(version.partition(".")[0]) >= 2:
+    if int(found[1]) >= 2:
         return
     for element in _walk(root):
         if element.tag not in ("default", "include", "alias", "ref") and element.name:

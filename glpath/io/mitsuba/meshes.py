@@ -22,7 +22,7 @@ from glpath.io.ply_mesh import PlyMesh
 from glpath.io.stored_colours import fractions
 from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
-from glpath.system.files import read_bytes
+from glpath.system.files import read_bytes, reason_of
 
 _SEGMENTS = 128  # of a disk or a cylinder
 # Of a cube's faces the corners where uv is (0, 1), (1, 1), (1, 0) and (0, 0), v downwards.
@@ -40,6 +40,9 @@ _CUBE = np.array(
 _CUBE_UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
 _CUBE_FACES = np.concatenate([np.array([(0, 1, 2), (3, 0, 2)], np.int32) + 4 * face for face in range(6)])
 _SERIALIZED = 0x041C
+# Bytes that hold the flags, the name and the counts of a mesh; and to how many bytes a mesh may unfold in any case,
+# and for each byte of the file. Meshes of surfaces are packed to a half or a tenth.
+_SERIALIZED_HEAD, _SERIALIZED_SMALL, _SERIALIZED_RATIO = 4096, 2**24, 32
 
 
 def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
@@ -211,7 +214,7 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
     where, index = plugin.where("filename"), plugin.whole("shape_index", 0)
     try:
         content = read_bytes(path)
-        count = struct.unpack("<I", content[-4:])[0]
+        (count,) = struct.unpack("<I", content[-4:])
         version = struct.unpack("<H", content[2:4])[0]
         width = 8 if version >= 4 else 4
         if not index < count:
@@ -222,15 +225,20 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
         kind, _ = struct.unpack("<HH", content[start : start + 4])
         if kind != _SERIALIZED:
             raise ValueError("it does not begin as one")
-        return _of_stream(zlib.decompressobj().decompress(content[start + 4 :]), version)
+        return _of_stream(zlib.decompressobj(), content[start + 4 :], version)
     except (OSError, ValueError, struct.error, zlib.error, IndexError) as error:
         raise where.error(
-            f"names {path}, which cannot be read as meshes of Mitsuba: {error}.", "Write it anew, as PLY."
+            f"names {path}, which cannot be read as meshes of Mitsuba: {reason_of(error)}.",
+            "Write it anew, as PLY.",
         ) from error
 
 
-def _of_stream(data: bytes, version: int) -> Mesh:
-    """The mesh of an unpacked stream: flags, name, counts, then arrays one after the other."""
+def _of_stream(unpack: Any, packed: bytes, version: int) -> Mesh:
+    """The mesh of a packed stream: flags, name, counts, then arrays one after the other.
+
+    unpack : decompressor of zlib; no more is unpacked than the counts ask for
+    """
+    data = unpack.decompress(packed, _SERIALIZED_HEAD)
     (flags,) = struct.unpack("<I", data[:4])
     at = 4
     if version >= 4:
@@ -238,6 +246,12 @@ def _of_stream(data: bytes, version: int) -> Mesh:
     vertex_count, face_count = struct.unpack("<QQ", data[at : at + 16])
     at += 16
     number = "<f8" if flags & 0x2000 else "<f4"
+    numbers = 3 + 3 * bool(flags & 0x0001) + 2 * bool(flags & 0x0002) + 3 * bool(flags & 0x0008)
+    size = at + vertex_count * numbers * int(number[-1]) + 3 * face_count * (8 if vertex_count > 0xFFFFFFFF else 4)
+    if size > max(_SERIALIZED_SMALL, _SERIALIZED_RATIO * len(packed)):
+        raise ValueError(f"{len(packed):,} bytes in it unfold to {size:,}, more than {_SERIALIZED_RATIO} times")
+    if size > len(data):
+        data += unpack.decompress(unpack.unconsumed_tail, size - len(data))
 
     def array(kind: str, rows: int, columns: int) -> NDArray[Any]:
         nonlocal at

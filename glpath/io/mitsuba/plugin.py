@@ -27,15 +27,15 @@ _PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "spectrum", "poin
 class Plugin:
     """One plugin. Its parameters are asked for by name; `check_all_read` refuses the others."""
 
-    def __init__(self, element: Element, document: Document) -> None:
-        self.element, self.document = element, document
+    def __init__(self, element: Element, document: Document, depth: int = 0) -> None:
+        self.element, self.document, self._depth = element, document, depth
         self.kind = element.attribute("type")
         self.location: SourceLocation = element.location
         self._properties: dict[str, Element] = {}
         self._nested: list[tuple[str, Element]] = []
         self._asked: dict[str, None] = {}
         for child in element.children:
-            resolved = document.resolved(child)
+            resolved = document.resolved(child, depth)
             if child.tag == "ref" and resolved.tag == "spectrum":
                 self._properties[child.attribute("name")] = resolved
             elif child.tag == "ref" or child.tag in PLUGINS:
@@ -62,7 +62,7 @@ class Plugin:
         """The plugins of a tag in it, in order; with a name, those alone that have it."""
         found = [each for each in self._nested if each[1].tag == tag and (not name or each[0] == name)]
         self._nested = [each for each in self._nested if each not in found]
-        return [Plugin(element, self.document) for _, element in found]
+        return [Plugin(element, self.document, self._depth + 1) for _, element in found]
 
     def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
         """A number from `low` to `high`. Raises SceneError."""

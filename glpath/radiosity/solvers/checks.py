@@ -22,6 +22,14 @@ METHODS: tuple[Method, ...] = get_args(Method)
 #: Bytes of an element, and of each point of a receiver: what was measured, rounded up.
 _BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1800, 400
 _SAMPLES = (1, 4, 9, 16, 25)
+# Options that are whole numbers, and from where to where.
+_COUNTS = {
+    "splits": (0, 20),
+    "adaptive": (0, 20),
+    "max_steps": (1, 2**53),
+    "particles": (1, 2**53),
+    "seed": (0, 2**63 - 1),
+}
 
 
 def check_options(options: dict[str, object]) -> None:
@@ -32,9 +40,10 @@ def check_options(options: dict[str, object]) -> None:
             raise UsageError(
                 f"solve_radiosity: {name} is {o[name]!r}; allowed are {', '.join(str(a) for a in allowed)}."
             )
-    for name, min_value in (("splits", 0), ("adaptive", 0), ("max_steps", 1), ("particles", 1), ("seed", 0)):
-        if not (isinstance(o[name], int) and int(str(o[name])) >= min_value):
-            raise UsageError(f"solve_radiosity: {name} is {o[name]}; must be a whole number from {min_value}.")
+    for name, (low, high) in _COUNTS.items():
+        value = o[name]
+        if not (isinstance(value, int) and low <= value <= high):
+            raise UsageError(f"solve_radiosity: {name} is {value}; must be a whole number from {low} to {high}.")
     if not (
         isinstance(o["receiver_points"], int) and 1 <= o["receiver_points"] == math.isqrt(o["receiver_points"]) ** 2
     ):

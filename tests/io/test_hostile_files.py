@@ -1,0 +1,193 @@
+"""Files that are small and unfold to much, or refer to themselves: one clear error, in bounded time and memory."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.errors import GlpathError
+from tests.support import honeybee_model
+
+SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'
+# Prints the error of a file, and the memory that it took beyond the imports.
+MEASURED = """
+import resource, sys, warnings
+import glpath, glpath.io
+warnings.simplefilter("ignore")
+limit = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 + (1 << 30)
+resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+try:
+    glpath.load_scene(sys.argv[1])
+except glpath.GlpathError as error:
+    print("error:", error)
+else:
+    print("read")
+"""
+
+
+def outcome(path: Path) -> str:
+    """The error of a file, or "read", within 1 GiB and a minute of processor time."""
+    done = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout.strip()
+
+
+def defaults(folder: Path) -> str:
+    """Each value is ten times the one before."""
+    rows = [f'<default name="a0" value="{"x" * 100}"/>']
+    rows += [f'<default name="a{i}" value="{f"$a{i - 1}," * 10}"/>' for i in range(1, 12)]
+    return SCENE.format("".join(rows))
+
+
+def fan(folder: Path) -> str:
+    """Each file includes the next one eight times."""
+    for i in range(14):
+        (folder / f"i{i}.xml").write_text(SCENE.format(f'<include filename="i{i + 1}.xml"/>' * 8))
+    (folder / "i14.xml").write_text(SCENE.format(""))
+    return SCENE.format('<include filename="i0.xml"/>')
+
+
+def nested_includes(folder: Path) -> str:
+    """Elements in each other, some in each of several files."""
+    for i in range(14):
+        inner = f'<include filename="n{i + 1}.xml"/>'
+        (folder / f"n{i}.xml").write_text(SCENE.format('<bsdf type="twosided">' * 80 + inner + "</bsdf>" * 80))
+    return SCENE.format('<include filename="n0.xml"/>')
+
+
+def to_itself(folder: Path) -> str:
+    return SCENE.format('<bsdf type="twosided" id="a"><ref id="a"/></bsdf><shape type="cube"><ref id="a"/></shape>')
+
+
+def to_each_other(folder: Path) -> str:
+    rows = [f'<bsdf type="mask" id="{a}"><ref id="{b}"/></bsdf>' for a, b in ("ab", "ba")]
+    return SCENE.format("".join(rows) + '<shape type="cube"><ref id="a"/></shape>')
+
+
+def chain(folder: Path) -> str:
+    rows = [f'<bsdf type="mask" id="b{i}"><ref id="b{i + 1}"/></bsdf>' for i in range(5000)]
+    last = '<bsdf type="diffuse" id="b5000"/><shape type="cube"><ref id="b0"/></shape>'
+    return SCENE.format("".join(rows) + last)
+
+
+def elements(folder: Path) -> str:
+    return SCENE.format("<a/>" * 600_000)
+
+
+XML: list[tuple[Callable[[Path], str], str]] = [
+    (defaults, "more than 4,194,304 letters in all"),
+    (fan, "after 1,024 files"),
+    (nested_includes, "in more than 100 elements"),
+    (to_itself, "in more than 16 plugins by references"),
+    (to_each_other, "in more than 16 plugins by references"),
+    (chain, "in more than 16 plugins by references"),
+    (elements, "the element after 524,288 others"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), XML, ids=lambda each: getattr(each, "__name__", ""))
+def test_a_mitsuba_scene_that_grows_or_goes_in_circles_is_refused(
+    text: Callable[[Path], str], words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.xml").write_text(text(tmp_path))
+    assert words in outcome(tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize("encoding", ["nope", "shift_jis", "utf-16", "idna", "hex", "rot13", "utf-7", "\u00b2"])
+@pytest.mark.parametrize("version", ["3.0.0", "\u00b2", "9" * 5000, "1_0", ""])
+def test_encodings_and_versions_of_xml_that_are_not_read_are_errors(
+    encoding: str, version: str, tmp_path: Path
+) -> None:
+    text = f'<?xml version="1.0" encoding="{encoding}"?>' + SCENE.format("").replace("3.0.0", version)
+    (tmp_path / "a.xml").write_text(text, "utf-8")
+    with pytest.raises(glpath.SceneError, match=r"a\.xml: line 1"):
+        glpath.load_scene(tmp_path / "a.xml")
+    (tmp_path / "a.xml").write_text(SCENE.format("").replace("3.0.0", version), "utf-8")
+    if version != "3.0.0":
+        with pytest.raises(glpath.SceneError, match="has the version"):
+            glpath.load_scene(tmp_path / "a.xml")
+
+
+def serialized(vertices: int, faces: int, data: bytes, flags: int = 0x1000) -> bytes:
+    """A file of one mesh, in version 4 of the format."""
+    pack = zlib.compressobj(9)
+    packed = pack.compress(struct.pack("<I", flags) + b"a\0" + struct.pack("<QQ", vertices, faces))
+    packed += pack.compress(data) + pack.flush()
+    return struct.pack("<HH", 0x041C, 4) + packed + struct.pack("<QI", 0, 1)
+
+
+def scene_with(folder: Path, content: bytes) -> Path:
+    (folder / "a.serialized").write_bytes(content)
+    shape = '<shape type="serialized"><string name="filename" value="a.serialized"/></shape>'
+    (folder / "a.xml").write_text(f'<scene version="3.0.0">{shape}</scene>')
+    return folder / "a.xml"
+
+
+@pytest.mark.parametrize("counts", [(2**62, 1), (3, 2**62), (2**40, 2**40), (2**25, 2**25), (2**64 - 1, 2**64 - 1)])
+def test_a_serialized_mesh_does_not_unfold_to_more_than_its_file_can_hold(
+    counts: tuple[int, int], tmp_path: Path
+) -> None:
+    """The fourth file holds 315 MB of zeros in 0.3 MB."""
+    found = outcome(
+        scene_with(tmp_path, serialized(*counts, bytes(300 << 20) if counts[0] == 2**25 else bytes(64)))
+    )
+    assert "more than 32 times" in found
+
+
+def test_a_serialized_mesh_of_many_equal_rows_is_read(tmp_path: Path) -> None:
+    """A flat lattice is packed to a ninth."""
+    steps = np.arange(40, dtype="<f4")
+    x, y = np.meshgrid(steps, steps)
+    corner = (np.arange(39)[:, None] * 40 + np.arange(39)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 1, 41], corner[:, None] + [0, 41, 40]]).astype("<u4")
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1).astype("<f4")
+    content = serialized(1600, len(faces), points.tobytes() + faces.tobytes())
+    with pytest.warns(glpath.SceneWarning):
+        scene = glpath.load_scene(scene_with(tmp_path, content))
+    assert scene.areas.sum() == pytest.approx(39**2)
+
+
+def test_a_long_file_name_in_a_scene_is_an_error(tmp_path: Path) -> None:
+    name = "a" * 400
+    shape = '<shape type="{}"><string name="filename" value="{}"/></shape>'
+    for text in (
+        SCENE.format(f'<include filename="{name}.xml"/>'),
+        SCENE.format(f'<path value="{name}"/>'),
+        *(SCENE.format(shape.format(kind, f"{name}.{kind}")) for kind in ("obj", "ply", "serialized")),
+    ):
+        (tmp_path / "a.xml").write_text(text)
+        with pytest.raises(GlpathError, match="aaaa"):
+            glpath.load_scene(tmp_path / "a.xml")
+
+
+def honeybee(folder: Path, **changes: object) -> Path:
+    model = honeybee_model.two_rooms()
+    for key, value in changes.items():
+        model[key] = value
+    return honeybee_model.write(model, folder / "a.hbjson")
+
+
+def test_a_face_of_honeybee_with_a_huge_index_is_an_error(tmp_path: Path) -> None:
+    corners = [[0, 0, 0], [1, 0, 0], [1, 0, 1]]
+    geometry = {"type": "Mesh3D", "vertices": corners, "faces": [[0, 1, 2**40]]}
+    mesh = {"type": "ShadeMesh", "identifier": "s", "geometry": geometry, "properties": {"radiance": {}}}
+    with pytest.raises(glpath.SceneError, match='of "s" cannot be read'):
+        glpath.load_scene(honeybee(tmp_path, shade_meshes=[mesh]))
+
+
+@pytest.mark.parametrize("given", ["oops", 1, ["a"]])
+def test_a_set_of_modifiers_that_is_no_table_is_an_error(given: object, tmp_path: Path) -> None:
+    sets = [{"identifier": "s", "wall_set": given}]
+    radiance = {"type": "ModelRadianceProperties", "modifier_sets": sets}
+    properties = {"type": "ModelProperties", "radiance": radiance}
+    with pytest.raises(glpath.SceneError, match=r"wall_set"):
+        glpath.load_scene(honeybee(tmp_path, properties=properties))
