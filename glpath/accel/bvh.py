@@ -23,6 +23,7 @@ from glpath.accel.nodes import Bvh, Tree
 from glpath.errors import UsageError
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 from glpath.system.machine import core_count
+from glpath.system.time_limit import TimeLimitError, check_time
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -81,6 +82,11 @@ def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
         running: set[Future[list[tuple[int, int, int]]]] = {pool.submit(build, 0, count, 0)}
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
+            try:
+                check_time("building the BVH")
+            except TimeLimitError:
+                pool.shutdown(wait=True, cancel_futures=True)
+                raise
             running |= {pool.submit(build, *part) for each in done for part in each.result()}
     return tree.bvh(max(2 * count - 1, 0))
 

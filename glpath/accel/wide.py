@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.accel.nodes import Bvh
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 Integers = NDArray[np.int64] | NDArray[np.int32]
@@ -89,6 +90,7 @@ def collapse(tree: Bvh) -> WideBvh:
     found = []
     stack = 0
     while len(roots[-1]):
+        check_time("building the BVH")
         lanes = _divided(tree, roots[-1], parts)
         found.append(lanes)
         inner_lanes = (lanes >= 0) & inner[lanes]
@@ -112,6 +114,7 @@ def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:
     min_cost = np.zeros((len(tree), WIDTH))  # areas of what remains below, with up to 1, 2, 3, 4 subtrees
     parts = np.zeros((len(tree), WIDTH + 1), np.int8)
     for level in reversed(_levels(tree)):
+        check_time("building the BVH")
         left, right = min_cost[level + 1], min_cost[tree.skip[level + 1]]
         # by (parts of the left one, node)
         splits = [

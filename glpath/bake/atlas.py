@@ -27,6 +27,7 @@ from glpath.bake.xatlas_workers import atlas_of
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 #: Triangles, the side of them, and its density.
@@ -58,6 +59,7 @@ _SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MAX_SECONDS, _REPORTED_SECONDS =
 _MIN_AREA, _MIN_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
 #: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
 _PATIENCE, _NEXT_TO_NONE = 2, 1e-3
+_PACKING = "making the atlas"  # for a time limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +272,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
         texels, fits, over = guess, (0.0, 0.0), (math.inf, math.inf)
         best: Atlas | None = None
         for trial in range(_TRIALS):
+            check_time(_PACKING)
             atlas = _packed(xatlas, scene, parts, charts, texels, None, padding)
             longest = max(atlas.size)
             if longest <= size:
@@ -329,6 +332,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
     finer = min(max(rounded(_CHART_PAGE / (texels * math.sqrt(2 * area))), 1.0), _FINER)
     with atlas_of(xatlas) as atlas:
         for part in models:
+            check_time(_PACKING)
             atlas.add_mesh(*_corners(scene, part, unit))
         pack = xatlas.PackOptions()
         pack.texels_per_unit, pack.padding, pack.resolution = finer * texels * unit, _MIN_PADDING, 0
@@ -389,6 +393,7 @@ def _packed(
     unit = _unit(scene, parts)
     with atlas_of(xatlas) as atlas:
         for i, part in enumerate(parts):
+            check_time(_PACKING)
             if charts is None:
                 atlas.add_mesh(*_corners(scene, part, unit))
             else:

@@ -16,6 +16,7 @@ from glpath.bake.streamed import Covered
 from glpath.bake.texels import Texels
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -83,6 +84,7 @@ class _Samples:
             triangle, side, points = self._at(sample, which)
             # In parts, as each point has a dozen numbers beside it.
             for at in (slice(first, first + _TOGETHER) for first in range(0, len(which), _TOGETHER)):
+                check_time("looking for texels inside of geometry")
                 row[at] = self.sides.inside(triangle[at], side[at], points[at], near[at], at.start)
         if self.covered is not None:
             # All samples at once: it reads the streams anew each time.
@@ -99,7 +101,11 @@ class _Samples:
             for s in range(len(texels.face))
         ]
         own = atlas.triangle[texels.face[middle]]
-        return np.stack([self.sides.apart(own, above[middle], each) for each in above])
+        found = []
+        for each in above:
+            check_time("looking for texels behind walls")
+            found.append(self.sides.apart(own, above[middle], each))
+        return np.stack(found)
 
     def _at(self, sample: int, which: Int64) -> tuple[Int64, Int64, Float64]:
         """Triangle, side and position of a sample of texels (N,)."""

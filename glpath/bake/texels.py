@@ -17,6 +17,7 @@ from glpath.bake.atlas import Atlas
 from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
+from glpath.system.time_limit import check_time
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -94,6 +95,7 @@ def rasterised(atlas: Atlas) -> Texels:
         faces = np.flatnonzero((atlas.page == page) & (atlas.areas > 0)).astype(np.int32)
         uv = np.ascontiguousarray(atlas.uv[faces])
         for first in range(0, height, _BAND):
+            check_time("rasterising the atlas")
             rows = min(_BAND, height - first)
             best = np.full((rows, width, count), np.inf, np.float32)
             face = np.zeros((rows, width, count), np.int32)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from glpath.cli.picture import Picture
+from glpath.cli.picture import EIGHT_BIT, Picture
 from glpath.cli.running import workers_of
 from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
@@ -29,6 +29,7 @@ from glpath.system.files import check_writable, save_all, whole_file
 from glpath.system.locks import Lock
 from glpath.system.reporting import duration
 from glpath.system.terminal import say
+from glpath.system.time_limit import without_limit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -113,7 +114,7 @@ class Frames:
         GlpathError where the package for it is missing."""
         pictures = [path for path in out if path.suffix.lower() not in MOVIES]
         movies = [path for path in out if path not in pictures]
-        if movies and not any(path.suffix.lower() == ".png" for path in pictures):
+        if movies and not any(path.suffix.lower() in EIGHT_BIT for path in pictures):
             raise UsageError(
                 f"-o {movies[0]}: a movie is made of .png frames.", "Name these as well: -o frame_{:04}.png."
             )
@@ -200,6 +201,7 @@ class FramesToRender:
             cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
             shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
             held.enter_context(watched(self.run.silence, "The frames before it are written."))
+            held.enter_context(without_limit())  # each frame has its own
             held.enter_context(warnings.catch_warnings())
             warnings.filterwarnings("ignore", "There is motion")  # a frame is a still of it
             workers = held.enter_context(workers_of(self.run.cluster))
@@ -207,7 +209,7 @@ class FramesToRender:
             ended_early = self._write(todo, rendering.render_frames(scene, shown, **options, **vars(run)))
         if ended_early:
             raise typer.Exit(exit_code())
-        pictures = next((path for path in self.out if path.suffix.lower() == ".png"), None)
+        pictures = next((path for path in self.out if path.suffix.lower() in EIGHT_BIT), None)
         for movie in self.movies:
             assert pictures is not None, "asked for by Frames.split"
             write_movie(movie, [frames.path(pictures, i) for i in range(frames.first, frames.stop)], self.fps)
@@ -273,8 +275,9 @@ def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
     for path in out:
         for i in range(frames.first, frames.stop):
             there = frames.path(path, i)
-            if path.suffix.lower() == ".png" and there.is_file():
+            if path.suffix.lower() in EIGHT_BIT and there.is_file():
                 suppressed = contextlib.suppress(OSError, KeyError, ValueError)
-                with suppressed, Image.open(there, formats=("PNG",)) as picture:
-                    return float(picture.info["glpath.exposure_stops"])
+                with suppressed, Image.open(there, formats=("PNG", "JPEG")) as picture:
+                    info = json.loads(picture.info["comment"]) if picture.format == "JPEG" else picture.info
+                    return float(info["glpath.exposure_stops"])
     return None

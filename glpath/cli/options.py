@@ -19,6 +19,7 @@ from glpath.errors import UsageError
 from glpath.integrators.by_name import INTEGRATORS
 from glpath.integrators.settings import Rgb
 from glpath.rendering.options import Option, options
+from glpath.system.time_limit import limited
 
 #: The panel of the help with what all integrators have.
 FOR_ALL = "Sampling"
@@ -62,7 +63,8 @@ def with_options(
     def command(**values: Any) -> Any:
         request = RunRequest(**{name: values.pop(name) for name in run})
         request.begin()
-        return function(**values, run=request)
+        with limited(request.seconds):
+            return function(**values, run=request)
 
     typed = [p for p in explicit if p.name != "run"]
     parameters = [*typed, *of_run, *of_integrators]

@@ -25,6 +25,7 @@ from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
+from glpath.system.time_limit import lift_limit
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
@@ -195,6 +196,7 @@ def radiosity(
                 solution: RadiositySolution | None = _loaded(radiosity, loaded)
             else:
                 solution = _solve(loaded, options, run.mode)
+        lift_limit()
         if checkpoint is not None and by_scheduler():
             if checkpoint.failure is not None:
                 raise ImageError(checkpoint.failure)

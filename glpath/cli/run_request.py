@@ -78,8 +78,8 @@ class RunRequest:
         bool,
         typer.Option(
             "--resume",
-            help="Resume from that file, bit-identical; begin where there is none. Of another scene, setting or "
-            "version, it is refused.",
+            help="Resume from the checkpoint, a.checkpoint.npz beside a.png, bit-identical; begin where there is "
+            "none. One of another scene, setting or version is refused.",
             rich_help_panel=_LONG,
         ),
     ] = False
@@ -87,8 +87,8 @@ class RunRequest:
         str | None,
         typer.Option(
             metavar="90s|10m|2h",
-            help="End with what there is after this time, that before --resume included; of path sets there is no "
-            "other end without --spp.",
+            help="End so long after the start of the command, with what there is; runs before --resume count, too. "
+            "Denoising and writing follow. Without --spp there is no other end.",
             rich_help_panel=_LONG,
         ),
     ] = None

@@ -9,7 +9,7 @@ import re
 
 # Of commands, besides the options of integrators.
 _OF_COMMANDS = (
-    *("integrator", "crop", "resolution", "device", "require_gpu", "hours"),
+    *("integrator", "crop", "resolution", "device", "require_gpu", "hours", "time_limit"),
     *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
 )
 

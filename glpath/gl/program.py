@@ -26,6 +26,7 @@ from glpath.gl.constants import constants_glsl
 from glpath.gl.signals import SignalsWait
 from glpath.gl.variants import check_declared
 from glpath.system.machine import return_memory
+from glpath.system.time_limit import check_time
 
 GLSL_VERSION = "#version 430 core"
 
@@ -348,6 +349,7 @@ def _for_llvmpipe(
 
 
 def _compile(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:
+    check_time("compiling shaders")
     # moderngl calls functions of Python while it makes a program, and crashes where one is broken off.
     signals = SignalsWait(_program_of.__code__)
     signals.begin()

@@ -48,6 +48,7 @@ from glpath.rendering.session import begin, checked_plan, describe_plan, metadat
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
+from glpath.system.time_limit import counted_from
 
 log = logging.getLogger("glpath")
 
@@ -93,7 +94,7 @@ class Cluster(Connection):
         merged
         RenderInterrupted : on Ctrl-C, with what was merged
         """
-        started = time.perf_counter()
+        started = counted_from()
         plan = checked_plan(job, scene).resumed(options.film)
         clock = begin(job, plan, scene, options, None, started=started, prepared=False)
         if clock.ended_before():
@@ -119,9 +120,11 @@ def _with_small_bias(
     try:
         context = options.context()
         with interrupt_as_flag() as interrupted, context.rendering():
-            check = BiasCheck(context, traced, sensor, window, options.timings, clock.report, interrupted)
+            began = time.perf_counter()
             with context:
                 engine = plan.engine(context, traced, sensor, window, options.timings).prepare()
+            took = time.perf_counter() - began
+            check = BiasCheck(context, traced, sensor, window, options.timings, clock.report, interrupted, took)
             plan, engine = check.settle(plan, engine)
             with context:
                 engine.close()

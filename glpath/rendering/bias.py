@@ -11,6 +11,7 @@ Poor at:  bias that is smaller than a block of the picture, and light that few p
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,7 @@ from glpath.rendering.interrupts import Flag
 from glpath.scene import Scene
 from glpath.sensors.sensor import Sensor
 from glpath.system.heartbeat import heartbeat
+from glpath.system.time_limit import TimeLimitError, check_time, part_of_time, seconds_left
 
 #: Longer side of the reduced picture, in pixels; the same whatever the resolution, so that the choice is as well.
 SIDE = 128
@@ -33,6 +35,8 @@ LOOKS = (6, 12, 24, 48, 64)
 # Correction for standard errors that are estimated from few sets (Student's t). Divided by the degrees of freedom,
 # it is added to the number of standard errors.
 _STUDENT = 1.85
+_NO_BIAS = 'integrator="path" has no bias.'
+_STAGE = "measuring the bias of the gather"
 
 
 class BiasProbe:
@@ -63,6 +67,7 @@ class BiasProbe:
                 for index in range(len(found), look):
                     if interrupted:
                         raise KeyboardInterrupt
+                    check_time(_STAGE)
                     engine.trace_path_set(index)
                     heartbeat.beat()
                     found.append(block_means(engine.take()))
@@ -88,6 +93,7 @@ class BiasCheck:
     window         : window of the engine that renders
     say            : called with the name of each stage
     interrupted    : flag that raises KeyboardInterrupt if it is set
+    engine_s       : seconds that making an engine takes, about
     probe          : probe from an earlier check of the same plan
     statistics     : results of the check for the film's metadata
     """
@@ -99,6 +105,7 @@ class BiasCheck:
     timings: bool
     say: Say
     interrupted: Flag
+    engine_s: float
     probe: BiasProbe | None = None
     statistics: dict[str, Any] | None = None
 
@@ -107,17 +114,22 @@ class BiasCheck:
         bias = self._measured(plan, engine)
         if bias is None:
             # An unknown bias may be large.
-            unbiased = plan.without_bias()
-            return (plan, engine) if unbiased is None else (unbiased, self._replaced(engine, unbiased))
+            unbiased = self._in_time(plan.without_bias())
+            if unbiased is not None:
+                return unbiased, self._replaced(engine, unbiased)
+            if seconds_left() < math.inf:
+                name = self.scene.source or self.scene.name
+                warn(f"{name}: the time limit left no time to measure the bias of the gather; {_NO_BIAS}")
+            return plan, engine
         if bias.is_small():
             return plan, engine
-        refined = plan.refined(self.scene, self.say)
+        refined = self._in_time(plan) and self._in_time(plan.refined(self.scene, self.say))
         if refined is not None:
             plan, engine = refined, self._replaced(engine, refined, same_solution=False)
             bias = self._measured(plan, engine)
             if bias is not None and bias.is_small():
                 return plan, engine
-        unbiased = plan.without_bias()
+        unbiased = self._in_time(plan.without_bias())
         assert self.statistics is not None, "measured"
         if unbiased is not None:
             self.statistics = {REJECTED_GATHER: self.statistics[BIAS_PROBE]}
@@ -128,15 +140,20 @@ class BiasCheck:
         name = self.scene.source or self.scene.name
         warn(
             f"{name}: the bias of the gather {found} {bias}. "
-            'Its radiosity solution may be too coarse for this scene; integrator="path" has no bias.'
+            f"Its radiosity solution may be too coarse for this scene; {_NO_BIAS}"
         )
         return plan, engine
 
+    def _in_time(self, plan: Plan | None) -> Plan | None:
+        """Return the plan; None if the time limit is over before its engine would be made."""
+        return plan if seconds_left() > self.engine_s else None
+
     def _measured(self, plan: Plan, engine: Engine) -> Bias | None:
-        """The bias of a plan, None if it has none or there is no room to measure it."""
-        self.say("measuring the bias of the gather")
+        """The bias of a plan, None if it has none or there is no room or no time to measure it."""
+        self.say(_STAGE)
         reduced = self.sensor.reduced(SIDE)
-        with suppress(ContextError, SceneError, MemoryError), self.context:
+        with suppress(ContextError, SceneError, MemoryError, TimeLimitError), part_of_time(), self.context:
+            check_time(_STAGE)
             if self.probe is None:
                 engines = plan.bias_probe(engine, self.context, self.scene, reduced)
                 if engines is None:

@@ -23,6 +23,7 @@ from glpath.rendering.session import Session
 from glpath.scene import Camera, Scene, check_camera
 from glpath.sensors.sensor import CameraSensor, PointSensor
 from glpath.system.reporting import MODES
+from glpath.system.time_limit import lift_limit, limited
 
 
 @with_options()
@@ -152,12 +153,16 @@ def run_job(
 
     pictured : what `progress` shows of a film that is no picture
     """
-    if options.cluster is not None:
-        with reporting_to(options, pictured) as reported:
-            return options.cluster.render(job, scene, replace(reported, cluster=None))
-    session = Session(job, scene, options, context=context)
-    with session, reporting_to(options, pictured) as reported:
-        film = session.render(job, scene, reported)
+    with limited(options.time_limit):
+        if options.cluster is not None:
+            with reporting_to(options, pictured) as reported:
+                film = options.cluster.render(job, scene, replace(reported, cluster=None))
+            lift_limit()
+            return film
+        session = Session(job, scene, options, context=context)
+        with session, reporting_to(options, pictured) as reported:
+            film = session.render(job, scene, reported)
+        lift_limit()
     for text in session.remarks(film):
         warn(text, late=True)
     return film
@@ -224,7 +229,7 @@ def render_frames(
             if workers is None and (session is None or not session.follows(job, shown)):
                 until_done.close()  # what is on the device is of no use for another scene
                 session = until_done.enter_context(Session(job, shown, run_options))
-            with reporting_to(run_options) as reported:
+            with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
                 if session is not None:
                     film = session.render(job, shown, reported, started)
                 elif workers is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,9 +12,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, warn
 from glpath.film.aovs import guides_denoiser
 from glpath.film.bias import REJECTED_GATHER
+from glpath.film.choices import TIME_LIMIT
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.gl.device_scene import DeviceScene
@@ -32,6 +34,7 @@ from glpath.scene.instances import instanced
 from glpath.scene.proxy import Proxies, with_proxies
 from glpath.scene.triangulate import check_resident, check_simplifiable, check_streamable, check_unmirrored
 from glpath.sensors.sensor import CameraSensor, Sensor
+from glpath.system.time_limit import TimeLimitError, part_of_time
 
 if TYPE_CHECKING:
     from glpath.integrators.whitted import WhittedTracer
@@ -54,6 +57,9 @@ _LOST = 0.5
 
 # From this share of lost rays on, the image is noisier than its path sets let expect.
 _CROWDED = 0.25
+
+#: In the statistics of a film whose paths have no guides, as the time limit left no time for a solution.
+UNGUIDED = "unguided_by_time_limit"
 
 #: Of the solution that a gather makes, which looks up indirect light alone, a bounce away: its noise is in hundreds
 #: of elements at once. Against eight million particles, so few change a picture's relMSE by 7e-6 (`cornell-box-36`)
@@ -201,11 +207,13 @@ class _Paths(Plan):
     solution : of the prepared plan, where paths are guided. It is not recorded: pictures by any one add up, as
                paths are unbiased
     is_refined : the solution is the fine one of a gather that was rejected
+    is_resumed : the film was begun with guides, so there is no render without them
     """
 
     settings: PathSettings
     solution: RadiositySolution | None = None
     is_refined: bool = False
+    is_resumed: bool = False
 
     def traceable(self, scene: Scene) -> Scene:
         if self.settings.needs_solution:
@@ -215,8 +223,22 @@ class _Paths(Plan):
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
             return self
-        # Guides may be of any moment: paths stay unbiased.
-        return replace(self, solution=_solved(scene.still(), say, refined=self.is_refined))
+        # Guides may be of any moment, and of a solution that was cut short: paths stay unbiased.
+        if self.is_resumed:
+            return replace(self, solution=_solved(scene.still(), say, refined=self.is_refined))
+        solution = _solved_in_time(scene.still(), say, refined=self.is_refined)
+        return self.unguided() if solution is None else replace(self, solution=solution)
+
+    def unguided(self) -> _Paths:
+        """Return the plan of paths without guides."""
+        return replace(self, settings=replace(self.settings, guide="cosine"))
+
+    def resumed(self, film: Film | None) -> _Paths:
+        if film is None or not film.path_sets:
+            return self
+        if UNGUIDED in film.metadata.statistics:
+            return self.unguided()
+        return replace(self, is_resumed=True)
 
     def engine(
         self,
@@ -354,6 +376,19 @@ def _solved(scene: Scene, say: Say, *, refined: bool = False) -> RadiositySoluti
     return solve_for_gather(scene, report, refined=refined) if refined else solve_for_gather(scene, report)
 
 
+def _solved_in_time(scene: Scene, say: Say, *, refined: bool = False) -> RadiositySolution | None:
+    """Return the solution, which the time limit may cut short; None if there was no time for any."""
+    try:
+        with part_of_time():
+            return _solved(scene, say, refined=refined)
+    except TimeLimitError:
+        return None
+
+
+def _is_cut_short(solution: RadiositySolution) -> bool:
+    return solution.statistics.get("stop_rule") == TIME_LIMIT
+
+
 def _move_camera(engine: Engine, scene: Scene) -> None:
     """Continue with the camera of a scene that is otherwise the same."""
     if scene.digest(camera=False) != engine.scene.given.digest(camera=False):
@@ -403,11 +438,13 @@ class _Gathering(Plan):
 
     solution : of the prepared plan: the one that is given, its file's, or the scene's, which is solved then
     proxies  : of the prepared plan of a scene with streams: what is solved
+    is_resumed : the film was begun with a whole solution, which it needs again
     """
 
     settings: GatherSettings
     solution: RadiositySolution | None = None
     proxies: Proxies | None = None
+    is_resumed: bool = False
 
     def recorded(self) -> dict[str, Any]:
         lookup = self.settings.radiosity_lookup
@@ -445,13 +482,40 @@ class _Gathering(Plan):
         given, proxies = self.settings.radiosity, _proxies(scene, say) if scene.shapes.streams else None
         solved = scene if proxies is None else proxies.scene
         if given is None:
-            solution = _solved(solved, say, refined=self.settings.refined)
-        elif isinstance(given, Path):
+            return self._solved_in_time(scene, solved, proxies, say)
+        if isinstance(given, Path):
             solution = RadiositySolution.load(given)
         else:
             assert isinstance(given, RadiositySolution), f"an option that was not checked: {given!r}"
             solution = given
         solution.check_scene(solved)
+        return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+
+    def _solved_in_time(self, scene: Scene, solved: Scene, proxies: Proxies | None, say: Say) -> Plan:
+        """Return the prepared plan; of paths if the time limit leaves no time for a solution and the job allows it.
+
+        Raises TimeLimitError if a resumed film or the job needs a solution that there is no time for.
+        """
+        refined = self.settings.refined
+        can_be_paths = self.settings.or_path and not self.is_resumed
+        if can_be_paths:
+            solution = _solved_in_time(solved, say, refined=refined)
+        else:
+            with nullcontext() if self.is_resumed else part_of_time(required=True):
+                solution = _solved(solved, say, refined=refined)
+        if solution is not None and not _is_cut_short(solution):
+            return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+        paths = replace(self, solution=solution).without_bias() if can_be_paths else None
+        if isinstance(paths, _Paths):
+            return paths if solution is not None else paths.unguided()
+        assert solution is not None, "an error of the solver"
+        if self.is_resumed:
+            raise TimeLimitError("the time limit was over before the solution of the resumed film was there.")
+        particles = solution.statistics.get("particles", 0)
+        warn(
+            f"{scene.source or scene.name}: the time limit cut the radiosity solution short, after {particles:,} "
+            'particles: the gather has their noise as a bias. integrator="path" has none.'
+        )
         return _Gathering(_interleaved(self.settings, scene), solution, proxies)
 
     def engine(
@@ -497,8 +561,10 @@ class _Gathering(Plan):
     def refined(self, scene: Scene, say: Say) -> Plan | None:
         if self.settings.refined or self.settings.radiosity is not None or self.proxies is not None:
             return None
-        settings = replace(self.settings, refined=True)
-        return replace(self, settings=settings, solution=None).prepared(scene, say)
+        solution = _solved_in_time(scene, say, refined=True)
+        if solution is None or _is_cut_short(solution):
+            return None
+        return replace(self, settings=replace(self.settings, refined=True), solution=solution)
 
     def without_bias(self) -> Plan | None:
         settings = self.settings
@@ -512,12 +578,14 @@ class _Gathering(Plan):
     def resumed(self, film: Film | None) -> Plan:
         if film is None:
             return self
-        refined = replace(self, settings=replace(self.settings, refined=True))
+        resumed = replace(self, is_resumed=film.path_sets > 0)
+        refined = replace(resumed, settings=replace(self.settings, refined=True))
         if REJECTED_GATHER in film.metadata.statistics:
-            return refined.without_bias() or self
+            return (refined.without_bias() or refined).resumed(film)
         if film.metadata.integrator == PathSettings.integrator:
-            return self.without_bias() or self
-        return refined if film.metadata.settings.get("refined") else self
+            paths = self.without_bias()
+            return resumed if paths is None else paths.resumed(film)
+        return refined if film.metadata.settings.get("refined") else resumed
 
     def remarks(self, film: Film) -> list[str]:
         return _crowding(film)

@@ -26,6 +26,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.rendering.stopping import ended_by, first_look
 from glpath.rendering.tiles import Tile
 from glpath.system.heartbeat import heartbeat
+from glpath.system.time_limit import seconds_left, time_is_up
 
 # How long one step may take: Ctrl-C and the progress wait for its end.
 _STEP_SECONDS = 0.5
@@ -116,6 +117,7 @@ class Clock:
     _last_report: float = -math.inf
     _error: float | None = None
     _bound: float | None = None
+    _look_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._before = self.film.metadata
@@ -132,13 +134,17 @@ class Clock:
         """
         if self.film.path_sets >= self.total:
             return SPP
-        if at_block:
+        if time_is_up():
+            return TIME_LIMIT
+        # A look that denoises takes seconds: none is begun that would end after the limit.
+        if at_block and self._look_s < seconds_left():
+            began = time.perf_counter()
             rule, bound = ended_by(self.film, self.options)
+            self._look_s = time.perf_counter() - began
             self._bound = self._bound if bound is None else bound
             if rule:
                 return rule
-        limit = self.options.time_limit
-        return TIME_LIMIT if limit is not None and self.elapsed >= limit else ""
+        return TIME_LIMIT if time_is_up() else ""
 
     def ended_before(self) -> bool:
         """Whether a film that is resumed is done already."""
@@ -147,9 +153,13 @@ class Clock:
         at_block = all(stop % BLOCK == 0 for _, stop in self.film.ranges)
         rule = self.ended(at_block)
         if rule:
-            self.film.metadata = replace(self._before, stop_rule=rule, error_bound=self._bound)
-            self.report("rendering", ended=True)
+            self.end_as_begun(rule)
         return bool(rule)
+
+    def end_as_begun(self, rule: str) -> None:
+        """End with the path sets that the film has come with."""
+        self.film.metadata = replace(self._before, stop_rule=rule, error_bound=self._bound)
+        self.report("rendering", ended=True)
 
     def report(self, stage: str, ended: bool = False) -> None:
         heartbeat.beat()
@@ -182,8 +192,8 @@ class Clock:
     def _expected(self) -> int:
         """Path sets in the end, as far as the rules let guess: the error falls with the root of their number."""
         done, guesses = self.film.path_sets, [float(self.total)]
-        if done and self.options.time_limit is not None:
-            guesses.append(done * self.options.time_limit / max(self.elapsed, 1e-9))
+        if done and math.isfinite(left := seconds_left()):
+            guesses.append(done * (1.0 + max(left, 0.0) / max(self.elapsed, 1e-9)))
         limit = self.options.noise or self.options.clean
         if limit is not None:
             known = self._bound is not None and done
@@ -193,7 +203,7 @@ class Clock:
     def count_step(self, count: int) -> None:
         """A step of so many path sets is done; the next is as long as fits into the time for one."""
         each = (time.perf_counter() - self._last_step) / count
-        self.step = max(1, min(BLOCK, int(_STEP_SECONDS / max(each, 1e-9))))
+        self.step = max(1, min(BLOCK, int(min(_STEP_SECONDS, seconds_left()) / max(each, 1e-9))))
 
     def stepped(self, engine: Engine, ended: bool) -> None:
         """Tell of a step; ended: it was the last one."""

@@ -25,6 +25,7 @@ from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywor
 from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
 from glpath.rendering.run_options import RunKeywords, RunOptions
+from glpath.system.time_limit import limited
 
 if TYPE_CHECKING:
     import numpy as np
@@ -361,9 +362,10 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
         def call(*given: Any, **by_name: Any) -> Any:
             for name in by_name.keys() - signature.parameters.keys():
                 check_name(name, [*named, *(options() if integrators else ())])
-            if run and by_name.get("strict"):
-                return strictly(lambda: function(*given, **by_name))
-            return function(*given, **by_name)
+            with limited(by_name.get("time_limit")):
+                if run and by_name.get("strict"):
+                    return strictly(lambda: function(*given, **by_name))
+                return function(*given, **by_name)
 
         call.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
         text = inspect.cleandoc(function.__doc__ or "")

@@ -10,6 +10,7 @@ from typing import Any
 from glpath.errors import ContextError, UsageError, warn
 from glpath.film.aovs import DENOISER_AOVS, ID_AOVS, guides_denoiser
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
+from glpath.film.choices import TIME_LIMIT
 from glpath.film.denoise import require_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, joined, merged_values
@@ -17,7 +18,7 @@ from glpath.gl.context import Context
 from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
 from glpath.rendering.bias import BiasCheck, BiasProbe
-from glpath.rendering.factory import Plan, plan_of, sensor_in
+from glpath.rendering.factory import UNGUIDED, Plan, plan_of, sensor_in
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
@@ -27,6 +28,7 @@ from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.sensors.sensor import CameraSensor
 from glpath.system.machine import return_memory
+from glpath.system.time_limit import TimeLimitError, count_earlier, counted_from
 from glpath.system.versions import versions
 
 
@@ -82,12 +84,12 @@ class Session:
         """The film of a job: the first one, then others of its integrator and resolution.
 
         scene   : of the job, with its camera
-        started : `time.perf_counter()` when the job was begun; now
+        started : `time.perf_counter()` when the job was begun; now, or since when a time limit counts
 
         Raises RenderInterrupted, and UsageError for another resolution or a film of another render; ContextError
-        where the device fails.
+        where the device fails; TimeLimitError if the time limit is over before the first path set.
         """
-        started = time.perf_counter() if started is None else started
+        started = counted_from() if started is None else started
         context = self._context
         context.check()
         prepared = self._engine is not None
@@ -96,32 +98,46 @@ class Session:
         clock = begin(job, self._plan, scene, options, context, started=started, prepared=prepared)
         if clock.ended_before():
             return clock.film
-        if not prepared:
-            self._plan = prepare(job, self._plan, scene, self._traced, clock)
-        _name_both(clock.film, context)
-        with context.rendering():
-            if self._engine is None:
-                clock.report("compiling shaders")
-                # Half, as the two views of a scan lie side by side.
-                self._tiles = cover(job.window, context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
-                with context:
-                    sensor = sensor_in(self._traced, job.sensor, scene)
-                    window = self._tiles[0].window
-                    engine = self._plan.engine(context, self._traced, sensor, window, self._timings)
-                    self._engine = engine.prepare()
-            else:
-                with context:
-                    self._continue_with(self._engine, job, scene)
-            self._job = job
-            self._check_bias(self._engine, clock, job, scene)
-            trace(self._engine, context, self._tiles, clock, job.path_sets)
+        try:
+            if not prepared:
+                self._plan = prepare(job, self._plan, scene, self._traced, clock)
+            _name_both(clock.film, context)
+            with context.rendering():
+                trace(self._made_engine(job, scene, clock), context, self._tiles, clock, job.path_sets)
+        except TimeLimitError:
+            if not clock.film.path_sets:
+                raise
+            clock.end_as_begun(TIME_LIMIT)
         return clock.film
 
-    def _check_bias(self, engine: Engine, clock: Clock, job: RenderJob, scene: Scene) -> None:
-        """Replace the plan and its engine if their bias is too large, unless it was measured before."""
+    def _made_engine(self, job: RenderJob, scene: Scene, clock: Clock) -> Engine:
+        """Return the engine of a plan that is prepared, for a job, with its bias checked."""
+        began = time.perf_counter()
+        if self._engine is None:
+            clock.report("compiling shaders")
+            # Half, as the two views of a scan lie side by side.
+            self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
+            with self._context as context:
+                sensor = sensor_in(self._traced, job.sensor, scene)
+                window = self._tiles[0].window
+                engine = self._plan.engine(context, self._traced, sensor, window, self._timings)
+                self._engine = engine.prepare()
+        else:
+            with self._context:
+                self._continue_with(self._engine, job, scene)
+        self._job = job
+        return self._with_small_bias(self._engine, clock, job, scene, time.perf_counter() - began)
+
+    def _with_small_bias(
+        self, engine: Engine, clock: Clock, job: RenderJob, scene: Scene, engine_s: float
+    ) -> Engine:
+        """Return the engine, or that of another plan if its bias is too large, unless it was measured before.
+
+        engine_s : seconds that making the engine took
+        """
         known = {BIAS_PROBE, REJECTED_GATHER} & {*clock.film.metadata.statistics}
         if known or not (self._checks_bias and self._plan.settings.biased):
-            return
+            return engine
         sensor = sensor_in(self._traced, job.sensor, scene)
         with interrupt_as_flag() as interrupted:
             check = BiasCheck(
@@ -132,15 +148,17 @@ class Session:
                 self._timings,
                 clock.report,
                 interrupted,
+                engine_s,
                 probe=self._probe,
             )
             try:
-                self._plan, self._engine = check.settle(self._plan, engine)
+                plan, settled = check.settle(self._plan, engine)
             except KeyboardInterrupt:
                 raise RenderInterrupted(clock.film, interrupted.signal) from None
-            self._probe = check.probe
+            self._plan, self._engine, self._probe = plan, settled, check.probe
         clock.statistics |= check.statistics or {}
-        describe_plan(clock.film, metadata_of(job, self._plan, scene, None))
+        describe_plan(clock.film, metadata_of(job, plan, scene, None))
+        return settled
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
         """Whether the engine can continue with this job, of the same integrator; the scene has its camera."""
@@ -209,6 +227,7 @@ def begin(
     else:
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
         film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
+    count_earlier(film.metadata.elapsed_s)
     return Clock(film, job.spp, "" if context is None else context.info.renderer, options, started=started)
 
 
@@ -234,6 +253,8 @@ def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Cloc
         raise RenderInterrupted(clock.film) from None
     if prepared is not plan:
         clock.statistics["radiosity_s"] = time.perf_counter() - started
+    if getattr(plan.settings, "guided", False) and not getattr(prepared.settings, "guided", False):
+        clock.statistics[UNGUIDED] = 1
     film, metadata = clock.film, metadata_of(job, prepared, scene, None)
     if film.path_sets:
         check_same_render(

@@ -22,6 +22,7 @@ from glpath.system.private_interfaces import (
     numba_cache,
     set_numba_cache,
 )
+from glpath.system.time_limit import check_time
 
 _njit: Any = numba.njit  # whose types know neither of all options
 log = logging.getLogger("glpath")
@@ -188,6 +189,19 @@ class _Outermost(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
 
 
 NUMBA.event.register("numba:compile", _Outermost())
+
+
+class _InTime(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
+    """Ends a compilation between two of its passes where a time limit is over."""
+
+    def on_start(self, event: Any) -> None:
+        check_time("compiling kernels")
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+NUMBA.event.register("numba:run_pass", _InTime())
 
 
 @contextmanager

@@ -36,6 +36,7 @@ from glpath.scene.model import Float64, Int32
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
+from glpath.system.time_limit import check_time
 
 Kind = Literal["polygon", "disc"]
 KINDS: tuple[Kind, ...] = ("polygon", "disc")
@@ -132,6 +133,7 @@ class FormFactors:
             exact = self.kind == "polygon"
             _factors(at.lit, emitters, some, wanted, samples, visible, exact, factors)
         heartbeat.beat()
+        check_time("finding form factors")
         return (factors / at.each).astype(np.float32), took
 
     def of_batches(

@@ -16,6 +16,7 @@ from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Arrivals, Lamps, 
 from glpath.sampling.points import uniform_sphere
 from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
+from glpath.system.time_limit import check_time
 
 #: Cells that reflected light starts in, where a camera says how many particles start in which.
 CELLS = 4096
@@ -83,6 +84,7 @@ def _from_camera(
     none = np.zeros(BATCH, np.int64)
     arrivals = Arrivals(flux, np.zeros((2, 0)), np.zeros((2, 0, BINS)) if came is None else came)
     for i in range(batches):
+        check_time("finding what the camera sees")
         random = np.random.default_rng([seed, i, 0])
         origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
         starts = Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)

@@ -44,6 +44,7 @@ from glpath.radiosity.solvers.importance import CELLS, gathered_by_camera, start
 from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Arrivals, Lamps, Starts, Surfaces, shoot_batch
 from glpath.scene.model import Float64
 from glpath.system.machine import core_count
+from glpath.system.time_limit import check_time
 
 #: Rays to the sky from where a particle starts.
 _START_RAYS = 4
@@ -61,6 +62,8 @@ _MISPLACED, _MISPLACED_IN_ONE = 0.32, 0.016
 #: Share of the visits by a camera that is spread evenly over each surface, and share of the usual light that is
 #: assumed where rays found none.
 _SPREAD, _UNHIT = 0.25, 0.2
+# What is done before the first particle, for a time limit.
+_STARTING = "finding where particles start"
 
 
 class _Lit(NamedTuple):
@@ -135,14 +138,18 @@ class Shooting:
         self._used = used
         divisions = ones.copy()
         np.maximum.at(divisions, self.mesh.elements.triangle, self.mesh.elements.n)
+        check_time(_STARTING)
         self._rays = rays_of(scene)
         self._light = DirectLight(scene)
         occluders = Occluders.of_scene(scene)
         closed = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
         self._solids = Solids.of(scene, closed, self._rays)
+        check_time(_STARTING)
         self.open_areas, self.buried, self.lit = self._open_and_lit(self.mesh.elements)
+        check_time(_STARTING)
         self._surfaces = Surfaces.of(scene, self._rays, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
+        check_time(_STARTING)
         self._gathered: Float64 | None = None
         if self.for_camera:
             gathered = gathered_by_camera(scene, self._rays, self.mesh.elements, self.seed)
@@ -334,6 +341,7 @@ class Shooting:
             normals = np.repeat(scene.normals[triangle] * (1 - 2 * back[:, None]), each, axis=0)
             of = np.repeat(triangle, each)
             chosen = None if choice is None else Chosen(choice, np.repeat(back * len(cells) + cell, each))
+            check_time(_STARTING)
             irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays, chosen)
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)

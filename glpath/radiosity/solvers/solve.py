@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +37,7 @@ from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import announced, waiting
+from glpath.system.time_limit import check_time, count_earlier, counted_from, limited, time_is_up, without_limit
 
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
@@ -50,6 +51,8 @@ _CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
 _MAX_BATCHES, _VIEW_ERROR = 64, 0.003
 #: What ended a solution, in its statistics: its own rule, or the time limit.
 DONE, TIME_LIMIT = "done", "time limit"
+# What is done before the first step, for a time limit.
+_MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -93,14 +96,13 @@ Report = Callable[[RadiosityProgress], None]
 
 @dataclass
 class _Run:
-    """What is solved, since when, and until when at most; None: without a limit."""
+    """What is solved, and since when."""
 
     scene: Scene
     method: Method
     settings: dict[str, object]
     on_progress: Report | None
-    time_limit: float | None
-    started: float = field(default_factory=time.perf_counter)
+    started: float
     reported: float = -math.inf
     stop_rule: str = DONE
 
@@ -108,7 +110,7 @@ class _Run:
         heartbeat.beat()
         now = self.elapsed_s
         last = unshot is not None and unshot <= until
-        late = self.time_limit is not None and now >= self.time_limit
+        late = time_is_up()
         if self.on_progress is not None and (now >= self.reported + _REPORT_INTERVAL or last or late):
             self.reported = now
             self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
@@ -124,6 +126,7 @@ class _Run:
     def resumed(self, checkpoint: SolverCheckpoint) -> None:
         """It began as much earlier as the checkpoint's solver had worked."""
         self.started -= checkpoint.elapsed_s
+        count_earlier(checkpoint.elapsed_s)
 
     def compiling(self, text: str) -> None:
         assert self.on_progress is not None
@@ -221,13 +224,14 @@ def solve_radiosity(
                  scenes that are much larger than what is seen: a room under the sky
     shafts     : of "progressive" and "matrix": how occluders are found (Haines & Wallace 1991), which
                  changes the time alone; see `glpath.radiosity.ShaftOptions`
-    time_limit : or after so many seconds, those before a checkpoint included, and at least one step; not of
+    time_limit : or after so many seconds from the call, those that a checkpoint has counted included; not of
                  "matrix"
     on_progress: called with a `RadiosityProgress` now and then
     checkpoint : where the solver's state is kept meanwhile, and from where it resumes, bit-identical; not of
                  "matrix"
 
-    Raises SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
+    Raises TimeLimitError if the time limit is over more than a second before the first step is done;
+    SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
     or of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into
     memory; GlpathError for a checkpoint that another process has; RadiosityInterrupted, with what was solved, on
     Ctrl-C.
@@ -235,7 +239,6 @@ def solve_radiosity(
     Poor at: glossy surfaces, which it does not know; small or thin shadows on coarse elements; lamps that nearly
     touch a surface.
     """
-    loaded = load_scene(scene)
     if adaptive is None:
         adaptive = DEFAULT_ADAPTIVE if method == "monte-carlo" else 0
     options: dict[str, object] = {
@@ -258,40 +261,47 @@ def solve_radiosity(
             'solve_radiosity: shafts with method "monte-carlo", whose particles are traced one by one.',
             'Take "progressive" or "matrix", or leave them out.',
         )
-    triangles = path_traceable(loaded.still())
-    check_solvable(triangles)
-    surface = surfaces(triangles)
-    if size is None:
-        # To particles small triangles are nothing: they cost by their hits.
-        by_size = method == "monte-carlo"
-        size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
-    divisions = divisions_of_size(triangles, surface, size)
-    lighting = Lighting.of(triangles)
-    reflects_first = bool(lighting.punctual) or lighting.sky is not None
-    if for_camera and method == "monte-carlo" and reflects_first:
-        count = patches or DEFAULT_PATCHES
-        divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
-    points = 0 if method == "monte-carlo" else receiver_points
-    per_element = check_memory(triangles, divisions, size, splits, points, method)
-    if method == "monte-carlo":
-        divisions, splits = divisions * 2**splits, 0
-    mesh = Mesh.uniform(triangles, divisions, surface, splits)
-    run = _Run(triangles, method, _settings(options, size), on_progress, time_limit)
-    needed = kernels_of(method, reflects_first)
-    compile_ahead(needed)
-    with checkpoint or nullcontext(), announced(waiting(needed), None if on_progress is None else run.compiling):
+    with limited(time_limit):
+        triangles = path_traceable(load_scene(scene).still())
+        check_solvable(triangles)
+        surface = surfaces(triangles)
+        if size is None:
+            # To particles small triangles are nothing: they cost by their hits.
+            by_size = method == "monte-carlo"
+            size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
+        divisions = divisions_of_size(triangles, surface, size)
+        lighting = Lighting.of(triangles)
+        reflects_first = bool(lighting.punctual) or lighting.sky is not None
+        if for_camera and method == "monte-carlo" and reflects_first:
+            count = patches or DEFAULT_PATCHES
+            check_time(_MESHING)
+            divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
+        points = 0 if method == "monte-carlo" else receiver_points
+        per_element = check_memory(triangles, divisions, size, splits, points, method)
         if method == "monte-carlo":
-            shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
-            return _monte_carlo(run, shooting, particles, checkpoint)
-        cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
-        transport = Transport(
-            mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
-        )
-        if method == "matrix":
-            return _matrix(run, transport)
-        refinement = Refinement(transport, overshoot)
-        wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
-        return _progressive(run, refinement, wanted, per_element, checkpoint)
+            divisions, splits = divisions * 2**splits, 0
+        check_time(_MESHING)
+        mesh = Mesh.uniform(triangles, divisions, surface, splits)
+        started = time.perf_counter() if time_limit is None else counted_from()
+        run = _Run(triangles, method, _settings(options, size), on_progress, started)
+        needed = kernels_of(method, reflects_first)
+        compile_ahead(needed)
+        with (
+            checkpoint or nullcontext(),
+            announced(waiting(needed), None if on_progress is None else run.compiling),
+        ):
+            if method == "monte-carlo":
+                shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
+                return _monte_carlo(run, shooting, particles, checkpoint)
+            cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
+            transport = Transport(
+                mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
+            )
+            if method == "matrix":
+                return _matrix(run, transport)
+            refinement = Refinement(transport, overshoot)
+            wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
+            return _progressive(run, refinement, wanted, per_element, checkpoint)
 
 
 class _Wanted(NamedTuple):
@@ -324,16 +334,17 @@ def _progressive(
 
     def solution() -> RadiositySolution:
         took = refinement.transport.statistics
-        return run.solution(
-            refinement.transport.mesh,
-            refinement.result(ambient),
-            steps=refinement.steps,
-            unshot=refinement.unshot_share,
-            ambient=refinement.ambient().tolist(),
-            rays=took.rays,
-            shafts=took.shafts,
-            empty_shafts=took.empty_shafts,
-        )
+        with without_limit():
+            return run.solution(
+                refinement.transport.mesh,
+                refinement.result(ambient),
+                steps=refinement.steps,
+                unshot=refinement.unshot_share,
+                ambient=refinement.ambient().tolist(),
+                rays=took.rays,
+                shafts=took.shafts,
+                empty_shafts=took.empty_shafts,
+            )
 
     before: RadiositySolution | None = None
     try:
@@ -393,18 +404,19 @@ def _monte_carlo(
         run.report("particles", shooting.particles, left, 0.0, len(shooting.tree.levels[-1]))
 
     def solution(detail: Detail | None = None) -> RadiositySolution:
-        detail = shooting.detail() if detail is None else detail
-        mesh, irradiance, buried = shooting.result(detail)
-        view = shooting.view_error()
-        return run.solution(
-            mesh,
-            irradiance,
-            buried,
-            particles=shooting.particles,
-            hits=shooting.hits,
-            error_of_mean=shooting.error_of_mean(),
-            **({} if view is None else {"view_mean": view[0], "view_error": view[1]}),
-        )
+        with without_limit():
+            detail = shooting.detail() if detail is None else detail
+            mesh, irradiance, buried = shooting.result(detail)
+            view = shooting.view_error()
+            return run.solution(
+                mesh,
+                irradiance,
+                buried,
+                particles=shooting.particles,
+                hits=shooting.hits,
+                error_of_mean=shooting.error_of_mean(),
+                **({} if view is None else {"view_mean": view[0], "view_error": view[1]}),
+            )
 
     try:
         while True:

@@ -1,0 +1,168 @@
+"""A time limit ends what comes before the first path set: what may be left out is, and the film says so."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.rendering.factory import UNGUIDED
+from glpath.system.time_limit import TimeLimitError
+from tests.support.clock import Clock
+
+BOX = "cornell-box-36"
+#: More pixels than a thumbnail, so that "auto" is the gather.
+SIZE: dict[str, Any] = {"resolution": (120, 100), "seed": 7}
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return Clock(monkeypatch)
+
+
+def at(clock: Clock, stage: str, seconds: float) -> Callable[[glpath.Progress], None]:
+    """Move the clock on when a stage begins."""
+
+    def report(progress: glpath.Progress) -> None:
+        if progress.stage.startswith(stage) and not progress.done:
+            clock.ahead = max(clock.ahead, seconds)
+
+    return report
+
+
+def test_auto_is_paths_without_guides_if_there_is_no_time_for_a_solution(clock: Clock) -> None:
+    film = glpath.render(BOX, time_limit=10.0, spp=8, on_progress=at(clock, "solving radiosity", 6.0), **SIZE)
+    m = film.metadata
+    assert (m.integrator, m.biased, m.stop_rule) == ("path", False, "spp")
+    assert m.statistics[UNGUIDED] == 1
+    by_cosine = glpath.render(BOX, integrator="path", guide="cosine", spp=8, **SIZE)
+    assert np.array_equal(film.radiance_sums, by_cosine.radiance_sums)
+
+
+def test_a_film_that_began_without_guides_resumes_without_them(clock: Clock) -> None:
+    begun = glpath.render(BOX, time_limit=10.0, spp=8, on_progress=at(clock, "solving radiosity", 6.0), **SIZE)
+    film = glpath.render(BOX, spp=16, film=begun, **SIZE)
+    whole = glpath.render(BOX, integrator="path", guide="cosine", spp=16, **SIZE)
+    assert np.array_equal(film.radiance_sums, whole.radiance_sums)
+
+
+@pytest.mark.parametrize("integrator", ["auto", "path"])
+def test_a_solution_that_is_cut_short_guides_paths(clock: Clock, integrator: Any) -> None:
+    """Guides of any solution leave paths unbiased; a gather that looked it up would have its noise as a bias."""
+    film = glpath.render(
+        BOX,
+        integrator=integrator,
+        time_limit=10.0,
+        spp=8,
+        on_progress=at(clock, "solving radiosity: particles", 6.0),
+        **SIZE,
+    )
+    m = film.metadata
+    assert (m.integrator, m.settings["guide"], m.biased) == ("path", "solution", False)
+    assert UNGUIDED not in m.statistics
+
+
+def test_a_gather_that_was_asked_for_warns_of_a_solution_that_is_cut_short(clock: Clock) -> None:
+    with pytest.warns(glpath.SceneWarning, match=r"cut the radiosity solution short, after [\d,]+ particles"):
+        film = glpath.render(
+            BOX,
+            integrator="gather",
+            time_limit=10.0,
+            spp=4,
+            on_progress=at(clock, "solving radiosity: particles", 6.0),
+            **SIZE,
+        )
+    assert film.metadata.integrator == "gather"
+
+
+def test_a_gather_whose_bias_there_is_no_time_to_measure_says_so(clock: Clock) -> None:
+    with pytest.warns(glpath.SceneWarning, match="left no time to measure the bias"):
+        film = glpath.render(BOX, time_limit=10.0, on_progress=at(clock, "measuring", 10.5), **SIZE)
+    assert (film.path_sets, film.metadata.stop_rule) == (1, "time limit")
+    assert film.bias() is None
+
+
+def test_a_limit_that_ends_before_the_first_path_set_is_an_error(clock: Clock) -> None:
+    with pytest.raises(TimeLimitError, match="time_limit=10: over while"):
+        glpath.render(
+            BOX, integrator="gather", time_limit=10.0, on_progress=at(clock, "solving radiosity", 12.0), **SIZE
+        )
+
+
+def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock) -> None:
+    begun = glpath.render(BOX, integrator="gather", spp=8, **SIZE)
+    sums = begun.radiance_sums.copy()
+    film = glpath.render(
+        BOX,
+        integrator="gather",
+        time_limit=100.0,
+        film=begun,
+        on_progress=at(clock, "solving radiosity", 102.0),
+        **SIZE,
+    )
+    assert (film.path_sets, film.metadata.stop_rule) == (8, "time limit")
+    assert np.array_equal(film.radiance_sums, sums)
+
+
+def test_the_time_of_what_a_film_was_made_in_counts(clock: Clock) -> None:
+    begun = glpath.render(BOX, integrator="path", guide="cosine", spp=8, **SIZE)
+    limit = begun.metadata.elapsed_s + 5.0
+    film = glpath.render(
+        BOX, integrator="path", guide="cosine", time_limit=limit, film=begun, on_progress=at_end(clock, 5.1), **SIZE
+    )
+    assert film.metadata.stop_rule == "time limit"
+    assert 8 < film.path_sets <= 16
+
+
+def at_end(clock: Clock, seconds: float) -> Callable[[glpath.Progress], None]:
+    def report(progress: glpath.Progress) -> None:
+        clock.ahead = seconds
+
+    return report
+
+
+def test_a_look_that_denoises_is_not_begun_when_it_would_end_after_the_limit(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: list[int] = []
+
+    def slowly(film: glpath.Film, *, exposure: float | None = None) -> float:
+        looks.append(film.path_sets)
+        clock.ahead += 3.0
+        return 1.0
+
+    monkeypatch.setattr(glpath.Film, "denoised_noise", slowly)
+    monkeypatch.setattr("glpath.rendering.loop.time", clock.module)
+    film = glpath.render(
+        BOX,
+        integrator="path",
+        guide="cosine",
+        time_limit=7.0,
+        clean=0.01,
+        aovs=("albedo", "normal"),
+        spp=64,
+        **SIZE,
+    )
+    assert looks == [16, 24]
+    assert film.metadata.stop_rule == "spp"
+
+
+def test_each_frame_has_the_limit_to_itself(clock: Clock) -> None:
+    cameras = [{"position": (x, 1.0, 3.2)} for x in (0.0, 0.1)]
+    options = {**SIZE, "integrator": "path", "guide": "cosine", "spp": 2}
+    films = []
+    for film in glpath.render_frames(BOX, cameras, time_limit=5.0, **options):
+        films.append(film)
+        clock.ahead += 100.0
+    assert [film.metadata.stop_rule for film in films] == ["spp", "spp"]
+
+
+def test_no_warning_comes_of_a_limit_that_is_far(clock: Clock) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", glpath.SceneWarning)
+        film = glpath.render(BOX, time_limit=1e6, spp=4, **SIZE)
+    assert film.metadata.integrator == "gather"

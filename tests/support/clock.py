@@ -1,0 +1,25 @@
+"""A clock of time limits that tests move on, so that no test waits and none depends on the machine's speed."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from glpath.system import time_limit
+
+
+class Clock:
+    """The clock that time limits read. It stands still.
+
+    ahead  : seconds since it was made
+    module : stands in for `time` in a module that measures how long its own work takes
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.ahead = 0.0
+        self.stopped = time.perf_counter()
+        self.module = SimpleNamespace(perf_counter=lambda: self.stopped + self.ahead)
+        monkeypatch.setattr(time_limit, "time", self.module)
+        monkeypatch.setattr(time_limit, "_command_began", None)
