@@ -229,6 +229,8 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
     for i, material in enumerate(scene.materials):
         if i not in used or material.unlit or not (material.has_lobes or np.any(material.specular > 0)):
             continue
+        if material.is_matte:
+            continue
         metal = material.roughness is not None and material.metallic > _METAL and material.surface_texture is None
         (rough if metal or np.any(material.mirror > 0) else shiny).append(material.name)
         if material.roughness is not None and material.diffuse_transmission > 0:

@@ -289,7 +289,8 @@ class Lightmap:
     def __repr__(self) -> str:
         atlas, film = self.atlas, self.film
         error = film.relative_error()
-        error_text = "" if error is None else f", error about {100 * error:.2g} %"
+        before = " before denoising" if self.denoised else ""
+        error_text = "" if error is None else f", error about {100 * error:.2g} %{before}"
         pages = f"{atlas.pages} page{'s' * (atlas.pages > 1)} of {atlas.size[0]} x {atlas.size[1]}"
         return (
             f"<Lightmap of {self.scene.name}: {pages}, {len(self.surfaces.inside):,} texels, "

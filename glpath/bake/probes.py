@@ -36,7 +36,7 @@ from glpath.errors import SceneError, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
 from glpath.film.units import Unit, symbol
-from glpath.integrators.by_name import Integrator
+from glpath.integrators.by_name import AUTO, Integrator
 from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
@@ -237,7 +237,7 @@ def probes(
     grid: tuple[int, int, int] = DEFAULT_GRID,
     bounds: ArrayLike | None = None,
     *,
-    integrator: Integrator | IntegratorSettings = "path",
+    integrator: Integrator | IntegratorSettings = AUTO,
     spp: int | None = None,
     white_sky: bool = False,
     parameters: Mapping[str, object] | None = None,
@@ -250,7 +250,7 @@ def probes(
     scene      : what `load_scene` takes. It needs no camera, but light
     grid       : how many probes along x, y and z, at the centres of equal cells
     bounds     : (2, 3) lower and upper corner of the grid's box; the scene's
-    integrator : "path", "path-buffer" or "gather"
+    integrator : as of `irradiance`
     spp        : paths for each of a probe's 50 normals; default {default_spp}
     white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
     film       : `Probes.film` of the same call, to resume

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from typer.core import TyperCommand
 
 #: Of every command.
-MAX_EVERYDAY = 20
+MAX_EVERYDAY = 25
 #: The panel of options that say what is printed.
 OUTPUT_PANEL = "What is printed"
 #: How the paragraph of examples begins, whose lines stay as they are.

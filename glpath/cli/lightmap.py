@@ -13,7 +13,7 @@ from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
 from glpath.cli.outcome import bias_lines
-from glpath.cli.point_options import POINT_INTEGRATORS
+from glpath.cli.point_options import POINT_CHOICES, POINT_INTEGRATORS
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
@@ -38,7 +38,6 @@ _OPTIONS = (
     "geometry_budget", "bounce_lod", "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light",
     "lookup_distance", "branches",
 )  # fmt: skip
-_INTEGRATORS = (AUTO, *POINT_INTEGRATORS)
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
 #: Errors above the first are answered with how to come to the second.
@@ -134,12 +133,12 @@ def lightmap(
     integrator: Annotated[
         str,
         typer.Option(
-            metavar="|".join(_INTEGRATORS),
+            metavar="|".join(POINT_CHOICES),
             help="auto: gather where the scene allows that, path-buffer for streamed triangles, else path. path: "
             "paths, their rays cast by a BVH. "
             "path-buffer: paths that share directions, cast by scans. gather: from a radiosity solution.",
             rich_help_panel=FOR_ALL,
-            autocompletion=words(_INTEGRATORS),
+            autocompletion=words(POINT_CHOICES),
         ),
     ] = AUTO,
     parameters: Parameters = None,
@@ -160,7 +159,7 @@ def lightmap(
     for option, found, allowed in (
         ("--materials", materials, _MATERIALS),
         ("--uv", uv, _UV),
-        ("--integrator", integrator, _INTEGRATORS),
+        ("--integrator", integrator, POINT_CHOICES),
     ):
         check_choice(option, found, allowed)
     check_density(texels, size, uv)

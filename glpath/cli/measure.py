@@ -14,7 +14,14 @@ from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.outcome import bias_lines
 from glpath.cli.point_figures import figures
-from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
+from glpath.cli.point_options import (
+    LIGHT_PANEL,
+    POINT_CHOICES,
+    POINT_INTEGRATORS,
+    POINT_OPTIONS,
+    PointIntegrator,
+    WhiteSky,
+)
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
@@ -23,6 +30,7 @@ from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, vector
 from glpath.errors import UsageError
 from glpath.film.units import EFFICACY
+from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_writable, is_stream, save_all
 from glpath.system.reporting import duration
@@ -138,7 +146,7 @@ def measure(
             rich_help_panel=LIGHT_PANEL,
         ),
     ] = None,
-    integrator: PointIntegrator = "path",
+    integrator: PointIntegrator = AUTO,
     spp: Annotated[
         int | None,
         typer.Option(help="Paths of each point; 256.", show_default=False, rich_help_panel=LIGHT_PANEL),
@@ -162,7 +170,7 @@ def measure(
 
     for path in out:
         check_kind(path)
-    check_choice("--integrator", integrator, POINT_INTEGRATORS)
+    check_choice("--integrator", integrator, POINT_CHOICES)
     check_choice("--receiver", receiver, _RECEIVERS)
     if (plane is None) == (points is None):
         raise UsageError(
@@ -265,7 +273,7 @@ def _summary(found: Irradiance) -> Iterator[str]:
             f"take --spp {wanted} or so"
         )
     if found.unit == "radiometric":
-        yield f"  of W/m2 by {EFFICACY:g} lm/W and the luminance 0.2126 R + 0.7152 G + 0.0722 B"
+        yield f"  lux are {EFFICACY:g} lm/W times 0.2126 R + 0.7152 G + 0.0722 B of the irradiance in W/m2"
 
 
 def _save(path: Path, measured: Measured) -> None:

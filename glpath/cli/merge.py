@@ -48,7 +48,9 @@ def merge(
     ],
     out: Annotated[
         list[Path],
-        typer.Option("-o", "--out", help="Write .png, .exr (radiance) or .npz (a film again); may be repeated."),
+        typer.Option(
+            "-o", "--out", help="Write .png, .jpg, .exr (radiance) or .npz (a film again); may be repeated."
+        ),
     ],
     exposure: ExposureOption = None,
     tonemap: TonemapOption = "srgb",

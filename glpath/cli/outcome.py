@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from glpath.cli.picture import NO_DENOISER, Picture
+from glpath.cli.picture import EIGHT_BIT, NO_DENOISER, Picture
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, forget
 from glpath.errors import GlpathError, ImageError
 from glpath.film.choices import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
@@ -237,7 +237,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
         for stage, milliseconds in m.statistics.get("stage_ms", {}).items():
             yield f"  {stage}: {milliseconds / film.path_sets:.3g} ms per path set"
     for path in written:
-        shown = f", exposure {stops:+g} stops" if path.suffix.lower() == ".png" else ""
+        shown = f", exposure {stops:+g} stops" if path.suffix.lower() in EIGHT_BIT else ""
         yield f"wrote {path}{shown}"
 
 

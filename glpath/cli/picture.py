@@ -25,7 +25,7 @@ ExposureOption = Annotated[
     str | None,
     typer.Option(
         metavar="STOPS|auto",
-        help="Brightness of a .png: 1 doubles it; default as the scene says, or else auto: log-average "
+        help="Brightness of a .png or .jpg: 1 doubles it; default as the scene says, or else auto: log-average "
         "luminance to middle grey.",
         show_default=False,
         rich_help_panel=IMAGE,
@@ -35,7 +35,7 @@ TonemapOption = Annotated[
     str,
     typer.Option(
         metavar="|".join(TONEMAP_NAMES),
-        help="Tone curve of a .png.",
+        help="Tone curve of a .png or .jpg.",
         rich_help_panel=IMAGE,
         autocompletion=words(TONEMAP_NAMES),
     ),
@@ -44,7 +44,7 @@ DenoiseOption = Annotated[
     bool | None,
     typer.Option(
         "--denoise/--no-denoise",
-        help="Denoise a .png by Open Image Denoise, with the AOVs albedo and normal; an .exr has the result as the "
+        help="Denoise a .png or .jpg by Open Image Denoise, with the AOVs albedo and normal; an .exr has the result as the "
         "layer denoised, an .npz holds the noisy film and these AOVs. By default where the denoiser is installed "
         "(pip install 'glpath[denoise]') and the film has noise.",
         show_default=False,
@@ -53,7 +53,9 @@ DenoiseOption = Annotated[
 ]
 #: The note beside a noisy picture that would have been denoised.
 NO_DENOISER = "not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
-_FOR_EYES = (".png", ".exr", "")
+#: Pictures of 8 bits, with an exposure and a tone curve.
+EIGHT_BIT = (".png", ".jpg", ".jpeg")
+_FOR_EYES = (*EIGHT_BIT, ".exr", "")
 # Of 8 bits, what is as good as black and white, and the share of pixels that makes a picture so.
 _BLACK, _WHITE, _NEARLY_ALL = 6, 254, 0.985
 

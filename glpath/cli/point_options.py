@@ -7,11 +7,13 @@ from typing import Annotated
 import typer
 
 from glpath.cli.completion import words
-from glpath.integrators.by_name import INTEGRATORS
+from glpath.integrators.by_name import AUTO, INTEGRATORS
 from glpath.integrators.settings import PathSetSettings
 
 #: Integrators whose paths may start at points.
 POINT_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
+#: What --integrator takes at points.
+POINT_CHOICES = (AUTO, *POINT_INTEGRATORS)
 #: Of the integrators' options, those that mean something at points.
 POINT_OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
@@ -31,10 +33,11 @@ WhiteSky = Annotated[
 PointIntegrator = Annotated[
     str,
     typer.Option(
-        metavar="|".join(POINT_INTEGRATORS),
-        help="path: paths of all bounces, their rays cast by a BVH. path-buffer: the same with shared "
-        "directions, cast by scans. gather: from a radiosity solution.",
-        autocompletion=words(POINT_INTEGRATORS),
+        metavar="|".join(POINT_CHOICES),
+        help="auto: path, or path-buffer for streamed triangles; neither has a bias. path: paths of all bounces, "
+        "their rays cast by a BVH. path-buffer: the same with shared directions, cast by scans. gather: from a "
+        "radiosity solution.",
+        autocompletion=words(POINT_CHOICES),
         rich_help_panel=LIGHT_PANEL,
     ),
 ]

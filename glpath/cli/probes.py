@@ -11,7 +11,14 @@ import typer
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.outcome import bias_lines
-from glpath.cli.point_options import LIGHT_PANEL, POINT_INTEGRATORS, POINT_OPTIONS, PointIntegrator, WhiteSky
+from glpath.cli.point_options import (
+    LIGHT_PANEL,
+    POINT_CHOICES,
+    POINT_INTEGRATORS,
+    POINT_OPTIONS,
+    PointIntegrator,
+    WhiteSky,
+)
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
@@ -19,6 +26,7 @@ from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, numbers
 from glpath.errors import UsageError
+from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import duration
@@ -66,7 +74,7 @@ def probes(
         ),
     ] = None,
     white_sky: WhiteSky = False,
-    integrator: PointIntegrator = "path",
+    integrator: PointIntegrator = AUTO,
     spp: Annotated[
         int | None,
         typer.Option(
@@ -90,7 +98,7 @@ def probes(
 
     if out.suffix.lower() != ".json":
         raise UsageError(f"{out}: probes are written as .json.", "Give a name that ends so.")
-    check_choice("--integrator", integrator, POINT_INTEGRATORS)
+    check_choice("--integrator", integrator, POINT_CHOICES)
     counts = numbers("--grid", grid.lower(), "NxNxN", [3], int, "x")
     corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], float)
     check_spp(spp)

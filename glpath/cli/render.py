@@ -42,7 +42,8 @@ def register(app: typer.Typer) -> None:
         ("glpath render model.glb -o a.png -o a.exr --clean 0.01", "cleaner than by default"),
         ("glpath render room -o room.npz --integrator path --noise 0.01", "without bias, until the error is 1 %"),
         everyday="scene out resolution exposure tonemap denoise parameters environment background animation "
-        "variant spp integrator aovs camera_position camera_target camera_fov device resume noise time_limit",
+        "variant spp integrator aovs camera_position camera_target camera_fov look_at turntable frames device "
+        "checkpoint resume clean noise time_limit",
     )
     app.command(epilog=f"{EXIT_CODES}, 134 ended by --hang-limit.", **help)(
         with_options(with_scene_options(render, OF_PICTURES), OF_RENDERS)
@@ -56,7 +57,7 @@ def render(
         typer.Option(
             "-o",
             "--out",
-            help="Write .png, .exr (radiance) or .npz (the whole film); - for a PNG to stdout; may be repeated.",
+            help="Write .png, .jpg, .exr (radiance) or .npz (the whole film); - for a PNG to stdout; may be repeated.",
             rich_help_panel=IMAGE,
         ),
     ],

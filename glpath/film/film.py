@@ -15,14 +15,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from glpath.errors import ImageError, UsageError
+from glpath.errors import ImageError, UsageError, warn
 from glpath.film import denoise as open_image_denoise
 from glpath.film import image
 from glpath.film.aovs import guides_denoiser
 from glpath.film.cryptomatte import Kind
 from glpath.film.film_errors import FilmErrors
 from glpath.film.film_frames import film_data_set, stats_frame
-from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_png
+from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_jpeg, write_png
 from glpath.film.image import tonemap as tonemapped
 from glpath.film.npz_file import FilmParts, read_parts, write_parts
 from glpath.system.files import is_stream
@@ -31,7 +31,7 @@ from glpath.system.versions import versions
 
 Float64 = NDArray[np.float64]
 
-WRITABLE = (".png", ".exr", ".npz")
+WRITABLE = (".png", ".jpg", ".jpeg", ".exr", ".npz")
 # Of the longer side of the image that a notebook shows.
 _PREVIEW = 1024
 
@@ -112,12 +112,13 @@ class Film(FilmErrors):
         """Write the film; the suffix says how. The file appears whole or not at all.
 
         .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
+        .jpg : the same of quality 95, without alpha: what is transparent is white; its comment has the metadata
         .exr : float32 radiance, linear Rec. 709; a crop keeps its window in the whole image. AOVs that the film
                holds are layers, each of its own name: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
                `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
         .npz : everything, exactly; `Film.load` reads it back, to be merged or resumed
 
-        denoise : a .png holds `denoised`, and its header has glpath.denoised; an .exr has it as the layer
+        denoise : a .png or .jpg holds `denoised`, and its header has glpath.denoised; an .exr has it as the layer
                   denoised.R, G, B, beside the picture as it is. An .npz is the same in any case
 
         A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
@@ -127,11 +128,14 @@ class Film(FilmErrors):
         """
         path = check_suffix(path)
         suffix = path.suffix.lower() or ".png"
-        if suffix == ".png":
+        if suffix in (".png", ".jpg", ".jpeg"):
             stops = self.exposure_stops(exposure)
             text = {"glpath.exposure_stops": f"{stops:g}", "glpath.tonemap": tonemap}
             picture = self.to_srgb(exposure=stops, tonemap=tonemap, denoise=denoise)
-            write_png(path, picture, self.provenance(denoised=denoise) | text)
+            write = write_png if suffix == ".png" else write_jpeg
+            if suffix != ".png" and picture.shape[2] == 4:
+                warn(f"{path}: a JPEG has no alpha channel, so that its background is white; a .png has one.")
+            write(path, picture, self.provenance(denoised=denoise) | text)
         elif suffix == ".exr":
             kinds: dict[str, Kind] = {"object_id": "object", "material_id": "material"}
             mattes = [self.cryptomatte(kind) for name, kind in kinds.items() if name in self.metadata.aovs]

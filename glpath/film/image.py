@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -42,6 +43,8 @@ __all__ = [
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
+# Of a JPEG: pixels each way and bytes of a comment at most, and the quality that is written, of 100.
+_MAX_JPEG, _MAX_COMMENT, _JPEG_QUALITY = 65_535, 65_000, 95
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
 # Y of linear Rec. 709, and the primaries and white point (D65) that an EXR header names: x y of R, G, B, white.
@@ -185,6 +188,35 @@ def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | No
     """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top. Raises ImageError."""
     with whole_file(path) as temporary:
         temporary.write_bytes(encode_png(picture, metadata))
+
+
+def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
+    """Write (H, W, 3) uint8 sRGB, row 0 at the top, as a JPEG; of (H, W, 4) what is transparent is white.
+
+    metadata : written as JSON into the comment
+
+    Raises ImageError; UsageError for a picture larger than a JPEG can be.
+    """
+    from PIL import Image
+
+    height, width = picture.shape[:2]
+    if max(height, width) > _MAX_JPEG:
+        raise UsageError(
+            f"{path}: {width} x {height} pixels; a JPEG has {_MAX_JPEG:,} each way at most.", "Write a .png."
+        )
+    opaque = picture[..., :3]
+    if picture.shape[2] == 4:
+        opacity = picture[..., 3:] / 255.0
+        opaque = np.round(opacity * opaque + 255.0 * (1.0 - opacity)).astype(np.uint8)
+    comment = json.dumps(dict(metadata or {})).encode()
+    with whole_file(path) as temporary:
+        Image.fromarray(opaque).save(
+            temporary,
+            "JPEG",
+            quality=_JPEG_QUALITY,
+            subsampling=0,
+            comment=comment if len(comment) <= _MAX_COMMENT else b"",
+        )
 
 
 def write_exr(

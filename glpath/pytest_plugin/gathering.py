@@ -89,8 +89,12 @@ class Gathering:
         failures = [record for record in self.records if record["outcome"] in ("failed", "missing")]
         expected = sum(record["outcome"] == "xfailed" for record in self.records)
         if self.records:
-            line = f"{_count(len(self.records), 'picture')} compared, {len(failures)} failed"
-            self.lines.append(f"{line}, {expected} expected to" if expected else line)
+            stored = sum(record["outcome"] == "written" for record in self.records)
+            told = [f"{_count(stored, 'picture')} stored"] if stored else []
+            if compared := len(self.records) - stored:
+                told += [f"{_count(compared, 'picture')} compared, {len(failures)} failed"]
+                told += [f"{expected} expected to"] if expected else []
+            self.lines.append(", ".join(told))
         for outcome, words in _REPORTED.items():
             files = [record["baseline"] for record in self.records if record["outcome"] == outcome]
             self.lines += [f"{words}: {shown_path(file)}" for file in sorted(files)]

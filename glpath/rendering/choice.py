@@ -68,6 +68,23 @@ def chosen(
     return settings
 
 
+def for_measuring(given: Mapping[str, Any], scene: Scene) -> str:
+    """Return the integrator of "auto" for light at points: without bias, unless an option that only the gather has
+    is given.
+
+    given : options by name; those that are None or False do not count
+
+    Streamed triangles take the path-buffer, as in a picture.
+    """
+    asked = {name: value for name, value in given.items() if value is not None and value is not False}
+    by_scan = bool(scene.shapes.streams)
+    order = (PathBufferSettings, GatherSettings) if by_scan else (PathSettings, PathBufferSettings, GatherSettings)
+    owners = _owners(asked)
+    having = [kind for kind in order if kind in owners]
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or order  # the first says what is wrong
+    return kinds[0].integrator
+
+
 def _owners(given: Mapping[str, Any]) -> list[type[IntegratorSettings]]:
     """The integrators that have all of the options, in the order of preference; unset flags do not count."""
     known = options()

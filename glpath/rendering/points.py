@@ -19,13 +19,14 @@ from glpath.film.film import Film
 from glpath.film.image import luminance
 from glpath.film.noise import standard_error
 from glpath.film.units import Unit, conversion
-from glpath.integrators.by_name import Integrator
+from glpath.integrators.by_name import AUTO, Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside, uniform_sky
 from glpath.io.values import LARGEST
 from glpath.io.vtk import VtkMesh, points_with_values
 from glpath.rendering.calls import run_job
+from glpath.rendering.choice import for_measuring
 from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
 from glpath.rendering.run_options import RunOptions
@@ -166,7 +167,7 @@ def irradiance(
     normals: ArrayLike,
     *,
     receiver: Receiver = "plane",
-    integrator: Integrator | IntegratorSettings = "path",
+    integrator: Integrator | IntegratorSettings = AUTO,
     spp: int | None = None,
     first_path_set: int = 0,
     white_sky: bool = False,
@@ -186,7 +187,8 @@ def irradiance(
                  directions across it. In lux that is cylindrical illuminance, which EN 12464-1 asks for where there
                  are faces. Takes 768 bytes of memory a point, and is off by 0.2 % at most with 32 paths or a
                  multiple
-    integrator : "path", "path-buffer" or "gather"
+    integrator : "auto", "path", "path-buffer" or "gather". "auto" has no bias: "path", or "path-buffer" for
+                 streamed triangles; an option that only another one has chooses that
     white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
     maintenance_factor : above 0, up to 1: what is left of the light of all lamps after years, but for those that
                  have a factor of their own in the scene file. Not of skies and directional lights
@@ -218,7 +220,7 @@ def irradiance(
     loaded = maintained(lit(loaded, white_sky, ambient=chosen.get("ambient")), maintenance_factor)
     job, loaded = describe(
         loaded,
-        integrator=integrator,
+        integrator=for_measuring(chosen, loaded) if integrator == AUTO else integrator,
         spp=run_options.spp(spp),
         first_path_set=first_path_set,
         sensor=_in_rows(positions, facing, loaded),

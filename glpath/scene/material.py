@@ -20,6 +20,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 #: GGX's alpha below which microfacets are a mirror.
 SMOOTH = 1e-3
 _MAX_REFLECTED = 0.97
+# Roughness from which on a highlight of a dielectric is so wide that it looks like a part of the diffuse light.
+_MATTE = 0.8
 #: Of less, Charlie's distribution is a rim that no pixel resolves, and its albedo there is several times 1.
 SHEEN_MIN_ALPHA = 0.01
 #: Cells of the table of white sheen's albedo, along the fourth root of alpha.
@@ -237,6 +239,13 @@ class Material:
     def has_lobes(self) -> bool:
         """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
+
+    @property
+    def is_matte(self) -> bool:
+        """It has microfacets alone that are so rough that they look nearly the same from everywhere."""
+        smooth = self.roughness is None or self.roughness < _MATTE or self.surface_texture is not None
+        more = (self.metallic, self.transmission, self.clearcoat, self.iridescence, self.diffuse_transmission)
+        return not smooth and not any(more) and not np.any(self.sheen > 0) and not np.any(self.mirror > 0)
 
     @property
     def lets_light_through(self) -> bool:

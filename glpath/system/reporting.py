@@ -114,17 +114,18 @@ def _bar(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
 def _lines(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
     """One when a stage begins or ends, and now and then."""
     renderer = stage = ""
-    after = 0.0
+    after, ended = 0.0, False
 
     def show(event: ProgressEvent) -> None:
-        nonlocal renderer, stage, after
+        nonlocal renderer, stage, after, ended
         now = event.elapsed_s
         if event.renderer != renderer:
             renderer = event.renderer
             print(clean(f"rendering on {renderer}"), file=stream, flush=True)
         new = event.stage != stage
-        if not new and now < after and not event.ended:
+        if not new and (ended if event.ended else now < after):
             return
+        ended = event.ended
         text = event.line or ("" if new else event.stage)
         text = f"{text} after {duration(now)}{event.line_detail}" if text else event.stage
         print(clean(text), file=stream, flush=True)
@@ -135,12 +136,13 @@ def _lines(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
 
 @contextmanager
 def _json(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
-    stage, after = "", 0.0
+    stage, after, ended = "", 0.0, False
 
     def show(event: ProgressEvent) -> None:
-        nonlocal stage, after
-        if event.stage == stage and event.elapsed_s < after and not event.ended:
+        nonlocal stage, after, ended
+        if event.stage == stage and (ended if event.ended else event.elapsed_s < after):
             return
+        ended = event.ended
         stage, after = event.stage, event.elapsed_s + _JSON_INTERVAL
         record = {"event": "progress", "stage": stage, **event.values, "elapsed_s": round(event.elapsed_s, 3)}
         print(json.dumps(record), file=stream, flush=True)
