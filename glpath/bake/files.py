@@ -109,6 +109,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
                     )
                 )
                 page_of.append(page)
+    shapes = _named_by_page(shapes, page_of)
     if not atlas.of_file:
         materials = [replace(material, two_sided=False) for material in materials]
     made = replace(
@@ -137,6 +138,17 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
         write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
         written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]
     return written
+
+
+def _named_by_page(shapes: list[Shape], page_of: list[int]) -> list[Shape]:
+    """Return the shapes, whose names have the number of their page where one name is on several pages."""
+    pages: dict[str, set[int]] = {}
+    for shape, page in zip(shapes, page_of, strict=True):
+        pages.setdefault(shape.name, set()).add(page)
+    return [
+        replace(shape, name=f"{shape.name} (page {page})") if len(pages[shape.name]) > 1 else shape
+        for shape, page in zip(shapes, page_of, strict=True)
+    ]
 
 
 def _parts(

@@ -20,6 +20,15 @@ PositionOption = Annotated[
 TargetOption = Annotated[
     str | None, typer.Option(metavar="X,Y,Z", help="What it looks at.", rich_help_panel=CAMERA)
 ]
+LookAtOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Move the camera, without a turn, until the shapes of this name fill the picture, such as 'chair*' "
+        "(`glpath info` lists names); with --camera-position, turn it to them.",
+        rich_help_panel=CAMERA,
+    ),
+]
 UpOption = Annotated[
     str | None, typer.Option(metavar="X,Y,Z", help="What is up in the image.", rich_help_panel=CAMERA)
 ]
@@ -55,6 +64,7 @@ ShutterOption = Annotated[
 
 def replaced(
     *,
+    look_at: str | None,
     position: str | None,
     target: str | None,
     up: str | None,
@@ -63,6 +73,7 @@ def replaced(
 ) -> dict[str, Any]:
     """What the options replace of a camera, by its fields; None is not given. Raises UsageError."""
     return {
+        "look_at": look_at,
         "position": vector("--camera-position", position),
         "target": vector("--camera-target", target),
         "up": vector("--camera-up", up),

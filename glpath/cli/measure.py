@@ -29,7 +29,8 @@ from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, vector
 from glpath.errors import UsageError
-from glpath.film.units import EFFICACY
+from glpath.film.image import luminance
+from glpath.film.units import EFFICACY, conversion
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_writable, is_stream, save_all
@@ -41,10 +42,13 @@ if TYPE_CHECKING:
     from glpath.integrators.by_name import Integrator
     from glpath.rendering.points import Irradiance, Receiver
     from glpath.rendering.run_options import RunOptions
+    from glpath.scene import Scene
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
 #: Files that have colours, and those of a grid alone.
+# Lux by which the light of 100 on open ground may be off, for a daylight factor.
+_OFF = 2.0
 _COLOURED, _OF_GRIDS = (".html", ".png", ".glb"), (".png", ".glb")
 
 
@@ -55,7 +59,8 @@ def register(app: typer.Typer) -> None:
         ("glpath measure office.toml -o lux.png --plane z=0.75 --noise 0.01", "a false-colour picture"),
         ("glpath measure office.toml -o lux.csv --points points.csv", "points of your own"),
         everyday="scene out plane spacing area margin points normal receiver white_sky maintenance_factor "
-        "integrator spp noise max_depth resume device environment animation variant parameters",
+        "daylight_factor integrator spp noise time_limit max_depth resume device environment animation variant "
+        "parameters",
     )
     app.command(epilog=f"{EXIT_CODES}.", **help)(
         with_options(with_scene_options(measure, OF_LIGHT), OF_FILMS, POINT_OPTIONS, integrators=POINT_INTEGRATORS)
@@ -136,6 +141,15 @@ def measure(
         ),
     ] = "plane",
     white_sky: WhiteSky = False,
+    daylight_factor: Annotated[
+        bool,
+        typer.Option(
+            "--daylight-factor",
+            help="Call the lux per cent of a daylight factor, in the summary, reports, pictures and models. The "
+            "sky must make 100 lx on open ground.",
+            rich_help_panel=LIGHT_PANEL,
+        ),
+    ] = False,
     maintenance_factor: Annotated[
         float | None,
         typer.Option(
@@ -194,6 +208,8 @@ def measure(
     with aside("camera", "light"):
         loaded = read_scene(scene, parameters)
     loaded = maintained(lit(loaded, white_sky, ambient=options.get("ambient")), maintenance_factor)
+    if daylight_factor:
+        _check_makes_per_cent(loaded, receiver)
     if plane is not None:
         at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=vector("--normal", normal))
     else:
@@ -223,19 +239,20 @@ def measure(
 
         found = Irradiance(outcome.film, len(at.points))
         quantity = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
-        measured = Measured(at, found, loaded, quantity)
+        measured = Measured(at, found, loaded, *(("Daylight factor", "%") if daylight_factor else (quantity, "lx")))
         saves: dict[Path, Save] = {path: partial(_save, measured=measured) for path in out}
         rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
 
         def lines(written: list[Path]) -> Iterator[str]:
-            yield from _summary(found)
+            yield from _summary(found, measured)
             yield f"  {light_of(loaded)}"
             if at.grid is not None:
                 yield f"  {at.grid.described(loaded)}"
                 if at.grid.coarser_than_en_12464:
                     yield f"  EN 12464-1: {at.grid.beside_en_12464} (--spacing {EN_12464})"
                 if any(path.suffix.lower() == ".glb" for path in written):
-                    yield f"  colours of the .glb: viridis, from 0 to {max(found.illuminance()):.4g} lx"
+                    top = f"{max(found.illuminance()):.4g} {measured.unit}"
+                    yield f"  colours of the .glb: viridis, from 0 to {top}"
             yield from (f"wrote {path}" for path in written if not is_stream(path))
 
         outcome.leave(
@@ -245,25 +262,46 @@ def measure(
         )
 
 
-def _summary(found: Irradiance) -> Iterator[str]:
+def _check_makes_per_cent(scene: Scene, receiver: str) -> None:
+    """Raise UsageError for a scene whose lux are not per cent of the light on open ground."""
+    from glpath.scene.sky_map import open_ground
+
+    if receiver != "plane":
+        raise UsageError(f"--daylight-factor beside --receiver {receiver}: it is of planes.", "Leave one out.")
+    others = bool(scene.lights) or any(shape.emits for shape in scene.shapes)
+    if scene.sky is None or others or getattr(scene.sky, "sun", None) is not None:
+        found = "no sky" if scene.sky is None else "lamps besides its sky" if others else "a sun in its sky"
+        raise UsageError(
+            f"--daylight-factor: {scene.source or scene.name} has {found}; it is of an overcast sky alone.",
+            'Give it sky = { type = "cie", cie_type = 1, illuminance = 100 }, and no other light.',
+        )
+    lux = conversion(scene.unit, "photometric") * float(luminance(open_ground(scene.sky)))
+    if abs(lux - 100) > _OFF:
+        raise UsageError(
+            f"--daylight-factor: the sky makes {lux:.4g} lx on open ground; lux are per cent if it makes 100.",
+            'Give it illuminance = 100, as sky = { type = "cie", cie_type = 1, illuminance = 100 }.',
+        )
+
+
+def _summary(found: Irradiance, measured: Measured) -> Iterator[str]:
     import numpy as np
 
     lux, error = found.illuminance(), found.illuminance_errors()
     made = found.film.metadata
     yield f"{found.count:,} points, {found.film.path_sets:,} paths each, {duration(made.elapsed_s)}"
     spread = found.spread()
-    yield f"  illuminance: {figures(spread)}"
+    yield f"  {measured.quantity.lower()}: {figures(spread, unit=measured.unit)}"
     lit = lux > 0
     if lit.any() and not lit.all():
         dark = np.count_nonzero(~lit)
         have, them = ("point has", "it") if dark == 1 else ("points have", "them")
         yield f"  {dark:,} {have} no light at all: inside of solids, perhaps. Without {them}:"
         spread = found.spread(lit)
-        yield f"  {figures(spread)}"
+        yield f"  {figures(spread, unit=measured.unit)}"
     elif not lit.any():
         yield "  no light comes to any of the points: they are inside of solids, or in a closed room without a lamp"
     if found.film.path_sets >= 16:
-        yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} lx"
+        yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} {measured.unit}"
     yield from bias_lines(found.film)
     wanted = spread.asks_for(found.film.path_sets)
     if wanted is not None:
@@ -312,6 +350,6 @@ def _save_picture(path: Path, measured: Measured) -> None:
     page = plan(
         measured,
         f"{grid.shape[1]} x {grid.shape[0]} points, {grid.apart} apart, {found.film.path_sets:,} paths each. "
-        f"{inside}{figures(measured.spread, 3)}.",
+        f"{inside}{figures(measured.spread, 3, measured.unit)}.",
     )
     write_bytes(encode_png(page), path)

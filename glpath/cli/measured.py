@@ -26,12 +26,14 @@ class Measured:
     found    : what
     scene    : of which, as it was measured
     quantity : such as Illuminance
+    unit     : "lx", or "%" of a daylight factor, whose lux are per cent
     """
 
     at: Points
     found: Irradiance
     scene: Scene
     quantity: str
+    unit: str = "lx"
 
     @property
     def title(self) -> str:

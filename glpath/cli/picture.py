@@ -44,9 +44,9 @@ DenoiseOption = Annotated[
     bool | None,
     typer.Option(
         "--denoise/--no-denoise",
-        help="Denoise a .png or .jpg by Open Image Denoise, with the AOVs albedo and normal; an .exr has the result as the "
-        "layer denoised, an .npz holds the noisy film and these AOVs. By default where the denoiser is installed "
-        "(pip install 'glpath[denoise]') and the film has noise.",
+        help="Denoise a .png or .jpg by Open Image Denoise, with the AOVs albedo and normal; an .exr has the "
+        "result as the layer denoised, an .npz holds the noisy film and these AOVs. By default where the denoiser "
+        "is installed (pip install 'glpath[denoise]') and the film has noise.",
         show_default=False,
         rich_help_panel=IMAGE,
     ),

@@ -8,11 +8,11 @@ if TYPE_CHECKING:
     from glpath.rendering.uniformity import Estimate, Spread
 
 
-def figures(spread: Spread, digits: int = 4) -> str:
+def figures(spread: Spread, digits: int = 4, unit: str = "lx") -> str:
     """What is asked of a grid, with standard errors: U0 is its minimum over its mean, Ud over its maximum."""
     mean, minimum, maximum = (
-        with_error(x, f"{x.value:.{digits}g}", unit)
-        for x, unit in ((spread.mean, " lx"), (spread.minimum, ""), (spread.maximum, ""))
+        with_error(x, f"{x.value:.{digits}g}", shown)
+        for x, shown in ((spread.mean, f" {unit}"), (spread.minimum, ""), (spread.maximum, ""))
     )
     text = f"mean {mean}, minimum {minimum}, maximum {maximum}"
     if not spread.mean.value > 0:

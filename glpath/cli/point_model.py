@@ -39,4 +39,4 @@ def _facets(measured: Measured) -> Facets:
     grid = measured.at.grid
     assert grid is not None, "asked for before"
     corners = cells(grid.extent, grid.shape, (*grid.across, grid.axis), grid.height)
-    return Facets(corners, measured.quantity.lower(), measured.values, "lx")
+    return Facets(corners, measured.quantity.lower(), measured.values, measured.unit)

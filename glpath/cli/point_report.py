@@ -53,7 +53,7 @@ def plan(measured: Measured, caption: str) -> np.ndarray[Any, np.dtype[np.uint8]
         measured.values.reshape(grid.shape),
         grid.extent,
         (AXES[grid.across[0]], AXES[grid.across[1]]),
-        "lux",
+        "lux" if measured.unit == "lx" else measured.unit,
     )
 
 
@@ -80,7 +80,7 @@ def _body(measured: Measured) -> Iterator[str]:
             ("light", light_of(scene).removeprefix("light: ")),
             ("method", f"{made.integrator}, {measured.found.film.path_sets:,} paths of each point"),
             ("reflections", "all" if made.max_depth is None else f"paths of {made.max_depth} vertices at most"),
-            ("standard error of a point", "not known" if math.isnan(error) else f"{error:.2g} lx"),
+            ("standard error of a point", "not known" if math.isnan(error) else f"{error:.2g} {measured.unit}"),
             ("computed on", f"{made.device}, {duration(made.elapsed_s)}"),
             ("digest of the scene", made.scene_hash),
         ],
@@ -100,7 +100,7 @@ def _body(measured: Measured) -> Iterator[str]:
 def _result(measured: Measured) -> Iterator[tuple[str, str]]:
     spread = measured.spread
     for name, x in (("mean Ē", spread.mean), ("minimum", spread.minimum), ("maximum", spread.maximum)):
-        yield name, with_error(x, f"{x.value:.4g}", " lx")
+        yield name, with_error(x, f"{x.value:.4g}", f" {measured.unit}")
     if spread.mean.value > 0:
         yield "uniformity U0 = minimum / mean", with_error(spread.u0, f"{spread.u0.value:.3f}")
         yield "uniformity Ud = minimum / maximum", with_error(spread.ud, f"{spread.ud.value:.3f}")
@@ -146,7 +146,7 @@ def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
     values = measured.values.reshape(grid.shape)[::every, ::every]
     first, second = (grid.first[i] + grid.step[i] * np.arange(n)[::every] for i, n in ((0, columns), (1, rows)))
     backgrounds, inks = _colours(values, float(np.nanmax(measured.values)))
-    yield "<h2>Values, lux</h2>"
+    yield f"<h2>Values, {'lux' if measured.unit == 'lx' else measured.unit}</h2>"
     if every > 1:
         yield f'<p class="quiet">One of {every} points along both axes.</p>'
     yield '<div class="wide"><table class="values"><tbody>'
@@ -186,7 +186,9 @@ def _table_of_points(measured: Measured) -> Iterator[str]:
         (*(f"{x:.6g}" for x in (*at.points[i], *at.normals[i])), f"{lux[i]:.4g}", f"{errors[i]:.2g}")
         for i in range(min(len(lux), _POINT_ROWS))
     ]
-    yield _list(("x", "y", "z", "nx", "ny", "nz", "E, lx", "standard error, lx"), rows, 0)
+    symbol = "E" if measured.unit == "lx" else "D"
+    titles = (f"{symbol}, {measured.unit}", f"standard error, {measured.unit}")
+    yield _list(("x", "y", "z", "nx", "ny", "nz", *titles), rows, 0)
     if len(lux) > _POINT_ROWS:
         yield f'<p class="quiet">The first {_POINT_ROWS:,} of {len(lux):,} points.</p>'
 

@@ -57,7 +57,8 @@ def render(
         typer.Option(
             "-o",
             "--out",
-            help="Write .png, .jpg, .exr (radiance) or .npz (the whole film); - for a PNG to stdout; may be repeated.",
+            help="Write .png, .jpg, .exr (radiance) or .npz (the whole film); - for a PNG to stdout; may be "
+            "repeated.",
             rich_help_panel=IMAGE,
         ),
     ],
@@ -92,6 +93,7 @@ def render(
     denoise: DenoiseOption = None,
     camera_position: camera.PositionOption = None,
     camera_target: camera.TargetOption = None,
+    look_at: camera.LookAtOption = None,
     camera_up: camera.UpOption = None,
     camera_fov: camera.FovOption = None,
     camera_type: camera.TypeOption = None,
@@ -184,6 +186,7 @@ def render(
     if job is None:
         assert scene is not None, "asked for above"
         shown = camera.replaced(
+            look_at=look_at,
             position=camera_position,
             target=camera_target,
             up=camera_up,

@@ -209,13 +209,15 @@ def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | N
         opacity = picture[..., 3:] / 255.0
         opaque = np.round(opacity * opaque + 255.0 * (1.0 - opacity)).astype(np.uint8)
     comment = json.dumps(dict(metadata or {})).encode()
+    if len(comment) > _MAX_COMMENT:
+        comment = b""
     with whole_file(path) as temporary:
         Image.fromarray(opaque).save(
             temporary,
             "JPEG",
             quality=_JPEG_QUALITY,
             subsampling=0,
-            comment=comment if len(comment) <= _MAX_COMMENT else b"",
+            comment=comment,
         )
 
 

@@ -61,7 +61,8 @@ def render(
                      bit for bit the render of 64
     resolution     : (width, height) in pixels instead of the scene's
     crop           : (x, y, width, height): only these pixels of the whole image, y from the top
-    camera         : what to replace of the camera: position, target, up, fov (vertical, degrees); type
+    camera         : what to replace of the camera: look_at, the name of a shape that is to fill the picture;
+                     position, target, up, fov (vertical, degrees); type
                      ("perspective", "orthographic" with a height, "panorama"), aperture_radius and
                      focus_distance of a lens, shutter (opens, closes; seconds), principal_point, pixel_aspect. A
                      new position ends its motion. Or a whole `glpath.scene.Camera`, instead of the scene's, as

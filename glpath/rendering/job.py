@@ -10,12 +10,14 @@ since is an error, not another image. The camera is the job's own, all of it.
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
+from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Unpack
@@ -44,7 +46,9 @@ from glpath.rendering.options import (
 )
 from glpath.sampling import MAX_FIRST_PATH_SET, MAX_SPP
 from glpath.scene import Camera, Scene, check_camera
+from glpath.scene.camera import framed
 from glpath.scene.choices import PROJECTIONS, Projection
+from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
@@ -403,12 +407,14 @@ def with_overrides(
     elif not isinstance(camera, Mapping | None):
         raise UsageError(f"camera: {camera!r} where a Camera, or a dictionary of what to replace of it, is needed")
     for name, value in (camera or {}).items():
+        if name == "look_at":
+            continue
         if name == "type":
             check_word("camera type", value, PROJECTIONS)
             changes["projection"] = value
             continue
         if name not in _CAMERA_NUMBERS:
-            allowed = ", ".join(["type", *_CAMERA_NUMBERS])
+            allowed = ", ".join(["look_at", "type", *_CAMERA_NUMBERS])
             raise UsageError(f"camera: no field is named {name!r}; allowed are {allowed}")
         count = _CAMERA_NUMBERS[name]
         found = numbers(f"camera {name}", value, count)
@@ -416,11 +422,43 @@ def with_overrides(
     if resolution is not None:
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)
-    if not changes:
+    changed = scene.with_camera(**changes) if changes else scene
+    if (looked_at := (camera or {}).get("look_at")) is not None:
+        changed = _looking_at(changed, looked_at, changes)
+    if changed is scene:
         return scene
-    changed = scene.with_camera(**changes)
     check_camera(changed.camera, location or scene.source or scene.name)
     return changed
+
+
+def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
+    """Return the scene whose camera has the shapes of a name in its picture.
+
+    It is moved without a turn; a camera with a new position turns instead.
+
+    name    : with or without what stands before its last slash; * stands for any letters
+    changes : fields of the camera that were replaced
+
+    Raises UsageError.
+    """
+    if "target" in changes:
+        raise UsageError("camera look_at beside a target: both say where it looks.", "Leave one out.")
+    shapes = [
+        s for s in scene.shapes if any(fnmatchcase(each, str(name)) for each in (s.name, s.name.rpartition("/")[2]))
+    ]
+    if not shapes:
+        names = list(dict.fromkeys(shape.name for shape in scene.shapes))
+        near = difflib.get_close_matches(str(name), names, 1, 0.4)
+        remedy = f'Did you mean "{near[0]}"?' if near else f"Its shapes are {', '.join(names[:10])}."
+        source = scene.source or scene.name
+        raise UsageError(f'camera look_at: no shape of {source} has the name "{name}".', remedy)
+    opened = scene.camera.shutter[0]
+    points = replace(scene.at(opened), shapes=Shapes(shapes)).framed_points
+    if "position" in changes:
+        return scene.with_camera(target=0.5 * (points.min(axis=0) + points.max(axis=0)))
+    if scene.camera.projection == "panorama":
+        raise UsageError("camera look_at: a panorama looks all around.", "Give it a position.")
+    return scene.with_camera(framed(scene.camera.at(opened), points))
 
 
 def window_of(resolution: tuple[int, int], crop: tuple[int, int, int, int] | None, name: str = "crop") -> Window:

@@ -272,10 +272,26 @@ def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 
         )
     lower, upper = points.min(axis=0), points.max(axis=0)
     centre, extent = 0.5 * (lower + upper), upper - lower
-    camera = Camera(centre + _view(extent), centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution)
+    return framed(Camera(centre + _view(extent), centre, np.array([0.0, 1.0, 0.0]), _FOV, resolution), points)
+
+
+def framed(camera: Camera, points: Float64) -> Camera:
+    """Return the camera, moved without a turn, so that some points fill its picture; parallel rays get a height.
+
+    points : (N, 3), one at least
+    """
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    centre, extent = 0.5 * (lower + upper), upper - lower
     right, up, forward = camera.frame()
     wide, high = camera.extent
     local = points - centre
+    if camera.projection == "orthographic":
+        across, along = local @ right, local @ up
+        size = max(float(np.ptp(along)), float(np.ptp(across)) * high / wide) * _MARGIN
+        middle = centre + 0.5 * (across.min() + across.max()) * right + 0.5 * (along.min() + along.max()) * up
+        away = max(float(np.linalg.norm(extent)), 1e-9)
+        height = size if size > 0 else camera.height
+        return replace(camera, position=middle - away * forward, target=middle, height=height, motion=())
     ahead = local @ forward
     nearest, position = float(ahead.min()), np.zeros(3)
     back = np.inf  # along the view, where the eye may be: before all planes of the picture's edges
@@ -287,7 +303,7 @@ def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 
     size = float(np.linalg.norm(extent)) or 1.0
     back = min(back, nearest - _CLOSEST * size)
     position = centre + position + back * forward
-    return replace(camera, position=position, target=position - back * forward)
+    return replace(camera, position=position, target=position - back * forward, motion=())
 
 
 def upright_from_world(up: ArrayLike) -> Float64:

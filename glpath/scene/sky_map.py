@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.sky import Environment
+from glpath.scene.sky import Environment, Sky
 
 Float64 = NDArray[np.float64]
 
@@ -24,6 +24,20 @@ def texel_directions(up: Float64, size: tuple[int, int] = SKY_SIZE) -> Float64:
     sine, cosine = np.sin(rows)[:, None, None], np.cos(rows)[:, None, None]
     around = np.cos(turns)[:, None] * middle + np.sin(turns)[:, None] * left
     return np.asarray(sine * around + cosine * up)
+
+
+def open_ground(sky: Sky | Environment) -> Float64:
+    """Return the (3,) irradiance of a surface that faces up and sees all of the sky above the horizon."""
+    up = sky.up / np.linalg.norm(sky.up)
+    height, width = SKY_SIZE
+    nodes, weights = np.polynomial.legendre.leggauss(height)
+    sine = 0.5 * (nodes + 1)  # of the elevation: of equal steps equal solid angles
+    level = texel_directions(up, (2, width))[0]
+    level -= (level @ up)[:, None] * up
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    along = np.sqrt(1 - sine**2)[:, None, None] * level + sine[:, None, None] * up
+    seen = sky.radiance(along).mean(axis=1)
+    return np.asarray(2 * np.pi * (0.5 * weights * sine) @ seen)
 
 
 def horizontal_irradiance(seen: Float64) -> float:

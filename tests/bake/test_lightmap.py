@@ -569,3 +569,36 @@ def test_sizes_that_are_none_are_refused(wrong: dict[str, Any]) -> None:
 
 def test_a_size_may_be_numpys() -> None:
     assert Surfaces.of(glpath.load_scene("cornell-box"), size=np.int64(64)).atlas.size == (64, 64)
+
+
+@pytest.mark.parametrize(("roughness", "warns"), [(0.9, False), (0.5, True)])
+def test_a_matte_material_is_not_warned_of(tmp_path: Path, roughness: float, warns: bool) -> None:
+    """Its highlight is as wide as its diffuse light."""
+    materials = {"paint": {"type": "principled", "reflectance": 0.7, "roughness": roughness}}
+    shapes = [{**FLOOR, "material": "paint"}]
+    scene = load_scene(
+        {"camera": CAMERA, "materials": materials, "shapes": shapes, "sky": {"zenith": 1, "horizon": 1}}
+    )
+    bake = Bake.of(scene, size=64, spp=1, max_depth=1, denoise=False)
+    baked = bake.lightmap(glpath.rendering.run(bake.job, scene=bake.scene))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        baked.save(tmp_path / "a.glb")
+    assert [str(each.message) for each in told if "diffuse part alone" in str(each.message)] != [] or not warns
+    assert warns or not told
+
+
+def test_a_name_on_several_pages_says_its_page(tmp_path: Path) -> None:
+    """By these names a viewer finds the page of each mesh: the lines of the guide for three.js do."""
+    shapes = [{**FLOOR, "name": "tile"}, {**box("block", [0, 0, 0.1], [0.5, 0.5, 0.5]), "name": "tile"}]
+    scene = load_scene({"camera": CAMERA, "shapes": shapes, "sky": {"zenith": 1, "horizon": 1}})
+    baked = glpath.lightmap(scene, texels=40, size=64, spp=1, max_depth=1, denoise=False)
+    assert baked.atlas.pages > 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        baked.save(tmp_path / "a.glb", materials="keep")
+    pages = [set(json.loads(file.read_text())["shapes"]) for file in sorted(tmp_path.glob("*.json"))]
+    assert len(pages) == baked.atlas.pages
+    assert sum(map(len, pages)) == len(set.union(*pages)), "no name is on two pages"
+    document = ReadGlb(tmp_path / "a.glb").json
+    assert {node["name"] for node in document["nodes"] if "mesh" in node} == set.union(*pages)

@@ -79,3 +79,10 @@ def test_a_misspelt_option_or_command_is_answered_with_the_nearest() -> None:
         result = CliRunner().invoke(app, arguments)
         assert result.exit_code == 2
         assert nearest in result.stderr
+
+
+def test_render_shows_what_its_guides_use_and_the_file_that_resume_reads() -> None:
+    text = shown("render", "--help")
+    assert {"--checkpoint", "--resume", "--turntable", "--frames", "--clean", "--look-at"} <= options_in(text)
+    words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
+    assert "Resume from the checkpoint, a.checkpoint.npz beside a.png" in words

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import glpath
+from glpath.cli.main import app
 from glpath.cli.measured import Measured
 from glpath.cli.point_files import Points, grid_of
 from glpath.cli.point_model import save_glb, save_vtp
@@ -228,3 +231,54 @@ def test_a_factor_is_a_share(factor: float) -> None:
     if not np.isnan(factor):
         with pytest.raises(GlpathError, match="maintenance_factor"):
             glpath.load_scene({**ROOM, "lights": [lamp]})
+
+
+OVERCAST = """
+unit = "photometric"
+[[shapes]]
+type = "quad"
+corners = [[-3, -2, 0], [3, -2, 0], [3, 2, 0], [-3, 2, 0]]
+[sky]
+type = "cie"
+cie_type = 1
+illuminance = {lux}
+up = [0, 0, 1]
+{more}
+"""
+
+
+def told_of_factor(folder: Path, lux: float, more: str = "", *options: str) -> Any:
+    (folder / "a.toml").write_text(OVERCAST.format(lux=lux, more=more))
+    out = str(folder / "a.csv")
+    words = [str(folder / "a.toml"), "-o", out, "--plane", "z=0.5", "--spacing", "2", "--spp", "32", *options]
+    return CliRunner().invoke(app, ["measure", *words, "--daylight-factor"])
+
+
+def test_a_daylight_factor_on_open_ground_is_100_per_cent(tmp_path: Path) -> None:
+    told = told_of_factor(tmp_path, 100)
+    assert told.exit_code == 0, told.output
+    (line,) = (line for line in told.stderr.splitlines() if "daylight factor:" in line)
+    assert float(line.split("mean")[1].split()[0]) == pytest.approx(100, abs=3)
+    assert "%" in line
+    assert " lx" not in told.stderr
+
+
+@pytest.mark.parametrize(
+    ("lux", "more", "message"),
+    [
+        (1000, "", "makes 1000 lx on open ground"),
+        (100, '[[lights]]\ntype = "point"\nposition = [0, 0, 1]\nintensity = 1', "has lamps besides its sky"),
+    ],
+)
+def test_what_is_no_daylight_factor_is_refused(tmp_path: Path, lux: float, more: str, message: str) -> None:
+    told = told_of_factor(tmp_path, lux, more)
+    assert (told.exit_code, message in told.stderr) == (2, True), told.output
+
+
+def test_pictures_and_reports_of_a_daylight_factor_have_its_name(measured: Measured, tmp_path: Path) -> None:
+    factor = replace(measured, quantity="Daylight factor", unit="%")
+    save_report(tmp_path / "a.html", factor)
+    text = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "Daylight factor in" in text
+    assert "Illuminance" not in text
+    assert " lx" not in re.sub(r"\d lm", "", text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from pathlib import Path
@@ -16,6 +17,7 @@ from glpath.film import image
 from glpath.film.choices import TONEMAP_NAMES
 from glpath.film.film import read_image
 from glpath.system import files
+from tests.conftest import MakeFilm
 
 RAMP = np.linspace(0, 1, 256)
 
@@ -266,3 +268,39 @@ def test_a_name_that_is_too_long_is_found_before_the_work(length: int, tmp_path:
 def test_levels_are_looked_up_to_the_bit() -> None:
     levels = np.random.default_rng(0).integers(0, 256, (37, 41, 3), np.uint8)
     assert np.array_equal(image.decode_levels(levels), image.decode_srgb(levels / 255))
+
+
+def test_a_jpeg_has_the_pixels_of_the_png_and_its_metadata(make_film: MakeFilm, tmp_path: Path) -> None:
+    film = make_film(size=(64, 48))
+    for name in ("a.png", "a.jpg", "b.jpeg"):
+        film.save(tmp_path / name, exposure=0.0)
+    jpeg = iio.imread(tmp_path / "a.jpg")
+    assert jpeg.shape == (48, 64, 3)
+    assert jpeg.mean(axis=(0, 1)) == pytest.approx(iio.imread(tmp_path / "a.png").mean(axis=(0, 1)), abs=1.0)
+    assert (tmp_path / "a.jpg").read_bytes() == (tmp_path / "b.jpeg").read_bytes()
+    with Image.open(tmp_path / "a.jpg") as opened, Image.open(tmp_path / "a.png") as other:
+        assert opened.format == "JPEG"
+        assert json.loads(opened.info["comment"]) == other.text
+
+
+def test_a_smooth_picture_loses_hardly_anything_in_a_jpeg(tmp_path: Path) -> None:
+    y, x = np.mgrid[0:64, 0:96]
+    smooth = np.stack([2 * x, 3 * y, 255 - x - y], axis=2).astype(np.uint8)
+    image.write_jpeg(tmp_path / "a.jpg", smooth)
+    off = np.abs(iio.imread(tmp_path / "a.jpg").astype(int) - smooth)
+    assert off.max() <= 6
+    assert off.mean() < 1
+
+
+def test_what_is_transparent_is_white_in_a_jpeg(tmp_path: Path) -> None:
+    clear = np.zeros((16, 16, 4), np.uint8)
+    clear[:, :8] = (200, 0, 0, 255)
+    image.write_jpeg(tmp_path / "a.jpg", clear)
+    seen = iio.imread(tmp_path / "a.jpg").astype(int)
+    assert np.abs(seen[4, 12] - 255).max() <= 4
+    assert np.abs(seen[4, 3] - [200, 0, 0]).max() <= 8
+
+
+def test_a_picture_that_no_jpeg_can_hold_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="65,535 each way at most"):
+        image.write_jpeg(tmp_path / "a.jpg", np.zeros((1, 65_536, 3), np.uint8))

@@ -79,3 +79,9 @@ def test_a_transparent_one_is_an_alpha_channel(tmp_path: Path):
     channels, _ = read_exr_channels(tmp_path / "a.exr")
     assert channels["A"] == pytest.approx(film.alpha)
     assert glpath.Film.load(tmp_path / "a.npz").alpha == pytest.approx(film.alpha)
+
+
+def test_a_jpeg_without_an_alpha_channel_is_warned_of(tmp_path: Path):
+    film = glpath.render(quad(reflectance=[0.5] * 3), parameters={"background": "transparent"}, spp=1, seed=1)
+    with pytest.warns(glpath.SceneWarning, match="a JPEG has no alpha channel"):
+        film.save(tmp_path / "a.jpg")

@@ -15,6 +15,7 @@ from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from glpath.integrators.settings import DEEPEST, IntegratorSettings
 from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering import RenderJob, choice
+from glpath.rendering.choice import for_measuring
 from glpath.scene import Scene
 from glpath.scene.emitted import emitted_radiance
 from glpath.sensors.sensor import PointSensor
@@ -261,3 +262,14 @@ def test_frames_are_of_the_integrator_that_is_chosen_for_the_first() -> None:
     for shipped, chosen in ((BOX, "gather"), ("three-spheres", "t-buffer")):
         (film,) = glpath.render_frames(shipped, [{}], **size)
         assert film.metadata.integrator == chosen
+
+
+def test_what_is_measured_has_no_bias_by_default() -> None:
+    streamed = scene(LAMP, {"type": "stream", "stream": Hills(1, 2), "material": "grey"})
+    box = glpath.load_scene(BOX)
+    assert for_measuring({}, box) == "path"
+    assert for_measuring({}, streamed) == "path-buffer"
+    assert for_measuring({"guide": None, "max_depth": 3}, streamed) == "path-buffer"
+    assert for_measuring({"directions": "sphere"}, box) == "path-buffer"
+    assert for_measuring({"lookup_depth": 2}, box) == "gather"
+    assert for_measuring({"cast": "path-buffer"}, streamed) == "gather"

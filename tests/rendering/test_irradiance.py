@@ -596,3 +596,20 @@ def test_all_bounces_are_measured_by_themselves() -> None:
         assert (settings.max_depth, settings.roulette) == (depth, roulette)
     found = [glpath.irradiance(BOX, POINTS, [0.0, 1.0, 0.0], spp=2048, **a).values for a in ({}, {"max_depth": 5})]
     assert found[0].mean() > 1.003 * found[1].mean()
+
+
+def test_points_beside_streamed_triangles_are_measured_by_default(tmp_path: Path) -> None:
+    shape = {"type": "stream", "stream": Hills(1, 2), "material": "grey"}
+    made = glpath.load_scene(
+        {
+            "materials": {"grey": {"type": "diffuse", "reflectance": 0.5}},
+            "shapes": [shape],
+            "sky": {"zenith": 1, "horizon": 1},
+        }
+    )
+    options: dict[str, Any] = {"spp": 4, "seed": 3}
+    found = glpath.irradiance(made, [[0.0, 9.0, 0.0]], [0.0, 1.0, 0.0], **options)
+    assert found.film.metadata.integrator == "path-buffer"
+    asked = glpath.irradiance(made, [[0.0, 9.0, 0.0]], [0.0, 1.0, 0.0], integrator="path-buffer", **options)
+    assert np.array_equal(found.values, asked.values)
+    assert found.values[0] == pytest.approx(np.pi), "the whole sky, of radiance 1"

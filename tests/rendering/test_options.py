@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
+import numpy as np
 import pytest
 import typer
 from msgspec import Meta
@@ -30,6 +31,7 @@ from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering import RenderJob
 from glpath.rendering.calls import render
+from glpath.rendering.job import with_overrides
 from glpath.rendering.options import annotation_of, checked, options, settings_of, with_options
 from glpath.rendering.run_options import RunKeywords, RunOptions
 
@@ -421,3 +423,38 @@ def test_no_error_of_the_library_speaks_of_options_of_the_command_line() -> None
             and not _OTHER_PROGRAMS.search(node.value)
         ]
     assert found == []
+
+
+TWO_BALLS = {
+    "camera": {"position": [0, 0, 9], "target": [0, 0, 0], "fov": 40, "resolution": [60, 40]},
+    "shapes": [
+        {"type": "sphere", "name": "red ball", "center": [-4, 1, 0], "radius": 0.5},
+        {"type": "sphere", "name": "blue ball", "center": [3, 0, -2], "radius": 1.5},
+    ],
+}
+
+
+def test_a_camera_looks_at_a_shape_by_its_name() -> None:
+    scene = glpath.load_scene(TWO_BALLS)
+    for name, centre in (("red ball", [-4, 1, 0]), ("blue*", [3, 0, -2])):
+        camera = with_overrides(scene, (90, 30), {"look_at": name}).camera
+        assert camera.resolution == (90, 30)
+        at, _ = camera.project([centre])
+        assert at[0] == pytest.approx([45, 15], abs=0.5)
+        assert np.allclose(camera.frame(), scene.camera.frame()), "it does not turn"
+    camera = with_overrides(scene, None, {"look_at": "red ball", "position": [1, 2, 3]}).camera
+    assert (camera.position.tolist(), camera.target.tolist()) == ([1, 2, 3], [-4, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        ({"look_at": "red bal"}, r'no shape of .* has the name "red bal"\.\n  Did you mean "red ball"'),
+        ({"look_at": "xyz"}, "Its shapes are red ball, blue ball"),
+        ({"look_at": "red ball", "target": [0, 0, 0]}, "beside a target"),
+        ({"look_at": "red ball", "type": "panorama"}, "a panorama looks all around"),
+    ],
+)
+def test_what_a_camera_cannot_look_at_is_explained(camera: dict[str, Any], message: str) -> None:
+    with pytest.raises(glpath.UsageError, match=message):
+        with_overrides(glpath.load_scene(TWO_BALLS), None, camera)

@@ -10,7 +10,7 @@ import pytest
 from glpath.errors import SceneError
 from glpath.sampling.points import PathSetSampler
 from glpath.scene import Camera, check_camera
-from glpath.scene.camera import CameraKey, Projection
+from glpath.scene.camera import CameraKey, Projection, framed
 
 RNG = np.random.default_rng(8)
 
@@ -171,3 +171,17 @@ def test_what_a_camera_cannot_be_is_said() -> None:
     keys[1] = replace(keys[1], time=2.0, target=np.zeros(3))
     with pytest.raises(SceneError, match=r"motion\[1\].target is the same point"):
         check_camera(replace(camera, motion=tuple(keys)), "room")
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_framed_points_fill_the_picture_of_a_camera_that_does_not_turn(camera: Camera, projection: Projection):
+    before = replace(camera, projection=projection, height=3.0)
+    points = RNG.normal(size=(50, 3)) * [2.0, 0.5, 1.0] + [30.0, -4.0, 9.0]
+    after = framed(before, points)
+    assert np.allclose(after.frame(), before.frame())
+    at, depth = after.project(points)
+    assert (depth > 0).all()
+    share = (at.max(axis=0) - at.min(axis=0)) / after.resolution
+    assert 0.75 < share.max() < 1.0
+    assert (at > 0).all()
+    assert (at < after.resolution).all()

@@ -10,7 +10,9 @@ from numpy.polynomial.legendre import leggauss
 
 import glpath
 from glpath.errors import SceneError
+from glpath.scene import Sky
 from glpath.scene.cie_sky import CIE_SKIES, has_sun, relative_luminance
+from glpath.scene.sky_map import open_ground
 
 ELEVATION = np.radians(35.0)
 SUN = np.array([np.cos(ELEVATION), 0.0, np.sin(ELEVATION)])
@@ -101,3 +103,17 @@ def test_other_skies_refuse_its_fields() -> None:
     wrong = scene() | {"sky": {"zenith": 1.0, "up": [0, 0, 1], "illuminance": 100.0}}
     with pytest.raises(SceneError, match=r"`illuminance`.*\n.*cie"):
         glpath.load_scene(wrong)
+
+
+@pytest.mark.parametrize("up", [[0, 0, 1], [1, 2, -2]])
+def test_open_ground_has_the_closed_form_of_a_sky_of_two_colours(up: list[float]) -> None:
+    """The integral of (h + (z - h) s) s over the upper half, s being the sine of the elevation: pi (h / 3 + 2 z / 3)."""
+    zenith, horizon = np.array([3.0, 2.0, 1.0]), np.array([1.0, 0.5, 4.0])
+    sky = Sky(zenith, horizon, np.array(up) / np.linalg.norm(up))
+    assert open_ground(sky) == pytest.approx(np.pi * (horizon / 3 + 2 * zenith / 3), rel=1e-9)
+
+
+@pytest.mark.parametrize("number", [1, 5, 12])
+def test_open_ground_has_the_illuminance_that_a_sky_was_asked_for(number: int) -> None:
+    made = glpath.load_scene(scene(cie_type=number, illuminance=20_000.0, sun=SUN.tolist())).sky
+    assert open_ground(made).mean() == pytest.approx(20_000, rel=2e-3)

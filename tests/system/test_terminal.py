@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 import glpath
+from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.terminal import clean, clean_console, say_json
 
 # A title, a cleared screen, colours, a bell, a line over the line, text backwards, invisible text, and C1's CSI.
@@ -190,3 +191,21 @@ def test_nothing_in_the_command_line_prints_by_itself() -> None:
                 assert called not in ("typer.echo", "typer.secho", "click.echo", "Console", "rich.print"), file
                 if called == "print":
                     assert ast.unparse(node.args[0]).startswith(("clean(", "json.dumps(event)")), file
+
+
+def test_the_end_of_a_stage_is_told_once() -> None:
+    stream = io.StringIO()
+    with reporting("lines", stream, lambda event: event) as report:
+        assert report is not None
+        for done in (3, 10, 10, 10, 10):
+            report(ProgressEvent("rows", 1.0, done, 10, {}, line=f"{done} of 10 rows"))
+    assert stream.getvalue().splitlines() == ["3 of 10 rows after 1.0 s", "10 of 10 rows after 1.0 s"]
+
+
+def test_the_end_of_a_stage_is_one_json_object() -> None:
+    stream = io.StringIO()
+    with reporting("json", stream, lambda event: event) as report:
+        assert report is not None
+        for done in (3, 10, 10, 10):
+            report(ProgressEvent("rows", 1.0, done, 10, {"done": done}))
+    assert [json.loads(line)["done"] for line in stream.getvalue().splitlines()] == [3, 10]

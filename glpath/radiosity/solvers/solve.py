@@ -425,6 +425,9 @@ def _monte_carlo(
             detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
+            if time_is_up():  # finer lattices would begin anew
+                run.stop_rule = TIME_LIMIT
+                raise _TimeIsUpError
             if shooting.deepen(detail):
                 batches = min(wanted, max(asked, _MAX_BATCHES))
                 continue

@@ -370,7 +370,9 @@ class _Run:
             "elapsed_s": round(time.perf_counter() - self.started, 4),
         }
         relative = error / np.where(areas > 0, areas, 1.0)
-        return ViewFactors(matrix, areas, relative, faces.names, statistics, backs, _OF_BACKS * backs_error)
+        return ViewFactors(
+            matrix, areas, relative, faces.names, statistics, backs, _OF_BACKS * backs_error, *faces.row_geometry()
+        )
 
 
 def _whole(ended: _Part | BaseException) -> _Part:

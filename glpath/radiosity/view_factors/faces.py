@@ -63,12 +63,42 @@ class Faces:
     def row_count(self) -> int:
         return len(self.names) or self.given
 
+    def row_geometry(self) -> tuple[Float64, Float64]:
+        """Return the centroids and unit normals of the rows' faces, each (N, 3); NaN for rows without an area.
+
+        The normal of several faces is that of their summed area vectors, NaN if these cancel out.
+        """
+        sides = np.array([len(outline) for outline in self.outlines], np.int64)
+        flat = np.fromiter((corner for outline in self.outlines for corner in outline), np.int64, int(sides.sum()))
+        first = np.concatenate([[0], np.cumsum(sides)[:-1]]) if len(sides) else sides
+        face = np.repeat(np.arange(len(sides)), sides - 2)  # of each triangle of the fans
+        step = np.arange(len(face)) - np.repeat(np.cumsum(sides - 2) - (sides - 2), sides - 2)
+        a, b, c = (self.vertices[flat[first[face] + at]] for at in (0, step + 1, step + 2))
+        doubled = np.cross(b - a, c - a)
+        of_face = _sums(face, doubled, len(sides))
+        # Triangles of a fan outside of a concave face count less than nothing.
+        unit = of_face / np.maximum(np.linalg.norm(of_face, axis=1, keepdims=True), np.finfo(float).tiny)
+        weight = np.einsum("ij,ij->i", doubled, unit[face])
+        moments = _sums(face, weight[:, None] * (a + b + c) / 3, len(sides))
+        n, tiny = self.row_count, 1e-12
+        area = np.bincount(self.rows, np.linalg.norm(of_face, axis=1), n)[:, None]
+        vector = _sums(self.rows, of_face, n)
+        length = np.linalg.norm(vector, axis=1, keepdims=True)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            centroids = np.where(area > 0, _sums(self.rows, moments, n) / area, np.nan)
+            return centroids, np.where(length > tiny * area, vector / length, np.nan)
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 (hex) of all that the matrix depends on."""
         flat = np.array([v for outline in self.outlines for v in (*outline, -1)], np.int64)
         parts = (self.vertices, flat, self.rows)
         return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+
+
+def _sums(group: Int64, values: Float64, count: int) -> Float64:
+    """(count, 3): the sums of values (M, 3) by groups (M,)."""
+    return np.stack([np.bincount(group, column, count) for column in values.T], axis=1)
 
 
 def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) -> Faces:

@@ -61,6 +61,8 @@ class ViewFactors:
     backs      : (N,) float64, the share that arrives at backs of faces, by rays: neither in the matrix nor sky. Of
                  a model without faults it is 0. None for zeros
     backs_error : (N,) float64, of `backs`, cautiously; 0 where none was hit
+    centroids, normals : (N, 3) float64, of each row's faces, unit normals out of the front; NaN where there is
+                 none, as of a closed group, or where the file is of an older version
 
     >>> import glpath
     >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
@@ -76,11 +78,16 @@ class ViewFactors:
     statistics: Mapping[str, Any] = field(default_factory=dict)
     backs: Float64 = None  # type: ignore[assignment]
     backs_error: Float64 = None  # type: ignore[assignment]
+    centroids: Float64 = None  # type: ignore[assignment]
+    normals: Float64 = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for name in ("backs", "backs_error"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(len(self.areas)))
+        for name in ("centroids", "normals"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full((len(self.areas), 3), np.nan))
 
     def __len__(self) -> int:
         return len(self.areas)
@@ -167,7 +174,8 @@ class ViewFactors:
     def to_pandas(self, what: Literal["rows", "factors"] = "rows") -> Any:
         """A `pandas.DataFrame`: a row for each face, or one for each factor that is not 0.
 
-        what : "rows": area, row_sum, sky, backs, error; "factors": from, to, factor, by names where there are some
+        what : "rows": area, row_sum, sky, backs, error, centroid and normal; "factors": from, to, factor, by names
+               where there are some
 
         Raises GlpathError where pandas is missing, UsageError for another word.
         """
@@ -177,6 +185,8 @@ class ViewFactors:
                 "area": self.areas, "row_sum": self.row_sums, "sky": self.sky, "backs": self.backs,
                 "error": self.error,
             }  # fmt: skip
+            for name, vectors in (("centroid", self.centroids), ("normal", self.normals)):
+                columns |= {f"{name}_{axis}": part for axis, part in zip("xyz", vectors.T, strict=True)}
             return data_frame(columns, "face", labels, self.statistics)
         if what != "factors":
             raise UsageError(f"to_pandas: what is {what!r}; allowed are rows and factors.")
@@ -288,7 +298,7 @@ class ViewFactors:
                 format=np.array(b"csr"), shape=np.array(m.shape), data=m.data, indices=m.indices, indptr=m.indptr,
                 _is_array=np.array(True), areas=self.areas, error=self.error, names=np.array(self.names, np.str_),
                 statistics=np.array(json.dumps(dict(self.statistics))), glpath_view_factors=np.array(FORMAT),
-                backs=self.backs, backs_error=self.backs_error,
+                backs=self.backs, backs_error=self.backs_error, centroids=self.centroids, normals=self.normals,
             )  # fmt: skip
 
     @classmethod
@@ -308,7 +318,8 @@ class ViewFactors:
                 raise ValueError("it holds values that are not finite")
             names = tuple(map(str, arrays.read("names", "U", (None,)).tolist()))
             statistics = json.loads(str(arrays.read("statistics", "U", ())))
-            return cls(matrix, areas, error, names, statistics, backs, backs_error)
+            known = {name: arrays.read(name, "f", (n, 3)) for name in ("centroids", "normals") if name in arrays}
+            return cls(matrix, areas, error, names, statistics, backs, backs_error, **known)
 
     def __repr__(self) -> str:
         what = "groups" if self.names else "faces"

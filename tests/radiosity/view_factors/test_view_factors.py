@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import importlib.util
 import math
 import os
 import re
@@ -709,3 +710,35 @@ def test_without_faces_it_is_a_scene_error() -> None:
 def test_importing_glpath_imports_no_scipy() -> None:
     code = "import sys, glpath; glpath.__all__; assert 'scipy' not in sys.modules and 'numba' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_rows_have_their_centroids_and_normals(tmp_path: Path) -> None:
+    """Of an L, whose parts of 2 x 1 and 1 x 1 say where its centroid is, of a cube's floor, and of a closed shape."""
+    ell = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]]
+    above = [[0, 0, 3], [0, 2, 3], [2, 2, 3], [2, 0, 3]]
+    found = view_factors((np.array([*ell, *above], float), [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9]]))
+    assert found.centroids == pytest.approx(np.array([[(2 * 1 + 0.5) / 3, (2 * 0.5 + 1.5) / 3, 0], [1, 1, 3]]))
+    assert found.normals.tolist() == [[0, 0, 1], [0, 0, -1]]
+    found.save(tmp_path / "a.npz")
+    again = ViewFactors.load(tmp_path / "a.npz")
+    assert np.array_equal(again.centroids, found.centroids)
+    rows = found.to_pandas() if importlib.util.find_spec("pandas") else None
+    if rows is not None:
+        assert rows["normal_z"].tolist() == [1, -1]
+        assert rows["centroid_z"].tolist() == [0, 3]
+
+
+def test_a_plane_of_several_faces_has_one_normal_and_a_closed_group_none() -> None:
+    cube = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]]
+    triangles = [t for a, b, c, d in WALLS for t in ([a, b, c], [a, c, d])]
+    planes = view_factors((np.array(cube, float), triangles), groups="planar")
+    assert (
+        sorted(map(tuple, np.abs(planes.normals).tolist())) == [(0, 0, 1)] * 2 + [(0, 1, 0)] * 2 + [(1, 0, 0)] * 2
+    )
+    assert np.allclose(planes.centroids - planes.normals * -0.5, 0.5)
+    whole = view_factors((np.array(cube, float), triangles), groups=[0] * len(triangles))
+    assert np.isnan(whole.normals).all()
+    assert whole.centroids == pytest.approx(np.full((1, 3), 0.5))
+
+
+WALLS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
