@@ -271,6 +271,8 @@ def test_levels_are_looked_up_to_the_bit() -> None:
 
 
 def test_a_jpeg_has_the_pixels_of_the_png_and_its_metadata(make_film: MakeFilm, tmp_path: Path) -> None:
+    from PIL import Image
+
     film = make_film(size=(64, 48))
     for name in ("a.png", "a.jpg", "b.jpeg"):
         film.save(tmp_path / name, exposure=0.0)

@@ -24,6 +24,7 @@ from glpath.io import load_scene
 from glpath.rendering import RenderJob, run
 from glpath.sensors.sensor import PointSensor
 from tests.support import killing
+from tests.support.terrain import Hills
 
 BOX = "cornell-box-36"
 POINTS = [[0.0, 0.5, 0.1], [0.2, 0.3, 0.2], [-0.3, 0.5, 0.0]]
@@ -598,15 +599,11 @@ def test_all_bounces_are_measured_by_themselves() -> None:
     assert found[0].mean() > 1.003 * found[1].mean()
 
 
-def test_points_beside_streamed_triangles_are_measured_by_default(tmp_path: Path) -> None:
-    shape = {"type": "stream", "stream": Hills(1, 2), "material": "grey"}
-    made = glpath.load_scene(
-        {
-            "materials": {"grey": {"type": "diffuse", "reflectance": 0.5}},
-            "shapes": [shape],
-            "sky": {"zenith": 1, "horizon": 1},
-        }
-    )
+def test_points_beside_streamed_triangles_are_measured_by_default() -> None:
+    materials = {"grey": {"type": "diffuse", "reflectance": 0.5}}
+    shapes = [{"type": "stream", "stream": Hills(1, 2), "material": "grey"}]
+    sky = {"zenith": 1, "horizon": 1}
+    made = glpath.load_scene({"materials": materials, "shapes": shapes, "sky": sky})
     options: dict[str, Any] = {"spp": 4, "seed": 3}
     found = glpath.irradiance(made, [[0.0, 9.0, 0.0]], [0.0, 1.0, 0.0], **options)
     assert found.film.metadata.integrator == "path-buffer"

@@ -107,7 +107,7 @@ def test_other_skies_refuse_its_fields() -> None:
 
 @pytest.mark.parametrize("up", [[0, 0, 1], [1, 2, -2]])
 def test_open_ground_has_the_closed_form_of_a_sky_of_two_colours(up: list[float]) -> None:
-    """The integral of (h + (z - h) s) s over the upper half, s being the sine of the elevation: pi (h / 3 + 2 z / 3)."""
+    """The integral of (h + (z - h) s) s over the upper half, s the sine of the elevation: pi (h / 3 + 2 z / 3)."""
     zenith, horizon = np.array([3.0, 2.0, 1.0]), np.array([1.0, 0.5, 4.0])
     sky = Sky(zenith, horizon, np.array(up) / np.linalg.norm(up))
     assert open_ground(sky) == pytest.approx(np.pi * (horizon / 3 + 2 * zenith / 3), rel=1e-9)

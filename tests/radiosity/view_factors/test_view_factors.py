@@ -713,14 +713,14 @@ def test_importing_glpath_imports_no_scipy() -> None:
 
 
 def test_rows_have_their_centroids_and_normals(tmp_path: Path) -> None:
-    """Of an L, whose parts of 2 x 1 and 1 x 1 say where its centroid is, of a cube's floor, and of a closed shape."""
+    """Of an L, whose parts of 2 x 1 and 1 x 1 say where its centroid is, and of a square above it."""
     ell = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]]
     above = [[0, 0, 3], [0, 2, 3], [2, 2, 3], [2, 0, 3]]
-    found = view_factors((np.array([*ell, *above], float), [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9]]))
+    found = glpath.view_factors((np.array([*ell, *above], float), [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9]]))
     assert found.centroids == pytest.approx(np.array([[(2 * 1 + 0.5) / 3, (2 * 0.5 + 1.5) / 3, 0], [1, 1, 3]]))
     assert found.normals.tolist() == [[0, 0, 1], [0, 0, -1]]
     found.save(tmp_path / "a.npz")
-    again = ViewFactors.load(tmp_path / "a.npz")
+    again = glpath.ViewFactors.load(tmp_path / "a.npz")
     assert np.array_equal(again.centroids, found.centroids)
     rows = found.to_pandas() if importlib.util.find_spec("pandas") else None
     if rows is not None:
@@ -731,12 +731,11 @@ def test_rows_have_their_centroids_and_normals(tmp_path: Path) -> None:
 def test_a_plane_of_several_faces_has_one_normal_and_a_closed_group_none() -> None:
     cube = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]]
     triangles = [t for a, b, c, d in WALLS for t in ([a, b, c], [a, c, d])]
-    planes = view_factors((np.array(cube, float), triangles), groups="planar")
-    assert (
-        sorted(map(tuple, np.abs(planes.normals).tolist())) == [(0, 0, 1)] * 2 + [(0, 1, 0)] * 2 + [(1, 0, 0)] * 2
-    )
+    planes = glpath.view_factors((np.array(cube, float), triangles), groups="planar")
+    axes = sorted(map(tuple, np.abs(planes.normals).tolist()))
+    assert axes == [(0, 0, 1)] * 2 + [(0, 1, 0)] * 2 + [(1, 0, 0)] * 2
     assert np.allclose(planes.centroids - planes.normals * -0.5, 0.5)
-    whole = view_factors((np.array(cube, float), triangles), groups=[0] * len(triangles))
+    whole = glpath.view_factors((np.array(cube, float), triangles), groups=[0] * len(triangles))
     assert np.isnan(whole.normals).all()
     assert whole.centroids == pytest.approx(np.full((1, 3), 0.5))
 
