@@ -43,7 +43,7 @@ __all__ = [
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# Of a JPEG: pixels each way and bytes of a comment at most, and the quality that is written, of 100.
+# Of a JPEG: pixels along a side and bytes of a comment at most, and the quality that is written, of 100.
 _MAX_JPEG, _MAX_COMMENT, _JPEG_QUALITY = 65_535, 65_000, 95
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
@@ -202,7 +202,7 @@ def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | N
     height, width = picture.shape[:2]
     if max(height, width) > _MAX_JPEG:
         raise UsageError(
-            f"{path}: {width} x {height} pixels; a JPEG has {_MAX_JPEG:,} each way at most.", "Write a .png."
+            f"{path}: {width} x {height} pixels; a JPEG has {_MAX_JPEG:,} along a side at most.", "Write a .png."
         )
     opaque = picture[..., :3]
     if picture.shape[2] == 4:

@@ -90,11 +90,11 @@ class Gathering:
         expected = sum(record["outcome"] == "xfailed" for record in self.records)
         if self.records:
             stored = sum(record["outcome"] == "written" for record in self.records)
-            told = [f"{_count(stored, 'picture')} stored"] if stored else []
+            counts = [f"{_count(stored, 'picture')} stored"] if stored else []
             if compared := len(self.records) - stored:
-                told += [f"{_count(compared, 'picture')} compared, {len(failures)} failed"]
-                told += [f"{expected} expected to"] if expected else []
-            self.lines.append(", ".join(told))
+                counts += [f"{_count(compared, 'picture')} compared, {len(failures)} failed"]
+                counts += [f"{expected} expected to"] if expected else []
+            self.lines.append(", ".join(counts))
         for outcome, words in _REPORTED.items():
             files = [record["baseline"] for record in self.records if record["outcome"] == outcome]
             self.lines += [f"{words}: {shown_path(file)}" for file in sorted(files)]

@@ -304,5 +304,5 @@ def test_what_is_transparent_is_white_in_a_jpeg(tmp_path: Path) -> None:
 
 
 def test_a_picture_that_no_jpeg_can_hold_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="65,535 each way at most"):
+    with pytest.raises(UsageError, match="65,535 along a side at most"):
         image.write_jpeg(tmp_path / "a.jpg", np.zeros((1, 65_536, 3), np.uint8))
