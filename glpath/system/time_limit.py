@@ -69,7 +69,7 @@ def _process_age() -> float:
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         assert _os is not None, "there is a /proc"
-        age = time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / _os.sysconf("SC_CLK_TCK")
+        age: float = time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / _os.sysconf("SC_CLK_TCK")
     except (OSError, ValueError, IndexError, AttributeError, AssertionError):
         return 0.0
     return max(0.0, age)
