@@ -25,6 +25,11 @@ OTHERS = {
         "threads of llvmpipe; `--threads` sets it. glpath makes 1 to 0, which is one thread as well",
     ),
     "OIDN_NUM_THREADS": ("a number", "threads of the denoiser; `--threads` sets it"),
+    "NUMBA_NUM_THREADS": (
+        "a number from 1",
+        "threads of compiled kernels; any other value ends a command with an error",
+    ),
+    "COLUMNS": ("a number from 1 to 9999", "width of tables and of help; any other value is ignored"),
     "CI": ("anything but `0`, `false`, `no`", "image tests fail for a missing baseline, and write none"),
     "PYTHONPATH": ("folders", "passed on to the processes that try each device"),
     "LIBGL_DRIVERS_PATH": ("folders", "where `glpath doctor` looks for Mesa's drivers first"),
