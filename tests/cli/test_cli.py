@@ -438,7 +438,7 @@ def test_render_leaves_the_usual_to_the_engine_when_nothing_is_said(renderer: Re
         ("--progress loud", "Allowed: auto, bar, lines, json, none"),
         ("-q -v", "contradict each other"),
         ("-D radiance", "not of the form key=value"),
-        ("-o b.jpg", "an output cannot have the suffix .jpg. Allowed: .png, .exr, .npz"),
+        ("-o b.gif", "an output cannot have the suffix .gif. Allowed: .png, .jpg, .jpeg, .exr, .npz"),
         ("-o b", "an output cannot have no suffix"),
     ],
 )

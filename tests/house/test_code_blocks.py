@@ -47,7 +47,7 @@ def of_kind(kind: str) -> list[Any]:
 
 
 def test_every_language_is_one_that_a_test_reads_or_a_list_names() -> None:
-    assert {block.kind for block in READ} <= {"sh", "python", "toml", "json"}
+    assert {block.kind for block in READ} <= {"sh", "python", "toml", "xml", "json"}
 
 
 @pytest.mark.parametrize("entry", [*ELSEWHERE, *NOT_RUN], ids=lambda entry: " ".join(entry))
@@ -109,6 +109,12 @@ def test_scenes_load(block: Block, models: Path, monkeypatch: pytest.MonkeyPatch
         pytest.fail(f"{block}: {error}")
 
 
+@pytest.mark.parametrize("block", of_kind("xml"))
+def test_mitsuba_scenes_load(block: Block, tmp_path: Path) -> None:
+    (tmp_path / "scene.xml").write_text(block.text)
+    glpath.load_scene(tmp_path / "scene.xml")
+
+
 CAMERA = "[camera]\nposition = [0, 1, 9]\ntarget = [0, 0, 0]\n"
 
 
@@ -143,11 +149,12 @@ def test_the_blocks_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytes
 def write_scenes(blocks: list[Block]) -> None:
     """Scene files that commands of a page name: the page's own scenes, in order."""
     text = "\n".join(block.text for block in blocks if block.kind in ("sh", "python"))
-    names = [name for name in dict.fromkeys(re.findall(r"[\w-]+\.toml", text)) if not Path(name).exists()]
-    scenes = [block.text for block in blocks if block.kind == "toml"]
-    for name, scene in zip(names, scenes + scenes[-1:] * len(names), strict=False):
-        whole = scene if "[camera]" in scene else f"{scene}\n{CAMERA}"
-        Path(name).write_text(whole)
+    for kind in ("toml", "xml"):
+        names = [name for name in dict.fromkeys(re.findall(rf"[\w-]+\.{kind}", text)) if not Path(name).exists()]
+        scenes = [block.text for block in blocks if block.kind == kind]
+        for name, scene in zip(names, scenes + scenes[-1:] * len(names), strict=False):
+            whole = scene if kind == "xml" or "[camera]" in scene else f"{scene}\n{CAMERA}"
+            Path(name).write_text(whole)
 
 
 def run_lines(block: Block, folder: Path) -> None:

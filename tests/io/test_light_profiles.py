@@ -489,7 +489,7 @@ def test_a_lamp_of_both_extensions_is_one(tmp_path: Path) -> None:
     ("profile", "light", "message"),
     [
         ({"uri": "none.ies"}, 0, r"EXT_lights_ies\.lights\[0\]\.uri names .none.ies., which does not exist"),
-        ({"uri": "../lamp.ies"}, 0, "outside the folder"),
+        ({"uri": "../outside.ies"}, 0, "outside the folder"),
         ({"uri": "lamp.ies"}, 1, r"nodes\[0\]\.extensions\.EXT_lights_ies\.light"),
         ({"uri": "data:,TILT=NONE 1"}, 0, r"lights\[0\]\.uri names data, which cannot be used: line 1"),
         ({}, 0, "bufferView"),

@@ -316,7 +316,7 @@ def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
         (["--plane", "z=0", "--area", "0,0,0,1"], "second corner must lie beyond"),
         (["--points", "a.csv", "--area", "0,0,1,1"], "--area: belongs to --plane"),
         (["--points", "nothing.csv"], "cannot be read"),
-        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: path, path-buffer, gather"),
+        (["--plane", "z=0", "--integrator", "t-buffer"], "Allowed: auto, path, path-buffer, gather"),
         (["--plane", "z=0", "--spp", "0"], "--spp 0"),
         (["--plane", "z=0", "-o", "lux.exr"], "Files end in .csv, .npz, .html, .png, .glb, .vtp"),
         (["--points", "a.csv", "-o", "lux.png"], "a picture is of a grid"),
@@ -602,11 +602,13 @@ def test_all_bounces_are_measured_by_themselves() -> None:
 def test_points_beside_streamed_triangles_are_measured_by_default() -> None:
     materials = {"grey": {"type": "diffuse", "reflectance": 0.5}}
     shapes = [{"type": "stream", "stream": Hills(1, 2), "material": "grey"}]
-    sky = {"zenith": 1, "horizon": 1}
-    made = glpath.load_scene({"materials": materials, "shapes": shapes, "sky": sky})
-    options: dict[str, Any] = {"spp": 4, "seed": 3}
+    scene = {"materials": materials, "shapes": shapes, "sky": {"zenith": 1, "horizon": 1}}
+    made = glpath.load_scene({**scene, "camera": {"position": [0, 9, 9], "target": [0, 0, 0]}})
+    options: dict[str, Any] = {"spp": 256, "seed": 3}
     found = glpath.irradiance(made, [[0.0, 9.0, 0.0]], [0.0, 1.0, 0.0], **options)
     assert found.film.metadata.integrator == "path-buffer"
     asked = glpath.irradiance(made, [[0.0, 9.0, 0.0]], [0.0, 1.0, 0.0], integrator="path-buffer", **options)
     assert np.array_equal(found.values, asked.values)
-    assert found.values[0] == pytest.approx(np.pi), "the whole sky, of radiance 1"
+    assert found.values[0] == pytest.approx(np.pi, rel=0.05), (
+        "the whole sky, of radiance 1, by directions that all paths share"
+    )
