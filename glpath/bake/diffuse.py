@@ -40,11 +40,12 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
                     share *= texture_at(scene.textures[slot.texture], look.slot_uv(slot, triangle[own], b[own]))[
                         :, channel
                     ]
-            layer = float(material.dielectric_albedo.max())
             coat = material.clearcoat * (0.04 + 0.96 / 21.0)
             glass = (1 - metallic) * clear
             clear = clear + (1 - clear) * material.diffuse_transmission
-            found[own, :3] *= ((1 - coat) * (metallic + (1 - layer) * (1 - metallic) * (1 - clear)))[:, None]
+            found[own, :3] *= ((1 - coat) * (metallic + material.base_share * (1 - metallic) * (1 - clear)))[
+                :, None
+            ]
             found[own, 6] *= 1 - glass
         else:
             found[own, :3] += material.mirror

@@ -6,16 +6,17 @@ A field of `Material` that shaders read has its texel, its number and its varian
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
-from glpath.scene.directional_albedo import CELLS, cells, directional_albedo, schlick_albedo
+from glpath.scene.directional_albedo import CELLS, cells, directional_albedo, plastic_entry, schlick_albedo
 from glpath.scene.geometry import Float64
 from glpath.scene.material import (
     CHARLIE_LAMBDA,
     SHEEN_CELLS,
     SHEEN_MIN_ALPHA,
+    Layering,
     Material,
     sheen_albedo_fit,
     sheen_albedo_table,
@@ -39,6 +40,12 @@ MATERIAL_LAYOUT = {
     "SHEEN_LAMBDA_A": "a",
     "FILM": "share under a thin film; its thickness where its texture is 0, nm; where it is 1; its index",
     "THROUGH": "of what the diffuse base lets through the colour; the share",
+    "FRESNEL": "index of Fresnel's equations, 0 for Schlick's formula; 1 for Beckmann's microfacets; number of the "
+    "layering; mean of PLASTIC over light from everywhere",
+    "PLASTIC0": "share of light that crosses to plastic's base, a polynomial of the cosine's root: powers 0 to 3",
+    "PLASTIC1": "powers 4 to 7",
+    "METAL_N": "index of metal, 0 for Schlick's formula",
+    "METAL_K": "its imaginary part",
     "ENERGY": "1 where energy is kept; first cells of its glass's albedo, from outside and from inside",
 }
 
@@ -54,6 +61,10 @@ class MaterialVariant(NamedTuple):
 
 def _rough(material: Material) -> bool:
     return material.roughness is not None
+
+
+def _is_plastic(material: Material) -> bool:
+    return material.layering == "plastic" and material.metallic < 1 and material.transmission < 1
 
 
 MATERIAL_VARIANTS = {
@@ -76,6 +87,20 @@ MATERIAL_VARIANTS = {
     "HAS_SLABS": MaterialVariant("and reflects at both faces of a slab", lambda m: _rough(m) and m.is_slab),
     "HAS_ROUGH_TRANSMISSION": MaterialVariant(
         "and scatters what it transmits", lambda m: _rough(m) and m.transmission > 0 and not m.is_smooth
+    ),
+    "HAS_FRESNEL": MaterialVariant(
+        "a rough material has Fresnel's equations", lambda m: _rough(m) and m.layering != "gltf"
+    ),
+    "HAS_PLASTIC": MaterialVariant(
+        "and a base whose light crosses the boundary twice", lambda m: _rough(m) and _is_plastic(m)
+    ),
+    "HAS_DISNEY": MaterialVariant("or has Burley's base", lambda m: _rough(m) and m.layering == "disney"),
+    "HAS_METAL_INDICES": MaterialVariant(
+        "a rough material is metal of a complex index",
+        lambda m: _rough(m) and m.metallic > 0 and m.metal_index is not None,
+    ),
+    "HAS_BECKMANN": MaterialVariant(
+        "a rough material has Beckmann's microfacets", lambda m: _rough(m) and m.distribution == "beckmann"
     ),
 }
 
@@ -114,6 +139,17 @@ def _dielectric(m: Material) -> list[float]:
     if m.specular_colour_texture is not None:
         normal = grazing * m.dielectric_ratio  # which the shader clips after the texture
     return [*normal, grazing]
+
+
+def _exact(m: Material) -> list[list[float]]:
+    """Return the texels FRESNEL, PLASTIC0, PLASTIC1, METAL_N and METAL_K."""
+    entry, entry_mean = np.zeros(8), 0.0
+    if m.roughness is not None and _is_plastic(m):
+        entry, entry_mean = plastic_entry(m.ior, m.roughness**2, m.distribution)
+    n, k = np.zeros((2, 3)) if m.metal_index is None else m.metal_index
+    ior = 0.0 if m.layering == "gltf" else m.ior
+    first = [ior, m.distribution == "beckmann", get_args(Layering).index(m.layering), entry_mean]
+    return [first, [*entry[:4]], [*entry[4:]], [*n, 0], [*k, 0]]
 
 
 def _bends(m: Material) -> bool:
@@ -163,6 +199,7 @@ def material_table(materials: Sequence[Material]) -> Float64:
             *_sheen(m),
             [m.iridescence, m.iridescence_thickness_min, m.iridescence_thickness, m.iridescence_ior],
             [*m.diffuse_transmission_colour, m.diffuse_transmission],
+            *_exact(m),
             [m.keeps_energy, *first.get(m.ior if _bends(m) else 0.0, (0, 0)), 0],
         ]
         for m, lit in ((m, 0.0 if m.unlit else 1.0) for m in materials)

@@ -36,6 +36,7 @@ VARIANTS: dict[str, Variant] = {
     **{name: Variant(each.meaning, "gl.material_texels") for name, each in MATERIAL_VARIANTS.items()},
     "HAS_THIN_DIELECTRICS": Variant("a material is thin glass, which paths go straight through", _THIN),
     "HAS_VARYING_THIN_DIELECTRICS": Variant("and it has textures, colours or normals to shade with", _THIN),
+    "HAS_EXACT_LAYERS": Variant("HAS_FRESNEL, HAS_METAL_INDICES or HAS_BECKMANN", "shaders"),
     "HAS_LOBES": Variant("a material has lobes: HAS_MICROFACETS or HAS_MIRRORS", "shaders"),
     "HAS_ALPHA": Variant("a material that is used is masked, blended or culled", _SCENE),
     "HAS_CULLING": Variant("the back of a material that is used is not there", _SCENE),

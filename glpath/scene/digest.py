@@ -31,7 +31,7 @@ LATER = {
     },
     "Shape": {"motion"},
     "Scene": {"portals", "background"},
-    "Material": {"slab"},
+    "Material": {"slab", "distribution", "layering", "metal_index"},
 }
 
 _Update = Callable[[bytes], None]
@@ -60,10 +60,12 @@ def _add(value: object, update: _Update) -> None:
         kind = type(value).__name__
         update(f"dataclass {kind} ".encode())
         for field in fields(value):
-            absent = field.name in LATER.get(kind, ()) and getattr(value, field.name) == field.default
+            own = getattr(value, field.name)
+            is_default = not isinstance(own, np.ndarray) and own == field.default
+            absent = field.name in LATER.get(kind, ()) and is_default
             if field.name not in UNSEEN.get(kind, ()) and not absent:
                 update(f"field {field.name} ".encode())
-                _add(getattr(value, field.name), update)
+                _add(own, update)
     elif isinstance(value, str):
         update(f"text {len(value)} {value}".encode())
     elif isinstance(value, tuple):

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
-from glpath.scene.directional_albedo import hemispherical_albedo
+from glpath.scene.directional_albedo import SMOOTH as SMOOTH
+from glpath.scene.directional_albedo import hemispherical_albedo, plastic_entry
 from glpath.scene.geometry import Float64
 from glpath.scene.iridescence import film_reflects
 from glpath.scene.slab import hemispherical
 
 Wrap = Literal["repeat", "clamp", "mirror"]
-#: GGX's alpha below which microfacets are a mirror.
-SMOOTH = 1e-3
+Layering = Literal["gltf", "plastic", "disney"]
 _MAX_REFLECTED = 0.97
 # Roughness from which on a highlight of a dielectric is so wide that it looks like a part of the diffuse light.
 _MATTE = 0.8
@@ -157,6 +157,14 @@ class Material:
     iridescence      : in [0, 1], share of what metal and dielectric reflect that is under a thin film
     iridescence_ior  : the film's index, >= 1; iridescence_thickness nm, and iridescence_thickness_min where
                        its texture is 0 [KHR_materials_iridescence]
+    distribution     : of microfacets' normals: GGX's or Beckmann's, of the same alpha
+    metal_index      : (2, 3) float64, n and k of metal in air, for Fresnel's equations; `reflectance` is still what
+                       it reflects at normal incidence. None: Schlick's formula
+    layering         : the dielectric and what is under it. "gltf": Schlick's formula, over a base that has what
+                       the dielectric leaves. "plastic": Fresnel's equations; light of the base crosses the boundary
+                       twice, and a thin dielectric reflects at both faces, unpolarized, as in Mitsuba. "disney":
+                       Fresnel's equations, over Burley's base, which loses nothing; `anisotropy` is Burley's, and
+                       solid glass takes the root of the reflectance at each crossing [Burley 2012, 2015]
     multiple_scattering : light that microfacets scatter more than once is kept, about, and the base under a
                        dielectric has all that it does not reflect; False: the first is lost, as in Mitsuba, and
                        the base has what glTF's formula gives it, up to 3 % more or less
@@ -210,6 +218,9 @@ class Material:
     iridescence_ior: float = 1.3
     iridescence_thickness: float = 400.0
     iridescence_thickness_min: float = 100.0
+    distribution: Literal["ggx", "beckmann"] = "ggx"
+    metal_index: Float64 | None = None
+    layering: Layering = "gltf"
     multiple_scattering: bool = True
     culled: bool = False
     unlit: bool = False
@@ -304,7 +315,10 @@ class Material:
     @property
     def dielectric_ratio(self) -> Float64:
         """(3,) float64: what it reflects at normal incidence over what at grazing incidence, not clipped to 1."""
-        return ((self.ior - 1.0) / (self.ior + 1.0)) ** 2 * self.specular_colour
+        once = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
+        if self.layering == "plastic" and self.is_thin_dielectric:
+            once *= 2.0 / (1.0 + once)
+        return once * self.specular_colour
 
     @property
     def sheen_alpha(self) -> float:
@@ -334,7 +348,7 @@ class Material:
             return np.asarray(np.minimum(reflected + (1.0 - clear) * through, _MAX_REFLECTED))
         layer, sheen, coat = self._layers()
         kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
-        under = layer + (1.0 - layer.max()) * base * kept
+        under = layer + self.base_share * base * kept
         if self.iridescence > 0:
             metal = self._under_film(base + (1.0 - base) / 21.0, base)
         else:
@@ -352,8 +366,8 @@ class Material:
         """
         if self.roughness is None or self.diffuse_transmission == 0:
             return np.zeros(3)
-        layer, sheen, coat = self._layers()
-        left = (1.0 - coat) * (1.0 - sheen.max()) * (1.0 - layer.max()) * (1.0 - self.metallic - clear)
+        _, sheen, coat = self._layers()
+        left = (1.0 - coat) * (1.0 - sheen.max()) * self.base_share * (1.0 - self.metallic - clear)
         through = self.diffuse_transmission * left * self.diffuse_transmission_colour
         return np.asarray(np.clip(through, 0.0, _MAX_REFLECTED - self.hemispherical_reflectance(base, clear)))
 
@@ -367,6 +381,16 @@ class Material:
         if self.transmission > 0:
             return np.asarray(f0 + (f90 - f0) / 21.0)
         return hemispherical_albedo(f0, f90, self.roughness, self.multiple_scattering)
+
+    @property
+    def base_share(self) -> float:
+        """Return the share of light from everywhere that a white base sends back through the dielectric."""
+        if self.layering == "plastic" and self.transmission < 1:
+            assert self.roughness is not None
+            return plastic_entry(self.ior, self.roughness**2, self.distribution)[1] ** 2
+        if self.layering == "disney":
+            return 1.0
+        return float(1.0 - self.dielectric_albedo.max())
 
     def _layers(self) -> tuple[Float64, Float64, float]:
         """What the dielectric (3,), sheen (3,) and the clearcoat reflect of light from everywhere, each alone."""

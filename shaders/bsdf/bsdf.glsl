@@ -1,11 +1,13 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
 // Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
-//         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING: where materials have them
+//         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING, HAS_FRESNEL, HAS_PLASTIC, HAS_DISNEY,
+//         HAS_BECKMANN, HAS_METAL_INDICES: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
-//         strength of a dielectric's reflection (specular); Phong 1975 [TB IV].
+//         strength of a dielectric's reflection (specular); Phong 1975 [TB IV]. Of other layerings than glTF's see
+//         `Material.layering`: plastic is Mitsuba's; Burley 2012, Physically based shading at Disney.
 #include "sampling/directions.glsl"
 #ifdef HAS_MICROFACETS
 #include "bsdf/microfacets.glsl"
@@ -15,6 +17,11 @@
 #ifdef HAS_SLABS
 #include "bsdf/slab.glsl"
 #endif
+#endif
+
+#ifdef HAS_FRESNEL
+// Of `Material.layering`.
+const int LAYERING_GLTF = 0, LAYERING_PLASTIC = 1, LAYERING_DISNEY = 2;
 #endif
 
 struct Bsdf
@@ -58,6 +65,23 @@ struct Bsdf
 #ifdef HAS_DIFFUSE_TRANSMISSION
     vec3 diffuse_through;  // what Lambert's base sends to the other side
 #endif
+#ifdef HAS_BECKMANN
+    bool is_gaussian;  // Beckmann's distribution instead of GGX's
+#endif
+#ifdef HAS_METAL_INDICES
+    vec3 metal_n;     // index of metal; 0: Schlick's formula
+    vec3 metal_k;
+    vec3 metal_tint;  // by which what an untinted metal reflects is multiplied
+#endif
+#ifdef HAS_FRESNEL
+    float ior;   // of Fresnel's equations; 0: Schlick's formula
+    vec3 tint;   // by which what an untinted dielectric reflects is multiplied
+    int base;    // LAYERING_GLTF, LAYERING_PLASTIC or LAYERING_DISNEY
+#ifdef HAS_PLASTIC
+    mat2x4 entry;      // share of light that crosses the boundary to plastic's base, a polynomial of the cosine's root
+    float entry_mean;  // its mean over light from everywhere
+#endif
+#endif
     // Index of the far side over that of the near one; 0: thin, which does not refract; THIN_DIELECTRIC; or, below that, less
     // the index of a slab, whose transmission is what its glass lets through once.
     float eta;
@@ -81,6 +105,21 @@ Bsdf lambertian(vec3 reflectance)
 #endif
 #ifdef HAS_DIFFUSE_TRANSMISSION
     b.diffuse_through = vec3(0.0);
+#endif
+#ifdef HAS_BECKMANN
+    b.is_gaussian = false;
+#endif
+#ifdef HAS_METAL_INDICES
+    b.metal_n = b.metal_k = b.metal_tint = vec3(0.0);
+#endif
+#ifdef HAS_FRESNEL
+    b.ior = 0.0;
+    b.tint = vec3(0.0);
+    b.base = LAYERING_GLTF;
+#ifdef HAS_PLASTIC
+    b.entry = mat2x4(0.0);
+    b.entry_mean = 0.0;
+#endif
 #endif
 #ifdef HAS_IRIDESCENCE
     b.film = vec3(0.0);
@@ -124,9 +163,27 @@ vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
 #endif
 }
 
+#ifdef HAS_BECKMANN
+#define IS_GAUSSIAN(b) b.is_gaussian
+#else
+#define IS_GAUSSIAN(b) false
+#endif
+
+#ifdef HAS_FRESNEL
+// Share that an untinted dielectric reflects; a thin one at both faces, without polarization.
+float boundary_reflects(Bsdf b, float cosine)
+{
+    float F = fresnel(cosine, b.eta > 0.0 ? b.eta : b.ior);
+    return b.eta <= THIN_DIELECTRIC ? 2.0 * F / (1.0 + F) : F;
+}
+#endif
+
 // Of a dielectric; `cosine` of the angle to the microfacet's normal.
 vec3 dielectric_reflects(Bsdf b, float cosine)
 {
+#ifdef HAS_FRESNEL
+    if (b.ior > 0.0) return b.tint * boundary_reflects(b, cosine);
+#endif
 #ifdef HAS_GLASS
     // Schlick's formula does not know total reflection. From inside a film changes nothing.
     if (b.eta > 0.0) {
@@ -148,6 +205,9 @@ vec3 microfacet_reflects(Bsdf b, float cosine)
 {
     vec3 metal = b.metal + (b.metallic - b.metal) * schlick(cosine);
     metal = under_film(b, cosine, metal, b.metallic, b.metal);
+#ifdef HAS_METAL_INDICES
+    if (b.metal_k.r + b.metal_n.r > 0.0) metal = b.metal_tint * metal_reflects(cosine, b.metal_n, b.metal_k);
+#endif
 #ifdef HAS_MULTIPLE_SCATTERING
     metal *= b.metal_gain;
 #endif
@@ -159,6 +219,9 @@ float base_transmittance(Bsdf b, float cosine)
 {
 #ifdef HAS_MULTIPLE_SCATTERING
     if (b.base_share >= 0.0) return b.base_share;
+#endif
+#ifdef HAS_FRESNEL
+    if (b.ior > 0.0) return b.layered > 0.0 ? 1.0 - boundary_reflects(b, cosine) : 1.0;
 #endif
     vec3 F = dielectric_reflects(b, cosine);
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
@@ -239,12 +302,57 @@ float under_layers(Bsdf b, float cosine)
 }
 #endif
 
+#ifdef HAS_MICROFACETS
+#ifdef HAS_PLASTIC
+float plastic_entry(Bsdf b, float cosine)
+{
+    float x = sqrt(clamp(cosine, 0.0, 1.0)), x2 = x * x;
+    vec4 powers = vec4(1.0, x, x2, x2 * x);
+    return max(dot(b.entry[0], powers) + x2 * x2 * dot(b.entry[1], powers), 0.0);
+}
+#endif
+
+#ifdef HAS_DISNEY
+// Burley's base over Lambert's: darker at grazing angles, and retroreflective by the roughness; `d`: cosine of half the angle
+// between the two directions, squared.
+float disney_base(Bsdf b, float o, float i, float d2)
+{
+    float Fo = schlick(o), Fi = schlick(i), R = 2.0 * sqrt(sqrt(b.alpha.x * b.alpha.y)) * d2;
+    return (1.0 - 0.5 * Fo) * (1.0 - 0.5 * Fi) + R * (Fo + Fi + Fo * Fi * (R - 1.0));
+}
+#endif
+
+// By what a base differs from Lambert's, for light from wi.
+float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
+{
+#ifdef HAS_PLASTIC
+    if (b.base == LAYERING_PLASTIC) return plastic_entry(b, dot(n, wo)) * plastic_entry(b, dot(n, wi));
+#endif
+#ifdef HAS_DISNEY
+    if (b.base == LAYERING_DISNEY) return disney_base(b, dot(n, wo), dot(n, wi), 0.5 + 0.5 * dot(wo, wi));
+#endif
+    return base_transmittance(b, dot(wo, normalize(wo + wi)));
+}
+
+// The same for light from everywhere; of Burley's base about, as the directions between count as their mean.
+float base_response(Bsdf b, float cosine)
+{
+#ifdef HAS_PLASTIC
+    if (b.base == LAYERING_PLASTIC) return plastic_entry(b, cosine) * b.entry_mean;
+#endif
+#ifdef HAS_DISNEY
+    if (b.base == LAYERING_DISNEY) return disney_base(b, cosine, 0.455, 0.5 + cosine / 3.0);
+#endif
+    return base_transmittance(b, cosine);
+}
+#endif
+
 // Of light from everywhere, what the diffuse lobe sends to a cosine, about: its share of the paths goes by it.
 float diffuse_importance(Bsdf b, float cosine)
 {
     float share = mean(b.diffuse + b.specular);
 #ifdef HAS_MICROFACETS
-    share *= base_transmittance(b, cosine) * under_layers(b, cosine);
+    share *= base_response(b, cosine) * under_layers(b, cosine);
 #endif
 #ifdef HAS_SHEEN
     share += mean(b.sheen) * min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_takes(b, cosine));
@@ -257,7 +365,7 @@ vec3 diffuse_reflectance(Bsdf b, float cosine)
 {
     vec3 sent = b.diffuse;
 #ifdef HAS_MICROFACETS
-    sent *= base_transmittance(b, cosine) * under_layers(b, cosine);
+    sent *= base_response(b, cosine) * under_layers(b, cosine);
 #endif
 #ifdef HAS_SHEEN
     sent += b.sheen * (min(sheen_albedo(b, cosine), 1.0) * (1.0 - coat_takes(b, cosine)));
@@ -320,7 +428,7 @@ vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = b.diffuse;
 #ifdef HAS_MICROFACETS
-    f *= base_transmittance(b, dot(wo, normalize(wo + wi))) * under_layers(b, dot(n, wo));
+    f *= base_response(b, n, wo, wi) * under_layers(b, dot(n, wo));
 #endif
 #ifdef HAS_SHEEN
     f += sheen_eval(b, n, wo, wi);
@@ -367,9 +475,9 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     vec3 m = normalize(wo + wi);
-    float cosine = dot(wo, m), D = ggx(m, b.alpha), seen = ggx_seen(wo, b.alpha);
+    float cosine = dot(wo, m), D = normal_density(m, b.alpha, IS_GAUSSIAN(b)), seen = masking(wo, b.alpha, IS_GAUSSIAN(b));
     vec3 F = microfacet_reflects(b, cosine) * under_layers(b, wo.z);
-    float f = PI * D * seen * ggx_seen(wi, b.alpha) / (4.0 * wo.z * wi.z);
+    float f = PI * D * seen * masking(wi, b.alpha, IS_GAUSSIAN(b)) / (4.0 * wo.z * wi.z);
     return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
 }
 
@@ -399,9 +507,10 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     float o = dot(wo, m), i = thin ? o : -dot(wi, m);
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
-    float pdf = visible_normal_pdf(wo, m, b.alpha) * spread;
+    float pdf = visible_normal_pdf(wo, m, b.alpha, IS_GAUSSIAN(b)) * spread;
     vec3 T = glass_transmittance(b, o) * under_layers(b, wo.z);
-    return Lobe(T * (PI * ggx_seen(wi, b.alpha) * pdf / max(-wi.z, 1e-6)), (1.0 - reflected_part(b, o)) * pdf);
+    float f = PI * masking(wi, b.alpha, IS_GAUSSIAN(b)) * pdf / max(-wi.z, 1e-6);
+    return Lobe(T * f, (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif
 #endif

@@ -1,7 +1,9 @@
-// microfacets.glsl: GGX's microfacets, and what Fresnel says of them.
+// microfacets.glsl: microfacets of GGX's or Beckmann's distribution, and Fresnel's equations.
+// Needs:  HAS_BECKMANN, HAS_METAL_INDICES: if materials have them
 // Frame:  the surface's own: z is the normal to shade with, x goes along the tangent; w, m are unit.
 // Source: Walter et al. 2007, Microfacet models for refraction; Dupuy & Benyoub 2023, Sampling visible GGX normals with
-//         spherical caps; masking and shadowing are independent, as in glTF 2.0, B.3.2.
+//         spherical caps; Heitz & d'Eon 2014 and Jakob 2014 (An improved visible normal sampling routine) for Beckmann;
+//         masking and shadowing are independent, as in glTF 2.0, B.3.2.
 #include <CONSTANTS>
 
 // Of a roughness: along the tangent and across [KHR_materials_anisotropy]. A tangent leaves grooves, so that across it is
@@ -39,10 +41,107 @@ vec3 visible_normal(vec3 w, vec2 alpha, vec2 u)
     return normalize(vec3(alpha * h.xy, max(h.z, 1e-7)));
 }
 
-// Its density per solid angle.
-float visible_normal_pdf(vec3 w, vec3 m, vec2 alpha)
+#ifdef HAS_BECKMANN
+// Density of normals whose slopes are Gaussian, per solid angle of m times its cosine.
+float beckmann(vec3 m, vec2 alpha)
 {
-    return ggx_seen(w, alpha) * ggx(m, alpha) * max(dot(w, m), 0.0) / w.z;
+    vec2 s = m.xy / alpha;
+    float z2 = m.z * m.z;
+    return exp(-dot(s, s) / z2) / (PI * alpha.x * alpha.y * z2 * z2);
+}
+
+// Smith's masking by Walter et al., eq. 27, a rational approximation within 0.35 %.
+float beckmann_seen(vec3 w, vec2 alpha)
+{
+    vec2 s = alpha * w.xy;
+    float square = dot(s, s), a = abs(w.z) * inversesqrt(max(square, 1e-30));
+    return a >= 1.6 ? 1.0 : a * (3.535 + 2.181 * a) / (1.0 + a * (2.276 + 2.577 * a));
+}
+
+// Abramowitz & Stegun 1964, 7.1.26: within 1.5e-7.
+float error_function(float x)
+{
+    float t = 1.0 / (1.0 + 0.3275911 * abs(x));
+    float p = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
+    return sign(x) * (1.0 - p * exp(-x * x));
+}
+
+// Giles 2010, Approximating the erfinv function, in single precision.
+float inverse_error_function(float x)
+{
+    float w = -log(max((1.0 - x) * (1.0 + x), 1e-30)), p;
+    if (w < 5.0) {
+        w -= 2.5;
+        p = -3.5233877e-6 + w * (3.43273939e-7 + w * 2.81022636e-8);
+        p = 0.00021858087 + w * (-4.39150654e-6 + w * p);
+        p = -0.00417768164 + w * (-0.00125372503 + w * p);
+        return x * (1.50140941 + w * (0.246640727 + w * p));
+    }
+    w = sqrt(w) - 3.0;
+    p = 0.00134934322 + w * (0.000100950558 + w * -0.000200214257);
+    p = 0.00573950773 + w * (-0.00367342844 + w * p);
+    p = 0.00943887047 + w * (-0.0076224613 + w * p);
+    return x * (2.83297682 + w * (1.00167406 + w * p));
+}
+
+// Slopes of a surface of alpha 1 as they are seen along a direction of the plane y = 0: Jakob 2014, by Newton's method.
+vec2 visible_beckmann_slope(float cosine, vec2 u)
+{
+    float tangent = sqrt(max(1.0 - cosine * cosine, 1e-12)) / max(cosine, 1e-6), cotangent = 1.0 / tangent;
+    float largest = error_function(cotangent), first = clamp(u.x, 1e-6, 1.0 - 1e-6);
+    float x = largest - (largest + 1.0) * error_function(sqrt(-log(first)));
+    const float root = 0.5641895835;  // 1 / sqrt(pi)
+    float wanted = first * (1.0 + largest + root * tangent * exp(-cotangent * cotangent));
+    for (int k = 0; k < 3; ++k)
+    {
+        float slope = inverse_error_function(x);
+        x -= (1.0 + x + root * tangent * exp(-slope * slope) - wanted) / (1.0 - slope * tangent);
+        x = clamp(x, -1.0 + 1e-6, largest);
+    }
+    return vec2(inverse_error_function(x), inverse_error_function(clamp(2.0 * u.y - 1.0, -1.0 + 1e-6, 1.0 - 1e-6)));
+}
+
+vec3 visible_beckmann_normal(vec3 w, vec2 alpha, vec2 u)
+{
+    vec3 stretched = normalize(vec3(alpha * w.xy, w.z));
+    vec2 slope = visible_beckmann_slope(stretched.z, u);
+    float across = length(stretched.xy);
+    vec2 along = across > 1e-9 ? stretched.xy / across : vec2(1.0, 0.0);
+    slope = vec2(along.x * slope.x - along.y * slope.y, along.y * slope.x + along.x * slope.y);
+    return normalize(vec3(-alpha * slope, 1.0));
+}
+#endif
+
+// Density of normals, masking, and a normal as dense as they are seen; is_gaussian: of Beckmann's distribution.
+
+float normal_density(vec3 m, vec2 alpha, bool is_gaussian)
+{
+#ifdef HAS_BECKMANN
+    if (is_gaussian) return beckmann(m, alpha);
+#endif
+    return ggx(m, alpha);
+}
+
+float masking(vec3 w, vec2 alpha, bool is_gaussian)
+{
+#ifdef HAS_BECKMANN
+    if (is_gaussian) return beckmann_seen(w, alpha);
+#endif
+    return ggx_seen(w, alpha);
+}
+
+vec3 sample_visible_normal(vec3 w, vec2 alpha, bool is_gaussian, vec2 u)
+{
+#ifdef HAS_BECKMANN
+    if (is_gaussian) return visible_beckmann_normal(w, alpha, u);
+#endif
+    return visible_normal(w, alpha, u);
+}
+
+// The density of `sample_visible_normal` per solid angle.
+float visible_normal_pdf(vec3 w, vec3 m, vec2 alpha, bool is_gaussian)
+{
+    return masking(w, alpha, is_gaussian) * normal_density(m, alpha, is_gaussian) * max(dot(w, m), 0.0) / w.z;
 }
 
 float schlick(float cosine)
@@ -60,3 +159,15 @@ float fresnel(float cosine, float eta)
     vec2 r = vec2((cosine - eta * far) / (cosine + eta * far), (eta * cosine - far) / (eta * cosine + far));
     return 0.5 * dot(r, r);
 }
+
+#ifdef HAS_METAL_INDICES
+// Share that metal of the index n + ik reflects. Source: Born & Wolf 1999, Principles of optics, 14.2.
+vec3 metal_reflects(float cosine, vec3 n, vec3 k)
+{
+    float c2 = cosine * cosine, s2 = 1.0 - c2;
+    vec3 real = n * n - k * k - s2, modulus = sqrt(real * real + 4.0 * n * n * k * k);
+    vec3 t = modulus + c2, u = 2.0 * cosine * sqrt(max(0.5 * (modulus + real), vec3(0.0)));
+    vec3 v = c2 * modulus + s2 * s2, across = (t - u) / (t + u);
+    return 0.5 * across * (1.0 + (v - u * s2) / (v + u * s2));
+}
+#endif

@@ -422,6 +422,54 @@ void cover(inout Bsdf b, Surface s, float reflects)
 }
 #endif
 
+#ifdef HAS_DISNEY
+// What Burley's surface has besides its base: the two roughnesses of an anisotropy, the root of its colour at each crossing of
+// the boundary [Burley 2015], and no base from inside.
+void set_disney(inout Bsdf b, bool front, vec3 base, vec4 surface, float transmission)
+{
+    float aspect = sqrt(1.0 - 0.9 * surface.z), square = surface.x * surface.x;
+    b.alpha = max(vec2(square / aspect, square * aspect), vec2(SMOOTH));
+#ifdef HAS_GLASS
+    b.transmission = sqrt(base) * transmission;
+    if (front || transmission == 0.0) return;
+    b.diffuse = b.metal = vec3(0.0);
+    b.metallic = 0.0;
+    b.layered = transmission;
+#endif
+}
+#endif
+
+#if defined(HAS_FRESNEL) || defined(HAS_METAL_INDICES) || defined(HAS_BECKMANN)
+#define HAS_EXACT_LAYERS 1
+// Fresnel's equations instead of Schlick's formula, other bases than glTF's, and Beckmann's microfacets; surface: of
+// MATERIAL_SURFACE, with its textures; transmission: share of the surface that is glass.
+void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 surface, float transmission)
+{
+    vec4 exact = material_texel(material, MATERIAL_FRESNEL);
+#ifdef HAS_BECKMANN
+    b.is_gaussian = exact.y != 0.0;
+#endif
+#ifdef HAS_METAL_INDICES
+    b.metal_n = material_texel(material, MATERIAL_METAL_N).rgb;
+    b.metal_k = material_texel(material, MATERIAL_METAL_K).rgb;
+    if (b.metallic > 0.0) b.metal_tint = b.metal / max(metal_reflects(1.0, b.metal_n, b.metal_k), vec3(1e-6));
+#endif
+#ifdef HAS_FRESNEL
+    b.ior = exact.x;
+    b.base = int(exact.z);
+    if (b.base == LAYERING_GLTF) return;
+    b.tint = b.dielectric / max(boundary_reflects(b, 1.0), 1e-9);
+#ifdef HAS_PLASTIC
+    b.entry = mat2x4(material_texel(material, MATERIAL_PLASTIC0), material_texel(material, MATERIAL_PLASTIC1));
+    b.entry_mean = exact.w;
+#endif
+#ifdef HAS_DISNEY
+    if (b.base == LAYERING_DISNEY) set_disney(b, front, base, surface, transmission);
+#endif
+#endif
+}
+#endif
+
 // What a surface does with light on the side that is seen; the factors are those of textures.
 Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float transmission_factor)
 {
@@ -473,6 +521,9 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 #endif
         b.alpha = ggx_alpha(surface.x, surface.z);
         cover(b, s, reflects);
+#ifdef HAS_EXACT_LAYERS
+        set_exact_layers(b, s.material, front, base, surface, transmission);
+#endif
     }
 #endif
     return b;

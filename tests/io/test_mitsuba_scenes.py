@@ -107,7 +107,7 @@ def test_an_exported_scene_of_everything_has_its_materials_again(tmp_path: Path)
         "half-mirror": ("reflectance", "mirror", "roughness"),
         "gold": ("reflectance", "metallic", "roughness"),
         "brushed": ("reflectance", "metallic", "roughness"),
-        "pane": ("reflectance", "transmission", "thin", "ior", "two_sided"),
+        "pane": ("reflectance", "transmission", "thin", "dielectric_ratio", "two_sided"),
         "glass": ("reflectance", "transmission", "thin", "ior", "attenuation", "roughness"),
     }.items():
         for key in keys:
@@ -280,6 +280,68 @@ def test_shape_without_a_surface_is_black_if_it_is_an_emitter(tmp_path: Path) ->
         assert [material.reflectance.tolist() for material in materials] == [[0.0] * 3, [0.0] * 3, [0.5] * 3]
     own = '<bsdf type="diffuse"><float name="reflectance" value="0.3"/></bsdf>'
     assert surface(tmp_path, emitter.format("1") + own).reflectance.tolist() == [0.3] * 3
+
+
+def test_conductors_have_the_index_of_their_metal(tmp_path: Path) -> None:
+    """The index in Mitsuba's RGB modes; a perfect mirror, Mitsuba's default, reflects all light at all angles."""
+    gold = surface(tmp_path, '<bsdf type="roughconductor"><string name="material" value="Au"/></bsdf>')
+    assert gold.metal_index is not None
+    np.testing.assert_allclose(gold.metal_index, [[0.143, 0.3753, 1.442], [3.983, 2.3856, 1.6034]], atol=1e-3)
+    np.testing.assert_allclose(gold.reflectance, [0.967, 0.802, 0.324], atol=1e-3)
+    same = surface(tmp_path, '<bsdf type="conductor"><string name="material" value="Al_palik"/></bsdf>')
+    plain = surface(tmp_path, '<bsdf type="conductor"><string name="material" value="Al"/></bsdf>')
+    assert same.metal_index is not None
+    np.testing.assert_array_equal(same.metal_index, plain.metal_index)
+    tinted = '<bsdf type="roughconductor"><rgb name="specular_reflectance" value="0.5 0.4 0.9"/></bsdf>'
+    perfect = surface(tmp_path, tinted)
+    assert (perfect.reflectance.tolist(), perfect.metal_index.tolist()) == ([0.5, 0.4, 0.9], [[0] * 3, [1] * 3])
+
+
+@pytest.mark.parametrize("kind", ["roughconductor", "roughdielectric", "roughplastic"])
+def test_microfacets_are_beckmanns_unless_the_file_asks_for_ggx(kind: str, tmp_path: Path) -> None:
+    for distribution in ("beckmann", "ggx"):
+        text = f'<string name="distribution" value="{distribution}"/>' if distribution == "ggx" else ""
+        scene, told = read(room(tmp_path, ball(f'<bsdf type="{kind}">{text}</bsdf>')))
+        assert scene.materials[shape_named(scene, "ball").material].distribution == distribution
+        assert told == []
+
+
+def test_values_of_a_checkerboard_of_numbers_are_exchanged(tmp_path: Path) -> None:
+    """Mitsuba 3.9.1 has the second value at (0.1, 0.1): Checkerboard.eval_1 and eval disagree."""
+    board = (
+        '<texture name="{}" type="checkerboard"><float name="color0" value="0.2"/>'
+        '<float name="color1" value="0.5"/></texture>'
+    )
+    text = f'<bsdf type="principled">{board.format("roughness")}{board.format("base_color")}</bsdf>'
+    scene, _ = read(room(tmp_path, ball(text)))
+    material = scene.materials[shape_named(scene, "ball").material]
+    assert material.surface_texture is not None
+    assert material.texture is not None
+    rough, colour = (scene.textures[slot.texture].image for slot in (material.surface_texture, material.texture))
+    np.testing.assert_allclose(rough[0, :, 1], [0.5, 0.2])
+    np.testing.assert_allclose(colour[0, :, 0], [0.2, 0.5])
+
+
+def test_textured_roughness_keeps_its_anisotropy(tmp_path: Path) -> None:
+    text = (
+        '<bsdf type="principled"><float name="metallic" value="1"/><float name="anisotropic" value="0.5"/>'
+        '<texture name="roughness" type="checkerboard"/></bsdf>'
+    )
+    material = surface(tmp_path, text)
+    assert (material.layering, material.anisotropy, material.roughness) == ("disney", 0.5, 1.0)
+    assert material.surface_texture is not None
+
+
+def test_blend_that_mitsuba_darkens_or_that_is_approximated_warns(tmp_path: Path) -> None:
+    blend = '<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse"/>{}</bsdf>'
+    rough = '<bsdf type="roughconductor"><float name="alpha" value="0.2"/></bsdf>'
+    for inner, expected in (
+        ('<bsdf type="conductor"/>', "Mitsuba 3.9 loses light where a blend has a mirror"),
+        ('<bsdf type="diffuse"><float name="reflectance" value="0"/></bsdf>', ""),
+        (rough, "microfacets in a blend are Phong's highlight"),
+    ):
+        _, told = read(room(tmp_path, ball(blend.format(inner))))
+        assert [expected in text for text in told] == [True] * bool(expected)
 
 
 def test_rotation_about_an_axis_of_another_length_stretches(tmp_path: Path) -> None:

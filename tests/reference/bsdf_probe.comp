@@ -10,6 +10,11 @@
 #define HAS_ROUGH_TRANSMISSION 1
 #define HAS_ANISOTROPY 1
 #define HAS_SHEEN 1
+#define HAS_FRESNEL 1
+#define HAS_PLASTIC 1
+#define HAS_DISNEY 1
+#define HAS_METAL_INDICES 1
+#define HAS_BECKMANN 1
 #include "bsdf/bsdf.glsl"
 
 layout(local_size_x = 64) in;
@@ -45,6 +50,15 @@ void main()
     for (int k = 0; k < 8; k++) b.sheen_albedo[k / 4][k % 4] = parameters[28 + k];
     for (int k = 0; k < 4; k++) b.sheen_lambda[k] = parameters[36 + k];
     b.sheen_lambda_a = parameters[40];
+    b.is_gaussian = parameters[41] != 0.0;
+    b.ior = parameters[42];
+    b.base = int(parameters[43]);
+    b.tint = colour(44);
+    for (int k = 0; k < 8; k++) b.entry[k / 4][k % 4] = parameters[47 + k];
+    b.entry_mean = parameters[55];
+    b.metal_n = colour(56);
+    b.metal_k = colour(59);
+    b.metal_tint = colour(62);
     vec3 wo = pairs[2 * i].xyz, wi = pairs[2 * i + 1].xyz;
     mat3 axes = surface_axes(b, N);
     Lobe base = microfacet_lobe(b, wo * axes, wi * axes), coat = coat_lobe(b, wo * axes, wi * axes);

@@ -8,7 +8,8 @@
 uniform int from_front;
 out vec4 four;
 
-float parameters[44];
+const int PARAMETERS = 68;
+float parameters[PARAMETERS];
 
 void put(int i, vec3 colour)
 {
@@ -20,7 +21,7 @@ void put(int i, vec3 colour)
 void main()
 {
     Bsdf b = bsdf_at(surface_of_shape(0, vec3(0.0), vec3(0.0, 0.0, 1.0)), from_front != 0);
-    for (int i = 0; i < 44; i++) parameters[i] = 0.0;
+    for (int i = 0; i < PARAMETERS; i++) parameters[i] = 0.0;
     put(0, b.diffuse);
     put(3, b.specular);
     parameters[6] = b.exponent;
@@ -45,6 +46,23 @@ void main()
     for (int k = 0; k < 8; k++) parameters[28 + k] = b.sheen_albedo[k / 4][k % 4];
     for (int k = 0; k < 4; k++) parameters[36 + k] = b.sheen_lambda[k];
     parameters[40] = b.sheen_lambda_a;
+#endif
+#ifdef HAS_BECKMANN
+    parameters[41] = b.is_gaussian ? 1.0 : 0.0;
+#endif
+#ifdef HAS_FRESNEL
+    parameters[42] = b.ior;
+    parameters[43] = float(b.base);
+    put(44, b.tint);
+#ifdef HAS_PLASTIC
+    for (int k = 0; k < 8; k++) parameters[47 + k] = b.entry[k / 4][k % 4];
+    parameters[55] = b.entry_mean;
+#endif
+#endif
+#ifdef HAS_METAL_INDICES
+    put(56, b.metal_n);
+    put(59, b.metal_k);
+    put(62, b.metal_tint);
 #endif
     int i = 4 * int(gl_FragCoord.x);
     four = vec4(parameters[i], parameters[i + 1], parameters[i + 2], parameters[i + 3]);

@@ -65,7 +65,10 @@ def everything() -> Scene:
                 Shape("p", "plane", 1, np.arange(12.0).reshape(1, 3, 4), np.ones(3), True, maintenance_factor=0.5),
             ]
         ),
-        materials=(Material("m", np.full(3, 0.5)), Material("n", np.full(3, 0.25), roughness=0.5, **slots)),
+        materials=(
+            Material("m", np.full(3, 0.5)),
+            Material("n", np.full(3, 0.25), roughness=0.5, metal_index=np.ones((2, 3)), **slots),
+        ),
         source="here",
         textures=(
             Texture("x", np.ones((2, 2, 3), np.float32)),

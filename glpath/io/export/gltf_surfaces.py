@@ -86,6 +86,8 @@ class Surfaces:
         else:
             roughness, metallic = material.roughness, material.metallic
             self._layers(made.extensions, material)
+            if material.layering != "gltf" or material.metal_index is not None or material.distribution != "ggx":
+                self._note(material, "its Fresnel reflection, base and microfacets (GGX) are those of glTF")
             if material.scatters_repeatedly and not material.multiple_scattering:
                 self._note(material, "light that its microfacets scatter twice is lost here, not where it is read")
         made.pbr_metallic_roughness = gltf_json.PbrMetallicRoughness(

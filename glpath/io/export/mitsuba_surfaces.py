@@ -138,6 +138,10 @@ class _Surface:
             made = self._without_microfacets()
         elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:
             made = _diffuse(self._colour())  # nothing reflects over the base
+        elif material.layering == "plastic" and material.metallic == 0:
+            made = self._plastic(material.roughness)
+        elif material.metal_index is not None and material.metallic == 1:
+            made = self._metal(material.roughness, *material.metal_index)
         else:
             made = self._microfacets(material.roughness)
         slot = material.normal_texture
@@ -174,12 +178,16 @@ class _Surface:
         material = self.material
         made: Plugin = {"type": "principled", "base_color": self._colour(), "specular": _SPECULAR}
         made["metallic"], made["roughness"] = material.metallic, roughness
+        is_mitsubas = material.layering == "disney"
+        if is_mitsubas:
+            del made["specular"]
+            made |= {"eta": material.ior, "spec_trans": material.transmission}
         slot = material.surface_texture
         if slot is not None:
             image = self._texture(slot).linear()
             made["roughness"] = self._bitmap(slot, roughness * image[..., 1:2], raw=True)
             made["metallic"] = self._bitmap(slot, material.metallic * image[..., 2:3], raw=True)
-        if material.metallic < 1 or slot is not None:
+        if (material.metallic < 1 or slot is not None) and not is_mitsubas:
             self._note(
                 "its base under microfacets is that of Mitsuba's principled surface, which loses nothing to what "
                 "they reflect and is lighter at grazing angles than Lambert's: rooms are up to a fifth lighter"
@@ -190,7 +198,9 @@ class _Surface:
                     f"of light from ahead it reflects 0.08, not {reflected.mean():.3g}, without becoming a metal"
                 )
             made["specular"] = float(np.clip(reflected.mean() / 0.08, 0.0, 1.0))
-        if material.anisotropy > 0:
+        if material.anisotropy > 0 and is_mitsubas:
+            made["anisotropic"] = material.anisotropy
+        elif material.anisotropy > 0:
             self._note("brushed metal is about as rough along the tangent and across, at most ten to one")
             across = max(roughness**2, SMOOTH)
             along = across + (1.0 - across) * material.anisotropy**2
@@ -206,8 +216,41 @@ class _Surface:
             made["clearcoat_gloss"] = float(np.clip((0.1 - material.clearcoat_roughness**2) / 0.099, 0.0, 1.0))
         return made
 
+    def _plastic(self, roughness: float) -> Plugin:
+        material = self.material
+        made: Plugin = {"type": "plastic", "int_ior": material.ior, "ext_ior": 1.0}
+        made["diffuse_reflectance"] = self._colour()
+        made["specular_reflectance"] = rgb(material.specular_weight * material.specular_colour)
+        return made if roughness**2 < SMOOTH else {**made, "type": "roughplastic", **self._alpha(roughness)}
+
+    def _metal(self, roughness: float, n: Float64, k: Float64) -> Plugin:
+        """Metal by its index, whose reflectance at normal incidence is divided out of the colour."""
+        material = self.material
+        over = 1.0 / np.maximum(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2), 1e-9)
+        made: Plugin = {"type": "conductor", "eta": rgb(n), "k": rgb(k), "specular_reflectance": self._colour(over)}
+        return made if material.is_smooth else {**made, "type": "roughconductor", **self._alpha(roughness)}
+
+    def _alpha(self, roughness: float) -> Plugin:
+        """The distribution and the alphas of microfacets."""
+        material = self.material
+        made: Plugin = {"distribution": material.distribution}
+        across = roughness**2
+        if material.surface_texture is not None:
+            image = self._texture(material.surface_texture).linear()[..., 1:2]
+            return made | {"alpha": self._bitmap(material.surface_texture, across * image**2, raw=True)}
+        if material.anisotropy == 0:
+            return made | {"alpha": across}
+        across = max(across, SMOOTH)
+        along = across + (1.0 - across) * material.anisotropy**2
+        if material.anisotropy_angle % 90:
+            self._note("the tangent goes along u, whatever its angle")
+        turned = material.anisotropy_angle % 180 == 90
+        return made | {"alpha_u": across if turned else along, "alpha_v": along if turned else across}
+
     def _with_glass(self) -> Plugin:
         material = self.material
+        if material.layering == "disney" and not material.thin:
+            return self._opaque(False)
         glass = self._glass()
         share = (1.0 - material.metallic) * material.transmission
         slot = material.transmission_texture
@@ -230,6 +273,10 @@ class _Surface:
                 made["specular_transmittance"] = self._colour(float(np.mean(through)) / clearest(material.ior))
                 self._note("its glass absorbs alike at all angles")
             return {"type": "thindielectric", **made}
+        if material.layering == "plastic":
+            made["specular_reflectance"] = rgb(material.specular_weight * material.specular_colour)
+        if material.layering == "plastic" and material.is_thin_dielectric:
+            return {"type": "thindielectric", **made}
         if material.thin:
             # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
             reflected, grazing = material.dielectric
@@ -243,7 +290,7 @@ class _Surface:
             return {"type": "thindielectric", **made}
         if alpha < SMOOTH:
             return {"type": "dielectric", **made}
-        return {"type": "roughdielectric", "distribution": "ggx", "alpha": alpha, **made}
+        return {"type": "roughdielectric", **self._alpha(material.roughness or 0.0), **made}
 
     def _opacity(self) -> float | Plugin | None:
         """None for what is opaque."""
@@ -261,7 +308,7 @@ class _Surface:
             return None if alpha.item() == 1 else float(alpha.item())
         return self._bitmap(slot, alpha, raw=True)
 
-    def _colour(self, scale: float = 1.0) -> Plugin:
+    def _colour(self, scale: float | Float64 = 1.0) -> Plugin:
         """Reflectance times the texture, or the vertices' colours; times `scale`."""
         factor, slot = self.material.reflectance * scale, self.material.texture
         if slot is None:

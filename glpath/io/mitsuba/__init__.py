@@ -10,6 +10,8 @@ point, spot, directional, constant, envmap and sunsky emitters; perspective, thi
 
 Depth, samples per pixel, pixel filter and integrator are not the scene's: `glpath render` has options for them.
 
+Surfaces are as in Mitsuba 3.9, its errors in blends apart; a warning names each approximation.
+
 Source: https://mitsuba.readthedocs.io, version 3.9.
 """
 

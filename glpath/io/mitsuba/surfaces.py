@@ -1,10 +1,9 @@
 """Mitsuba's surfaces as materials.
 
-Fresnel:  metals and dielectrics have Schlick's formula here, from the exact reflectance at normal incidence.
-Plastic:  a dielectric over a diffuse base, of the same albedo. Where Mitsuba's base falls off by what either
-          direction loses, ours does by the one of the eye.
+Fresnel:  metals and dielectrics have Fresnel's equations, as in Mitsuba; the base of plastic and of "principled" is
+          Mitsuba's (`Material.layering`).
 Sides:    black from behind, as Mitsuba has them, unless "twosided".
-Rough:    GGX of the same alpha; Beckmann's is noted. Light that microfacets scatter twice is lost, as there.
+Rough:    GGX or Beckmann of the same alpha. Light that microfacets scatter twice is lost, as there.
 Poor at:  what has no counterpart, which is refused by its name.
 """
 
@@ -21,6 +20,7 @@ from glpath.io.mitsuba.optical_constants import INDICES, METALS
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
 from glpath.io.mitsuba.textures import Look, Textures, baked, bent
+from glpath.scene.directional_albedo import internal_reflectance
 from glpath.scene.geometry import Float64
 from glpath.scene.material import SMOOTH, Material
 from glpath.scene.source_location import shown
@@ -29,12 +29,6 @@ from glpath.scene.source_location import shown
 Fields = dict[str, Any]
 _ROUGH = {"multiple_scattering": False}
 _ONE = 1.0 - 1e-9
-# Of Mitsuba 3.9's rough plastic: its diffuse albedo over that of its plastic, seen at a cosine of 0.7, index 1.49.
-_ALPHAS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
-_KEPT = {
-    "ggx": (0.976, 0.954, 0.903, 0.783, 0.675, 0.587, 0.517, 0.409, 0.297),
-    "beckmann": (0.977, 0.975, 0.965, 0.924, 0.863, 0.792, 0.723, 0.613, 0.499),
-}
 
 
 @dataclass
@@ -153,25 +147,25 @@ class Surfaces:
 
     def _scalar(self, plugin: Plugin, name: str, default: float) -> float | Look:
         texture = plugin.texture(name)
-        return plugin.number(name, default, 0.0, 1.0) if texture is None else self.textures.look(texture)
+        return plugin.number(name, default, 0.0, 1.0) if texture is None else self.textures.numbers(texture)
 
     def _rough(self, plugin: Plugin, default: float) -> Fields:
         """Roughness by GGX's alpha, whose root it is, with anisotropy or a texture."""
-        if plugin.text("distribution", "beckmann", ("beckmann", "ggx")) == "beckmann":
-            self.notes["Beckmann's microfacets are GGX's of the same alpha, which have longer tails"] = None
+        distribution = plugin.text("distribution", "beckmann", ("beckmann", "ggx"))
+        common: Fields = {**_ROUGH, "distribution": distribution}
         if "sample_visible" in plugin:
             plugin.flag("sample_visible", True)
         alpha = self._scalar(plugin, "alpha", default)
         if isinstance(alpha, Look):
-            return self._surface_texture(baked(alpha, np.sqrt), None)
+            return common | self._surface_texture(baked(alpha, np.sqrt), None)
         alphas = [self._scalar(plugin, key, alpha) for key in ("alpha_u", "alpha_v")]
         if any(isinstance(each, Look) for each in alphas):
-            return self._anisotropic_texture(plugin, *alphas)
+            return common | self._anisotropic_texture(plugin, *alphas)
         u, v = (float(each) for each in alphas if not isinstance(each, Look))
         along, across = max(u, v), min(u, v)
         if along - across < 1e-6:
-            return {"roughness": float(np.sqrt(u)), **_ROUGH}
-        return {**_stretched(along, across), "anisotropy_angle": 0.0 if u > v else 90.0, **_ROUGH}
+            return {"roughness": float(np.sqrt(u)), **common}
+        return {**_stretched(along, across), "anisotropy_angle": 0.0 if u > v else 90.0, **common}
 
     def _anisotropic_texture(self, plugin: Plugin, u: float | Look, v: float | Look) -> Fields:
         """Roughness and anisotropy as textures, of GGX's alpha along u and along v."""
@@ -251,19 +245,18 @@ class Surfaces:
         metal = plugin.text("material", "none")
         texture = plugin.texture("specular_reflectance")
         alike = metal == "none" and "eta" not in plugin and "k" not in plugin  # at all angles
-        if metal == "none" and not alike:
-            reflected = _of_metal(plugin.colour("eta", 0.0), plugin.colour("k", 1.0))
-        elif alike:
-            if texture is None and plugin.kind == "conductor":  # a mirror at any angle
-                return {**_diffuse(np.zeros(3)), "mirror": plugin.share("specular_reflectance", 1.0)}
-            reflected = np.ones(3)
-        elif metal in METALS:
-            reflected = np.array(METALS[metal])
+        if alike and texture is None and plugin.kind == "conductor":  # a mirror at any angle
+            return {**_diffuse(np.zeros(3)), "mirror": plugin.share("specular_reflectance", 1.0)}
+        if metal == "none":
+            index = np.stack([plugin.colour("eta", 0.0), plugin.colour("k", 1.0)])
+        elif metal in METALS or metal.removesuffix("_palik") in METALS:
+            index = np.array(METALS.get(metal) or METALS[metal.removesuffix("_palik")])
         else:
             raise plugin.where("material").error(
                 f"is {shown(metal)}, which is not known. Allowed: {', '.join(METALS)}, none.", "Or give eta and k."
             )
-        fields: Fields = {"two_sided": False, "metallic": 1.0, **rough}
+        reflected = _of_metal(*index)
+        fields: Fields = {"two_sided": False, "metallic": 1.0, "metal_index": index, **rough}
         if texture is None:
             colour = reflected * plugin.share("specular_reflectance", 1.0)
             if alike and "anisotropy" not in rough:
@@ -272,10 +265,10 @@ class Surfaces:
         return {**fields, "reflectance": reflected, "texture": self.textures.slot(self.textures.look(texture))}
 
     def _plastic(self, plugin: Plugin) -> Fields:
-        fields: Fields = {"roughness": 0.0, **_ROUGH}
-        kept = 1.0
+        fields: Fields = {"roughness": 0.0, **_ROUGH, "distribution": "ggx"}
         if plugin.kind == "roughplastic":
-            kept = self._kept_under(plugin)
+            if plugin.texture("alpha") is not None:
+                raise plugin.location.error("has a texture for `alpha`, but must have a number, as in Mitsuba.")
             fields = self._rough(plugin, 0.1)
         ratio = self._ratio(plugin, "polypropylene")
         if ratio < 1:
@@ -285,30 +278,21 @@ class Surfaces:
             )
         reflected = plugin.share("specular_reflectance", 1.0)
         weight = float(reflected.max())
-        fields |= {"two_sided": False, "ior": ratio, "specular_weight": weight}
+        fields |= {"two_sided": False, "ior": ratio, "specular_weight": weight, "layering": "plastic"}
         fields["specular_colour"] = reflected / weight if weight > 0 else np.ones(3)
         base = self._base(plugin, "diffuse_reflectance", 0.5)
-        inside = _diffuse_fresnel(ratio)
+        inside = internal_reflectance(ratio, fields["roughness"] ** 2, fields["distribution"])
 
         def scattered(colour: Float64) -> Float64:
-            return np.asarray(kept * colour * (1.0 - inside) / (1.0 - colour * inside))
+            return np.asarray(colour * (1.0 - inside) / (1.0 - colour * inside))
 
         if not plugin.flag("nonlinear", False):
-            base["reflectance"] = kept * base["reflectance"]
+            pass
         elif "look" in base:
             base["texture"] = self.textures.slot(baked(base["look"], scattered))
         else:
             base["reflectance"] = scattered(base["reflectance"])
         return {**fields, **_without_look(base)}
-
-    def _kept_under(self, plugin: Plugin) -> float:
-        """The share of a rough plastic's diffuse light that Mitsuba keeps: its microfacets lose some."""
-        if plugin.texture("alpha") is not None:
-            raise plugin.location.error(
-                "has a texture for `alpha`, which is not read of a rough plastic.", "A number."
-            )
-        distribution = plugin.text("distribution", "beckmann", tuple(_KEPT))
-        return float(np.interp(plugin.number("alpha", 0.1, 0.0, 1.0), _ALPHAS, _KEPT[distribution]))
 
     def _dielectric(self, plugin: Plugin) -> Fields:
         rough: Fields = {"roughness": 0.0}
@@ -316,7 +300,13 @@ class Surfaces:
             rough = self._rough(plugin, 0.1)
             if rough["roughness"] ** 2 < SMOOTH:
                 rough = {"roughness": 0.0}
+        if plugin.texture("specular_reflectance") is not None:
+            raise plugin.location.error("has a texture for `specular_reflectance`, which is not read of glass.")
         reflected = plugin.share("specular_reflectance", 1.0)
+        weight = float(reflected.max())
+        if np.any(reflected != 1):
+            rough["specular_weight"], rough["layering"] = weight, "plastic"
+            rough["specular_colour"] = reflected / weight if weight > 0 else np.ones(3)
         base = _without_look(self._base(plugin, "specular_transmittance", 1.0))
         ratio = self._ratio(plugin, "bk7")
         is_thin = plugin.kind == "thindielectric"
@@ -328,16 +318,8 @@ class Surfaces:
             if is_thin:
                 self.notes["a thin dielectric of a lower index than outside is one of the inverse index"] = None
         fields["ior"] = ratio
-        weight = float(reflected.max())
-        if reflected.min() < 1:
-            self.notes["`specular_reflectance` of glass lets light pass that Mitsuba loses"] = None
-            fields["specular_weight"] = weight
-            fields["specular_colour"] = reflected / weight if weight > 0 else np.ones(3)
         if is_thin:
-            # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all; ours F once.
-            once = ((ratio - 1.0) / (ratio + 1.0)) ** 2
-            root = np.sqrt(2.0 * once / (1.0 + once))
-            fields |= {"thin": True, "two_sided": True, "ior": float((1.0 + root) / (1.0 - root))}
+            fields |= {"thin": True, "two_sided": True, "layering": "plastic"}
         return fields
 
     def _principled(self, plugin: Plugin) -> Fields:
@@ -345,6 +327,7 @@ class Surfaces:
             plugin.refuse_unless(name, 0.0, "glpath's material has no such lobe")
         self._unused(plugin, "sheen_tint")  # of a sheen that is not there
         fields: Fields = {"two_sided": False, **_ROUGH, **_without_look(self._base(plugin, "base_color", 0.5))}
+        fields["layering"] = "disney"
         rough, metal = self._scalar(plugin, "roughness", 0.5), self._scalar(plugin, "metallic", 0.0)
         if isinstance(rough, Look) or isinstance(metal, Look):
             if isinstance(rough, Look) and isinstance(metal, Look) and not rough.looked_up_as(metal):
@@ -355,10 +338,11 @@ class Surfaces:
             fields |= self._surface_texture(rough, metal)
         else:
             fields |= {"roughness": rough, "metallic": metal}
-        anisotropic = plugin.number("anisotropic", 0.0, 0.0, 1.0)
-        if anisotropic > 0:
-            aspect, alpha = np.sqrt(1.0 - 0.9 * anisotropic), fields["roughness"] ** 2
-            fields |= _stretched(max(SMOOTH, alpha / aspect), max(SMOOTH, alpha * aspect))
+        fields["anisotropy"] = anisotropic = plugin.number("anisotropic", 0.0, 0.0, 1.0)
+        if isinstance(rough, float) and metal == 1.0:  # nothing but metal, which is glTF's
+            fields["layering"], aspect = "gltf", np.sqrt(1.0 - 0.9 * anisotropic)
+            if anisotropic > 0:
+                fields |= _stretched(max(SMOOTH, rough**2 / aspect), max(SMOOTH, rough**2 * aspect))
         if "eta" in plugin:
             fields["ior"] = plugin.number("eta", 1.5, 1.0, 10.0)
         else:
@@ -372,7 +356,9 @@ class Surfaces:
             fields |= {"transmission": through, "thin": False}
         coat, gloss = plugin.number("clearcoat", 0.0, 0.0, 1.0), plugin.number("clearcoat_gloss", 0.0, 0.0, 1.0)
         if coat > 0:
-            self.notes["the clearcoat of a principled surface is another lobe, of the same strength"] = None
+            self.notes["the clearcoat of a principled surface is another lobe, and takes light from the base"] = (
+                None
+            )
             fields["clearcoat"] = 0.25 * coat
             fields["clearcoat_roughness"] = float(np.sqrt(0.1 - 0.099 * gloss))
         return fields
@@ -416,7 +402,7 @@ class Surfaces:
         fields = {**self._fields(inner), "alpha": "blend", "opacity": opacity}
         if texture is None:
             return fields
-        look = self.textures.look(texture)
+        look = self.textures.numbers(texture)
         alpha = look.grey[..., None].astype(np.float32)
         white = np.ones((*alpha.shape[:2], 3), np.float32)
         slot = fields.get("texture")
@@ -439,6 +425,8 @@ class Surfaces:
         if len(parts) != 2:
             raise plugin.location.error(f"has {len(parts)} surfaces in it, but must have two.")
         first, second = (self._fields(part) for part in parts)
+        if any(np.any(each.get("mirror", 0.0)) or _is_clear_glass(each) for each in (first, second)):
+            self.notes["Mitsuba 3.9 loses light where a blend has a mirror or clear glass; here it is kept"] = None
         if second.get("transmission") == 1.0 and not first.get("transmission") and _same_base(first, second):
             glass = {key: second[key] for key in ("ior", "thin")}
             fields = {**first, **glass, "roughness": first.get("roughness") or 0.0}
@@ -447,6 +435,8 @@ class Surfaces:
             return {**fields, "transmission": weight}
         plain = [_without_microfacets(each) for each in (first, second)]
         if not isinstance(weight, Look) and all(plain) and _addable(*plain):
+            if "reflects_alike" in first or "reflects_alike" in second:
+                self.notes["microfacets in a blend are Phong's highlight of about the same width and albedo"] = None
             one, other = plain
             made: Fields = {**one, **other, "two_sided": bool(one["two_sided"] or other["two_sided"])}
             for key in ("reflectance", "mirror", "specular"):
@@ -511,6 +501,10 @@ def _without_look(fields: Fields) -> Fields:
     return {key: value for key, value in fields.items() if key != "look"}
 
 
+def _is_clear_glass(fields: Fields) -> bool:
+    return fields.get("transmission", 0.0) > 0 and not fields.get("roughness")
+
+
 def _same_base(first: Fields, second: Fields) -> bool:
     return np.array_equal(first["reflectance"], second["reflectance"]) and first.get("texture") is second.get(
         "texture"
@@ -526,17 +520,6 @@ def _stretched(along: float, across: float) -> Fields:
 def _of_metal(n: Float64, k: Float64) -> Float64:
     """The reflectance of a metal at normal incidence, by its index and its absorption."""
     return np.asarray(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2))
-
-
-def _diffuse_fresnel(ratio: float) -> float:
-    """What of diffuse light from within a dielectric is reflected back at its surface."""
-    cosine = (np.arange(4096) + 0.5) / 4096
-    sine2 = ratio**2 * (1.0 - cosine**2)
-    outside = np.sqrt(np.maximum(1.0 - sine2, 0.0))
-    across = (ratio * cosine - outside) / (ratio * cosine + outside)
-    along = (cosine - ratio * outside) / (cosine + ratio * outside)
-    reflected = np.where(sine2 >= 1.0, 1.0, 0.5 * (across**2 + along**2))
-    return float(np.mean(2.0 * cosine * reflected))
 
 
 _KINDS: dict[str, Callable[[Surfaces, Plugin], Fields]] = {

@@ -79,6 +79,19 @@ class Textures:
         self._bitmaps: dict[tuple[object, ...], Look] = {}
         self._files: dict[tuple[Path, bool], NDArray[np.uint8] | NDArray[np.float32]] = {}
 
+    def numbers(self, plugin: Plugin) -> Look:
+        """Return the picture of a texture of numbers, not colours, as `look`.
+
+        Mitsuba exchanges the two values of a checkerboard of numbers (3.9.1, Checkerboard.eval_1).
+        """
+        look = self.look(plugin)
+        if plugin.kind != "checkerboard":
+            return look
+        key = -id(plugin.element)
+        if key not in self._looks:
+            self._looks[key] = look.with_image(look.name, np.ascontiguousarray(look.image[::-1], np.float32))
+        return self._looks[key]
+
     def look(self, plugin: Plugin) -> Look:
         """The picture of a texture's plugin, read once. Raises SceneError."""
         key = id(plugin.element)
