@@ -18,7 +18,7 @@ from glpath.scene.iridescence import film_reflects
 from glpath.scene.slab import hemispherical
 
 Wrap = Literal["repeat", "clamp", "mirror"]
-Layering = Literal["gltf", "plastic", "disney"]
+Layering = Literal["gltf", "plastic", "disney", "beside"]
 _MAX_REFLECTED = 0.97
 # Roughness from which on a highlight of a dielectric is so wide that it looks like a part of the diffuse light.
 _MATTE = 0.8
@@ -164,7 +164,8 @@ class Material:
                        the dielectric leaves. "plastic": Fresnel's equations; light of the base crosses the boundary
                        twice, and a thin dielectric reflects at both faces, unpolarized, as in Mitsuba. "disney":
                        Fresnel's equations, over Burley's base, which loses nothing; `anisotropy` is Burley's, and
-                       solid glass takes the root of the reflectance at each crossing [Burley 2012, 2015]
+                       solid glass takes the root of the reflectance at each crossing [Burley 2012, 2015]. "beside":
+                       Fresnel's equations; glass covers its share of the surface, and a bare base the rest
     multiple_scattering : light that microfacets scatter more than once is kept, about, and the base under a
                        dielectric has all that it does not reflect; False: the first is lost, as in Mitsuba, and
                        the base has what glTF's formula gives it, up to 3 % more or less
@@ -316,7 +317,7 @@ class Material:
     def dielectric_ratio(self) -> Float64:
         """(3,) float64: what it reflects at normal incidence over what at grazing incidence, not clipped to 1."""
         once = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
-        if self.layering == "plastic" and self.is_thin_dielectric:
+        if self.layering in ("plastic", "beside") and self.is_thin_dielectric:
             once *= 2.0 / (1.0 + once)
         return once * self.specular_colour
 
@@ -388,7 +389,7 @@ class Material:
         if self.layering == "plastic" and self.transmission < 1:
             assert self.roughness is not None
             return plastic_entry(self.ior, self.roughness**2, self.distribution)[1] ** 2
-        if self.layering == "disney":
+        if self.layering in ("disney", "beside"):
             return 1.0
         return float(1.0 - self.dielectric_albedo.max())
 

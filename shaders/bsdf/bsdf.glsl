@@ -21,7 +21,7 @@
 
 #ifdef HAS_FRESNEL
 // Of `Material.layering`.
-const int LAYERING_GLTF = 0, LAYERING_PLASTIC = 1, LAYERING_DISNEY = 2;
+const int LAYERING_GLTF = 0, LAYERING_PLASTIC = 1, LAYERING_DISNEY = 2, LAYERING_BESIDE = 3;
 #endif
 
 struct Bsdf
@@ -76,7 +76,7 @@ struct Bsdf
 #ifdef HAS_FRESNEL
     float ior;   // of Fresnel's equations; 0: Schlick's formula
     vec3 tint;   // by which what an untinted dielectric reflects is multiplied
-    int base;    // LAYERING_GLTF, LAYERING_PLASTIC or LAYERING_DISNEY
+    int base;    // LAYERING_GLTF or another
 #ifdef HAS_PLASTIC
     mat2x4 entry;      // share of light that crosses the boundary to plastic's base, a polynomial of the cosine's root
     float entry_mean;  // its mean over light from everywhere
@@ -325,6 +325,9 @@ float disney_base(Bsdf b, float o, float i, float d2)
 // By what a base differs from Lambert's, for light from wi.
 float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
+#ifdef HAS_FRESNEL
+    if (b.base == LAYERING_BESIDE) return 1.0;
+#endif
 #ifdef HAS_PLASTIC
     if (b.base == LAYERING_PLASTIC) return plastic_entry(b, dot(n, wo)) * plastic_entry(b, dot(n, wi));
 #endif
@@ -337,6 +340,9 @@ float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 // The same for light from everywhere; of Burley's base about, as the directions between count as their mean.
 float base_response(Bsdf b, float cosine)
 {
+#ifdef HAS_FRESNEL
+    if (b.base == LAYERING_BESIDE) return 1.0;
+#endif
 #ifdef HAS_PLASTIC
     if (b.base == LAYERING_PLASTIC) return plastic_entry(b, cosine) * b.entry_mean;
 #endif

@@ -459,6 +459,10 @@ void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 su
     b.base = int(exact.z);
     if (b.base == LAYERING_GLTF) return;
     b.tint = b.dielectric / max(boundary_reflects(b, 1.0), 1e-9);
+    if (b.base == LAYERING_BESIDE) {
+        b.layered = transmission;
+        if (!front && material_texel(material, MATERIAL_DIFFUSE).w == 0.0) b.diffuse = vec3(0.0);
+    }
 #ifdef HAS_PLASTIC
     b.entry = mat2x4(material_texel(material, MATERIAL_PLASTIC0), material_texel(material, MATERIAL_PLASTIC1));
     b.entry_mean = exact.w;

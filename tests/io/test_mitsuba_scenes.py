@@ -344,6 +344,38 @@ def test_blend_that_mitsuba_darkens_or_that_is_approximated_warns(tmp_path: Path
         assert [expected in text for text in told] == [True] * bool(expected)
 
 
+@pytest.mark.parametrize("swapped", [False, True])
+def test_rough_glass_beside_a_diffuse_surface_keeps_both(swapped: bool, tmp_path: Path) -> None:
+    """Each has its share: the glass its roughness, the diffuse part no reflection over it, in either order."""
+    diffuse = '<bsdf type="diffuse"><float name="reflectance" value="1"/></bsdf>'
+    glass = '<bsdf type="roughdielectric"><float name="alpha" value="0.25"/></bsdf>'
+    parts = glass + diffuse if swapped else diffuse + glass
+    share = 0.6 if swapped else 0.4
+    text = f'<bsdf type="blendbsdf"><float name="weight" value="{share}"/>{parts}</bsdf>'
+    scene, told = read(room(tmp_path, ball(text)))
+    material = scene.materials[shape_named(scene, "ball").material]
+    assert told == []
+    assert (material.layering, material.roughness, material.distribution) == ("beside", 0.5, "beckmann")
+    assert material.transmission == pytest.approx(0.4)
+
+
+def test_small_pictures_are_interpolated_before_their_values_are_changed(tmp_path: Path) -> None:
+    """Mitsuba interpolates alpha, whose root is the roughness here: between two texels it is exact."""
+    alphas = np.array([[[64] * 3, [255] * 3]], np.uint8)
+    (tmp_path / "a.png").write_bytes(encode_png(alphas))
+    text = (
+        '<bsdf type="roughconductor"><texture name="alpha" type="bitmap"><string name="filename" value="a.png"/>'
+        '<boolean name="raw" value="true"/></texture></bsdf>'
+    )
+    scene, _ = read(room(tmp_path, ball(text)))
+    slot = scene.materials[shape_named(scene, "ball").material].surface_texture
+    assert slot is not None
+    row = scene.textures[slot.texture].image[0, :, 1]
+    at = np.arange(0.0, 1.0, 0.05)  # between the two texels' middles
+    found = np.interp(at, (np.arange(len(row)) + 0.5) / len(row) * 2 - 0.5, row)
+    np.testing.assert_allclose(found, np.sqrt((64 + at * 191) / 255), atol=0.006)
+
+
 def test_rotation_about_an_axis_of_another_length_stretches(tmp_path: Path) -> None:
     steps = '<transform name="to_world"><rotate y="1" z="1" angle="35"/></transform>'
     scene, _ = read(file(tmp_path, CAMERA, LAMP, f'<shape type="cube" id="it">{steps}</shape>'))

@@ -426,7 +426,8 @@ def test_no_error_of_the_library_speaks_of_options_of_the_command_line() -> None
 
 
 TWO_BALLS = {
-    "camera": {"position": [0, 0, 9], "target": [0, 0, 0], "fov": 40, "resolution": [60, 40]},
+    "camera": {"position": [0, 0, 9], "target": [0, 0, 0], "fov": 40},
+    "film": {"resolution": [60, 40]},
     "shapes": [
         {"type": "sphere", "name": "red ball", "center": [-4, 1, 0], "radius": 0.5},
         {"type": "sphere", "name": "blue ball", "center": [3, 0, -2], "radius": 1.5},

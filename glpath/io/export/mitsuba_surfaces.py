@@ -259,6 +259,10 @@ class _Surface:
         weight: float | Plugin = share
         if slot is not None:
             weight = self._bitmap(slot, share * self._texture(slot).linear()[..., :1], raw=True)
+        if material.layering == "beside":
+            rest = _diffuse(self._colour())
+            opaque = {"type": "twosided", "bsdf": rest} if material.two_sided else rest
+            return {"type": "blendbsdf", "weight": weight, "a": opaque, "b": glass}
         self._note("glass and the rest of the surface are blended, reflections included")
         return {"type": "blendbsdf", "weight": weight, "a": self._opaque(material.two_sided), "b": glass}
 
@@ -273,9 +277,9 @@ class _Surface:
                 made["specular_transmittance"] = self._colour(float(np.mean(through)) / clearest(material.ior))
                 self._note("its glass absorbs alike at all angles")
             return {"type": "thindielectric", **made}
-        if material.layering == "plastic":
+        if material.layering in ("plastic", "beside"):
             made["specular_reflectance"] = rgb(material.specular_weight * material.specular_colour)
-        if material.layering == "plastic" and material.is_thin_dielectric:
+        if material.layering in ("plastic", "beside") and material.is_thin_dielectric:
             return {"type": "thindielectric", **made}
         if material.thin:
             # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.

@@ -384,6 +384,7 @@ class Surfaces:
         look = self.textures.look(texture)
         if look.srgb:
             raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
+        self.notes["where a normal map turns away from the camera it is not black, as in Mitsuba"] = None
         return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
 
     def _bump_map(self, plugin: Plugin) -> Fields:
@@ -425,11 +426,18 @@ class Surfaces:
         if len(parts) != 2:
             raise plugin.location.error(f"has {len(parts)} surfaces in it, but must have two.")
         first, second = (self._fields(part) for part in parts)
+        if first.get("transmission") == 1.0 and not second.get("transmission"):
+            first, second = second, first
+            weight = baked(weight, lambda share: 1.0 - share) if isinstance(weight, Look) else 1.0 - weight
         if any(np.any(each.get("mirror", 0.0)) or _is_clear_glass(each) for each in (first, second)):
             self.notes["Mitsuba 3.9 loses light where a blend has a mirror or clear glass; here it is kept"] = None
         if second.get("transmission") == 1.0 and not first.get("transmission") and _same_base(first, second):
-            glass = {key: second[key] for key in ("ior", "thin")}
-            fields = {**first, **glass, "roughness": first.get("roughness") or 0.0}
+            if first.get("roughness") is None:
+                ours = {key: first[key] for key in ("reflectance", "two_sided", "texture") if key in first}
+                fields = {**second, **ours, "layering": "beside"}
+            else:
+                self.notes["a surface blended with glass is one surface of its own roughness"] = None
+                fields = {**first, "ior": second["ior"], "thin": second["thin"]}
             if isinstance(weight, Look):
                 return {**fields, "transmission": 1.0, "transmission_texture": self.textures.slot(weight)}
             return {**fields, "transmission": weight}

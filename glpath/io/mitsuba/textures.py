@@ -26,6 +26,8 @@ from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
+# How much finer a picture of at most so many texels is interpolated before its colours are changed.
+_FINER, _MAX_INTERPOLATED = 5, 65536
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 # Byte in sRGB whose reflectance is nearest to 0.5.
 _GREY = 188
@@ -193,8 +195,27 @@ def _to_uv(plugin: Plugin) -> Float64:
 
 
 def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
-    """A picture whose linear colours are changed."""
-    return look.with_image(look.name, change(look.linear.astype(np.float64)).astype(np.float32))
+    """Return a picture whose linear colours are changed.
+
+    Small pictures are interpolated first, as Mitsuba changes colours after that. The factor is odd, so texels'
+    middles stay middles, and the interpolation between them is kept.
+    """
+    linear = look.linear.astype(np.float64)
+    if look.filter == "linear" and linear.shape[0] * linear.shape[1] <= _MAX_INTERPOLATED:
+        for axis in (0, 1):
+            linear = _interpolated(linear, axis, look.wrap)
+    return look.with_image(look.name, change(linear).astype(np.float32))
+
+
+def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
+    """Return a picture of _FINER times as many texels along an axis, between which it is linear."""
+    size = image.shape[axis]
+    at = (np.arange(_FINER * size) + 0.5) / _FINER - 0.5
+    below = np.floor(at).astype(np.intp)
+    part = (at - below).reshape([-1 if each == axis else 1 for each in range(image.ndim)])
+    ends = [each % size if wrap == "repeat" else np.clip(each, 0, size - 1) for each in (below, below + 1)]
+    first, second = (image.take(each, axis) for each in ends)
+    return np.asarray(first * (1.0 - part) + second * part)
 
 
 def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
