@@ -432,6 +432,7 @@ TWO_BALLS = {
         {"type": "sphere", "name": "red ball", "center": [-4, 1, 0], "radius": 0.5},
         {"type": "sphere", "name": "blue ball", "center": [3, 0, -2], "radius": 1.5},
     ],
+    "sky": {"zenith": 1},
 }
 
 

@@ -433,7 +433,7 @@ class Surfaces:
             self.notes["Mitsuba 3.9 loses light where a blend has a mirror or clear glass; here it is kept"] = None
         if second.get("transmission") == 1.0 and not first.get("transmission") and _same_base(first, second):
             if first.get("roughness") is None:
-                ours = {key: first[key] for key in ("reflectance", "two_sided", "texture") if key in first}
+                ours: Fields = {key: first[key] for key in ("reflectance", "two_sided", "texture") if key in first}
                 fields = {**second, **ours, "layering": "beside"}
             else:
                 self.notes["a surface blended with glass is one surface of its own roughness"] = None

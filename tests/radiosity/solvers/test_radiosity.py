@@ -416,7 +416,7 @@ def test_what_the_path_tracer_does_not_know_is_refused():
 
 @pytest.mark.parametrize("options", [{"patches": 10**12}, {"size": 1e-7}, {"splits": 20}])
 def test_a_mesh_that_does_not_fit_is_refused_before_it_is_made(lit_box, options):
-    with pytest.raises(UsageError, match=r"would need about [\d,.]+ GB of memory; there are"):
+    with pytest.raises(UsageError, match=r"would need about [\d.e+]+ GB of memory; there are"):
         solve_radiosity(lit_box, **options)
 
 
