@@ -384,7 +384,8 @@ class Surfaces:
         look = self.textures.look(texture)
         if look.srgb:
             raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
-        self.notes["where a normal map turns away from the camera it is not black, as in Mitsuba"] = None
+        if np.ptp(look.linear[..., :2]) > 0.01:
+            self.notes["where a normal map turns away from the camera it is not black, as in Mitsuba"] = None
         return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
 
     def _bump_map(self, plugin: Plugin) -> Fields:
