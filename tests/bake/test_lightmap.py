@@ -591,7 +591,10 @@ def test_a_matte_material_is_not_warned_of(tmp_path: Path, roughness: float, war
 def test_a_name_on_several_pages_says_its_page(tmp_path: Path) -> None:
     """By these names a viewer finds the page of each mesh: the lines of the guide for three.js do."""
     shapes = [{**FLOOR, "name": "tile"}, {**box("block", [0, 0, 0.1], [0.5, 0.5, 0.5]), "name": "tile"}]
-    scene = load_scene({"camera": CAMERA, "shapes": shapes, "sky": {"zenith": 1, "horizon": 1}})
+    materials = {"black": {"reflectance": 0.0}, "grey": {"reflectance": 0.5}}
+    scene = load_scene(
+        {"camera": CAMERA, "materials": materials, "shapes": shapes, "sky": {"zenith": 1, "horizon": 1}}
+    )
     baked = glpath.lightmap(scene, texels=40, size=64, spp=1, max_depth=1, denoise=False)
     assert baked.atlas.pages > 1
     with warnings.catch_warnings():

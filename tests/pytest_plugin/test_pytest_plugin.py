@@ -135,7 +135,7 @@ def test_updates_replace_what_they_say(run: Run, suite) -> None:
             "'cornell-box', spp=8, resolution=(8, 8)",
             "the picture has 8 path sets; noise is separated from a change with 32",
         ),
-        ("np.zeros((4, 4)), name='a/b'", "found 'a/b', expected letters"),
+        ("np.zeros((4, 4)), name='a/b'", "found 'a/b', expected up to 80 letters"),
         ("np.full((4, 4), 128)", ".astype(np.uint8) where white is 255, np.uint16 where it is 65535, float of"),
         ("__import__('matplotlib.figure').figure.Figure().subplots()", "hand in the figure: axes.figure"),
         ("__import__('matplotlib.figure').figure.Figure().subplots(2, 2)", "hand in the figure: axes.figure"),

@@ -337,7 +337,7 @@ def test_what_is_not_valid_is_black(engine: str) -> None:
 
 @pytest.mark.parametrize(
     ("position", "target", "up"),
-    [((0.5, -0.5, 0.6), (0.5, -1, 0.6), (0, 0, 1)), ((-0.5, 0, 0.4), (-1, 0, 0.4), (0, 1, 0))],
+    [((-0.4, -0.5, 0.7), (-0.4, -1, 0.7), (0, 0, 1)), ((-0.5, 0, 0.4), (-1, 0, 0.4), (0, 1, 0))],
     ids=["floor", "red-wall"],
 )
 def test_light_is_what_a_camera_sees_of_a_dull_surface(position: Any, target: Any, up: Any) -> None:
