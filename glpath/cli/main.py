@@ -32,7 +32,7 @@ from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError, warning_scope
 from glpath.system.terminal import CleanHandler, say, shortened
-from glpath.system.time_limit import begin_command
+from glpath.system.time_limit import command_clock
 
 FAILED, WRONG_USAGE = 1, 2
 _LESS = "Take a smaller scene or picture, or allow more memory (`ulimit -v`, the container's limit)."
@@ -181,7 +181,6 @@ def _common(
 def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     """The entry point of the `glpath` script, of `python -m glpath`, and of another program of such commands."""
     sys.excepthook = _traceback_as_lines
-    begin_command()
     if not re.fullmatch("[1-9][0-9]{0,3}", os.environ.get("COLUMNS", "")):
         os.environ.pop("COLUMNS", None)  # rich would print nothing in 0 columns
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
@@ -194,7 +193,8 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
     try:
-        commands(prog_name=name)
+        with command_clock():
+            commands(prog_name=name)
     except OSError as error:
         if _takes(sys.stdout, "\n"):
             raise

@@ -58,10 +58,15 @@ _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
 _command_began: float | None = None
 
 
-def begin_command() -> None:
-    """Count the limit of this process's command from the start of the process."""
+@contextmanager
+def command_clock() -> Iterator[None]:
+    """Context of this process's command, whose time limit counts from the start of the process."""
     global _command_began
     _command_began = time.perf_counter() - _process_age()
+    try:
+        yield
+    finally:
+        _command_began = None
 
 
 def _process_age() -> float:

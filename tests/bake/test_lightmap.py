@@ -603,5 +603,5 @@ def test_a_name_on_several_pages_says_its_page(tmp_path: Path) -> None:
     pages = [set(json.loads(file.read_text())["shapes"]) for file in sorted(tmp_path.glob("*.json"))]
     assert len(pages) == baked.atlas.pages
     assert sum(map(len, pages)) == len(set.union(*pages)), "no name is on two pages"
-    document = ReadGlb(tmp_path / "a.glb").json
+    document = ReadGlb.of(tmp_path / "a.glb").json
     assert {node["name"] for node in document["nodes"] if "mesh" in node} == set.union(*pages)

@@ -110,9 +110,8 @@ def test_a_thread_begins_without_the_limit_of_another(clock: Clock) -> None:
 def test_a_command_s_limit_counts_from_the_start_of_its_process() -> None:
     code = (
         "import time; time.sleep(0.6)\n"
-        "from glpath.system.time_limit import begin_command, limited, seconds_left\n"
-        "begin_command()\n"
-        "with limited(100): print(seconds_left())"
+        "from glpath.system.time_limit import command_clock, limited, seconds_left\n"
+        "with command_clock(), limited(100): print(seconds_left())"
     )
     left = float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout)
     assert 0 < left < 99.45
