@@ -21,6 +21,9 @@ SIZE: dict[str, Any] = {"resolution": (120, 100), "seed": 7}
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """A clock that stands still, and reports of every stage, however fast the machine is."""
+    monkeypatch.setattr("glpath.rendering.loop._STEP_SECONDS", 0.0)
+    monkeypatch.setattr("glpath.radiosity.solvers.solve._REPORT_INTERVAL", 0.0)
     return Clock(monkeypatch)
 
 
