@@ -89,7 +89,8 @@ def test_the_bias_is_the_difference_to_paths_and_a_large_one_warns() -> None:
     assert off > 0.1
     assert coarse.indirect is not None
     assert coarse.indirect.bias is not None
-    assert coarse.indirect.bias.mean == pytest.approx(off, abs=0.03)
+    # The bias and the 32 samples of each sensor have about 2 % of noise each.
+    assert coarse.indirect.bias.mean == pytest.approx(off, abs=0.06)
 
 
 def test_by_default_elements_are_refined_if_their_bias_is_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
