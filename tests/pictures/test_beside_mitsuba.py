@@ -94,8 +94,9 @@ def test_a_witness_is_mitsubas(name: str, engine: str) -> None:
     noise = ((film.variance_of_mean() + theirs.noise.variance) / (theirs.mean**2 + 0.01)).mean()
     off, error = film.mean.mean() / theirs.mean.mean() - 1.0, relative_mse(film.mean, theirs.mean)
     # A gather's bias may be 3 % in blocks; in single pixels and blocks of these rooms it is up to a percent.
-    tolerance = 0.015 if engine == "gather" else 0.005
-    verdict = stat(Picture.of_film(film), theirs, tolerance=tolerance, sees=0.03)
+    # Pixels share samples of an environment map, so the noise of its whole picture is about 2 %.
+    tolerance, visible_bias = (0.015, 0.04) if engine == "gather" else (0.005, 0.03)
+    verdict = stat(Picture.of_film(film), theirs, tolerance=tolerance, sees=visible_bias)
     print(f"{name:20s} {engine:6s} mean {off:+.2%} relMSE {error:.1e} noise {noise:.1e}; {verdict.summary}")
     assert abs(off) < (witness.gather if engine == "gather" else 0.005)
     assert error < 1.15 * noise
