@@ -1,4 +1,4 @@
-"""The options of `glpath render` that replace what a scene's camera says."""
+"""Options of `glpath render` that replace fields of the scene's camera."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from glpath.cli.values import shutter as read_shutter
 from glpath.cli.values import vector
 from glpath.scene.choices import PROJECTIONS
 
-#: The panel of the help, with what moves the camera.
+#: Panel of the help that lists the camera's options.
 CAMERA = "Camera"
 
 PositionOption = Annotated[
@@ -71,7 +71,7 @@ def replaced(
     shutter: str | None,
     **others: Any,
 ) -> dict[str, Any]:
-    """What the options replace of a camera, by its fields; None is not given. Raises UsageError."""
+    """Return the camera fields that options replace; an option that is None was not given. Raises UsageError."""
     return {
         "look_at": look_at,
         "position": vector("--camera-position", position),

@@ -1,4 +1,4 @@
-"""What the shell completes (`glpath --install-completion`): scenes, words of a choice, parameters of a scene."""
+"""Shell completion (`glpath --install-completion`) of scenes, of an option's choices and of scene parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Completions = list[tuple[str, str]]
 
 
 def words(allowed: Iterable[str]) -> Callable[[str], list[str]]:
-    """Completes one of these words."""
+    """Return a function that completes one of the allowed words."""
     known = list(allowed)
 
     def complete(incomplete: str) -> list[str]:
@@ -22,7 +22,7 @@ def words(allowed: Iterable[str]) -> Callable[[str], list[str]]:
 
 
 def scenes(incomplete: str) -> Completions:
-    """Names of shipped scenes with what they show, and scene files and the folders that lead to them."""
+    """Return names of shipped scenes with their titles, then scene files and folders."""
     from glpath.io import shipped_scenes
     from glpath.io.library import SCENE_SUFFIXES
 
@@ -43,7 +43,7 @@ def scenes(incomplete: str) -> Completions:
 
 
 def parameters(ctx: typer.Context, incomplete: str) -> Completions:
-    """KEY= of each parameter of the generated scene that the command line names; of all of them before it does."""
+    """Return KEY= for each parameter of the generated scene on the command line, or of all if none is typed yet."""
     from glpath.io import scene_parameters
     from glpath.io.library import GENERATED
 

@@ -1,4 +1,4 @@
-"""`glpath daylight`: what each patch of the sky and each position of the sun give to sensors."""
+"""`glpath daylight`: daylight coefficients of sensors, for each patch of the sky and each position of the sun."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _RECEIVERS = ("plane", "cylinder", "sphere", TEXELS)
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     help = command_help(
         ("glpath daylight city.glb -o dc.npz --points sensors.csv", "145 patches of the sky"),
         ("glpath daylight city.glb -o dc.npz --points sensors.csv --latitude 51.5", "and the suns of the year"),
@@ -313,7 +313,7 @@ def daylight(
 def _computed(
     scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
 ) -> DaylightCoefficients:
-    """Raises typer.Exit when it is interrupted, after it has reported what is kept."""
+    """Return the daylight coefficients. Raises typer.Exit if interrupted, after it has reported what is saved."""
     from glpath.daylight.kept_words import kept_beside
 
     part = kept_beside(beside) if run.resume else None

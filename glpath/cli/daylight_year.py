@@ -1,4 +1,4 @@
-"""The year of `glpath daylight`: its options checked, its files and what is printed of it."""
+"""Annual results of `glpath daylight`: their options, files and printed summary."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class YearRequest:
-    """weather   : of the site
-    occupied  : hours that count, from and to
-    threshold : lx of daylight autonomy
-    ground    : albedo
-    hours     : are written, of each sensor
+    """Options of the annual calculation.
+
+    weather   : weather of the site
+    occupied  : first and last hour of the day that count
+    threshold : illuminance of daylight autonomy, lx
+    ground    : albedo of the ground
+    hours     : True if the file holds each hour of each sensor
     """
 
     weather: Weather
@@ -33,7 +35,7 @@ class YearRequest:
     hours: bool
 
     def of(self, coefficients: DaylightCoefficients, blinds: Sequence[DaylightCoefficients]) -> DaylightYear:
-        """Raises UsageError, as `daylight_year` says."""
+        """Return the year of these coefficients. Raises UsageError, as `daylight_year` does."""
         from glpath.daylight.year import daylight_year
 
         return daylight_year(
@@ -46,7 +48,7 @@ class YearRequest:
         )
 
     def save_as(self, year: DaylightYear) -> Save:
-        """How a file of the year is written."""
+        """Return the function that writes the year to a file."""
         return lambda path: year.save(path, self.hours)
 
 
@@ -60,7 +62,7 @@ def year_request(
     out: Sequence[Path],
     latitude: float | None,
 ) -> YearRequest | None:
-    """None without --weather. Raises UsageError for options and files that do not fit, before all else."""
+    """Return the request, or None without --weather. Raises UsageError if options or files do not fit."""
     for path in out:
         suffix = path.suffix.lower()
         if suffix == ".npz" and not is_stream(path):
@@ -85,7 +87,7 @@ def year_request(
 
 
 def year_summary(year: DaylightYear) -> Iterator[str]:
-    """Lines of what was found."""
+    """Yield the printed lines of the annual results."""
     occupied = int(year.occupied.sum())
     yield f"{year.weather.site}: {occupied:,} occupied hours, {len(year.skies):,} hours of daylight"
     yield (

@@ -1,6 +1,6 @@
-"""`glpath devices` and `glpath doctor`: what renders here, and what is missing where nothing does.
+"""`glpath devices` and `glpath doctor`: list devices that render, and diagnose what is missing.
 
-Both start where moderngl or EGL is absent, since that is what they are asked about.
+Both work without moderngl or EGL, because they have to report that these are missing.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _print(table: Table) -> None:
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of `glpath doctor`.
+    """One line in the report of `glpath doctor`.
 
     status : ok; missing (rendering needs it); note (it works without, but better with it)
     found  : what there is
@@ -137,9 +137,9 @@ def doctor(
 
 
 def examine() -> list[Finding]:
-    """All checks, in the order in which one thing needs the other.
+    """Return the findings of all checks; a check follows those of which it needs the result.
 
-    What only one backend needs counts as missing only when no backend is left.
+    A library that a single backend needs counts as missing only if no backend works.
     """
     threads = os.environ.get("LP_NUM_THREADS")  # before there is a context, which may set it
     try:
@@ -177,7 +177,7 @@ def _python() -> Iterator[Finding]:
     yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
 
 
-# Of a line of the metadata: `numba<0.69,>=0.61`, `filelock>=3.12; sys_platform != "linux"`.
+# Name in a requirement of the metadata: `numba<0.69,>=0.61`, `filelock>=3.12; sys_platform != "linux"`.
 _NAME, _MINIMUM, _LIMIT = (re.compile(text) for text in (r"[\w.-]+", r">=\s*([\d.]+)", r"<\s*([\d.]+)"))
 _OTHER_SYSTEM = re.compile(r"""sys_platform\s*(==|!=)\s*["'](\w+)["']""")
 
@@ -188,7 +188,7 @@ def _is_of_another_system(requirement: str) -> bool:
 
 
 def _packages() -> Iterator[Finding]:
-    """What the package's own metadata requires; extras are not needed for rendering."""
+    """Yield a finding for each requirement in the package's metadata; extras are not needed for rendering."""
     try:
         required = importlib.metadata.requires("glpath") or []
     except importlib.metadata.PackageNotFoundError:
@@ -235,7 +235,10 @@ for name in sys.argv[1:]:
 
 
 def _not_importable(packages: list[str]) -> dict[str, str]:
-    """Of packages that are installed, those whose import fails, and how: in a process of its own, which may die."""
+    """Return the installed packages whose import fails, with the error.
+
+    Imports run in a separate process, because a broken library may kill it.
+    """
     modules = {module.lower(): module for module in importlib.metadata.packages_distributions()}
     names = {modules[name.lower()]: name for name in packages if name.lower() in modules}
     done = subprocess.run(
@@ -250,7 +253,7 @@ def _not_importable(packages: list[str]) -> dict[str, str]:
 
 
 def _release(version: str) -> tuple[int, ...]:
-    """The numbers that a version begins with."""
+    """Return the leading numbers of a version."""
     return tuple(int(number) for number in re.findall(r"\d+", re.match(r"[\d.]*", version)[0]))  # type: ignore[index]
 
 
@@ -284,7 +287,7 @@ def _libraries(renders: bool) -> Iterator[Finding]:
 
 
 def _drivers() -> list[str]:
-    """Mesa's software rasterizer and vendors' EGL drivers."""
+    """Return the names of Mesa's software rasterizer and of the vendors' EGL drivers that are installed."""
     folders = [Path(f) for f in os.environ.get("LIBGL_DRIVERS_PATH", "").split(":") if f]
     folders += [*Path("/usr/lib").glob("*-linux-gnu*/dri"), Path("/usr/lib/dri"), Path("/usr/lib64/dri")]
     # Mesa's own file, or from 24.2 the library that all its drivers moved to

@@ -1,4 +1,4 @@
-"""`glpath render --turntable N` and `--frames A:B`: a scene from N cameras around its target, or at so many times.
+"""`glpath render --turntable N` and `--frames A:B`: N views around the target, or one picture per frame of time.
 
 Each frame is a file, whole or not there, so that `--resume` continues after the last one.
 """
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.scene import Scene
 
-#: Of films of frames, which imageio-ffmpeg writes.
+#: Suffixes of movies, which imageio-ffmpeg writes.
 MOVIES = (".mp4", ".mov", ".mkv")
 
 
@@ -48,10 +48,10 @@ _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames of one call.
+    """Frames of one call.
 
-    option : by which they were asked for
-    first, stop : their numbers, half-open
+    option : the option that requests them
+    first, stop : half-open range of their numbers
     """
 
     option: str
@@ -60,7 +60,7 @@ class Frames:
 
     @classmethod
     def of_options(cls, turntable: int | None, frames: str | None, fps: float) -> Frames | None:
-        """None where neither was given. Raises UsageError."""
+        """Return the frames, or None if neither option was given. Raises UsageError."""
         if turntable is not None and frames is not None:
             raise UsageError("--frames beside --turntable: each says which images there are.", "Leave one out.")
         if not 0 < fps < math.inf:
@@ -71,28 +71,28 @@ class Frames:
 
     @classmethod
     def around(cls, count: int) -> Frames:
-        """Of `--turntable count`. Raises UsageError."""
+        """Return the frames of `--turntable count`. Raises UsageError."""
         if count < 1:
             raise UsageError(f"--turntable {count}: must be at least 1.")
         return cls("--turntable", 0, count)
 
     @classmethod
     def of_range(cls, text: str) -> Frames:
-        """Of `--frames A:B`. Raises UsageError."""
+        """Return the frames of `--frames A:B`. Raises UsageError."""
         match = re.fullmatch(r"([0-9]{1,9}):([0-9]{1,9})", text.strip())
         if not match or int(match[1]) >= int(match[2]):
             raise UsageError(f"--frames {text}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
         return cls("--frames", int(match[1]), int(match[2]))
 
     def path(self, out: Path, index: int) -> Path:
-        """turn.png as turn-007.png, with as many digits as the last one needs; or frame_{:04}.png as it says."""
+        """Return the file of a frame: turn.png becomes turn-007.png; patterns like frame_{:04}.png are filled in."""
         if "{" in out.name:
             return out.with_name(out.name.format(index))
         digits = len(str(self.stop - 1)) if self.option == "--turntable" else max(4, len(str(self.stop - 1)))
         return out.with_name(f"{out.stem}-{index:0{digits}}{out.suffix}")
 
     def check(self, out: Sequence[Path], others: Mapping[str, object]) -> None:
-        """Raise UsageError for what cannot be: the `others` that are not None, a pipe, a name that is none."""
+        """Raise UsageError for `others` that are not None, for output to a pipe, and for bad file names."""
         for option, given in others.items():
             if given is not None:
                 raise UsageError(
@@ -110,8 +110,10 @@ class Frames:
                 )
 
     def split(self, out: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-        """Pictures and movies of the outputs. Raises UsageError for a movie without pictures to make it from,
-        GlpathError where the package for it is missing."""
+        """Return pictures and movies among the outputs.
+
+        Raises UsageError for a movie without pictures, and GlpathError if the encoder's package is missing.
+        """
         pictures = [path for path in out if path.suffix.lower() not in MOVIES]
         movies = [path for path in out if path not in pictures]
         if movies and not any(path.suffix.lower() in EIGHT_BIT for path in pictures):
@@ -124,7 +126,7 @@ class Frames:
 
 
 def require_encoder(path: Path) -> None:
-    """Raise GlpathError where imageio has no plugin for movies."""
+    """Raise GlpathError if imageio has no plugin for movies."""
     try:
         import imageio_ffmpeg  # noqa: F401
     except ImportError as error:
@@ -135,7 +137,7 @@ def require_encoder(path: Path) -> None:
 
 
 def write_movie(path: Path, frames: Sequence[Path], fps: float) -> None:
-    """Encode pictures in their order, at so many a second. Raises ImageError."""
+    """Encode pictures as a movie at `fps` frames a second. Raises ImageError."""
     from imageio import v2 as imageio
 
     from glpath.film.image import read_eight_bits
@@ -152,7 +154,7 @@ def write_movie(path: Path, frames: Sequence[Path], fps: float) -> None:
 
 
 def _even(picture: NDArray[Any]) -> NDArray[Any]:
-    """Codecs take even numbers of pixels."""
+    """Crop a picture to an even width and height, which codecs require."""
     import numpy as np
 
     height, width = picture.shape[:2]
@@ -165,13 +167,13 @@ _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 @dataclass(frozen=True)
 class FramesToRender:
-    """A call of `glpath render` for many frames.
+    """Render job of several frames.
 
-    frames   : which
-    out      : the files of a frame, whose name holds its number
-    movies   : that are made of the .png of all
-    picture  : how a film becomes one; its exposure is found for the first frame and kept, so that nothing flickers
-    run      : of each frame; `resume` leaves those that are there
+    frames   : frames to render
+    out      : output files; the number of a frame is put into their names
+    movies   : movies made from the .png files of all frames
+    picture  : conversion of a film; automatic exposure is that of the first frame, which avoids flicker
+    run      : options of each frame; with `resume`, existing frames are kept
     """
 
     frames: Frames
@@ -182,13 +184,13 @@ class FramesToRender:
     run: RunRequest
 
     def render(self, scene: Scene, scenes: Scenes, options: dict[str, Any]) -> None:
-        """Render and write all.
+        """Render and write all frames.
 
-        scene, scenes : the one of the first frame, and of any other
-        options       : of `glpath.render_frames`
+        scene, scenes : scene of the first frame, and scenes of all others
+        options       : options of `glpath.render_frames`
 
-        Raises ImageError, GlpathError where another process renders some of them, and `typer.Exit` where a signal
-        ended it before the last.
+        Raises ImageError, GlpathError if another process renders some of the frames, and `typer.Exit` if a signal
+        ended the job before the last frame.
         """
         from glpath import rendering
 
@@ -216,7 +218,7 @@ class FramesToRender:
             self._tell({"event": "movie", "file": str(movie)}, f"wrote {movie}")
 
     def _write(self, todo: Sequence[int], films: Iterator[Film]) -> bool:
-        """Write each frame when its film is there; whether a signal ended it before the last."""
+        """Write each frame when its film is done. Return True if a signal ended the job before the last frame."""
         started = time.perf_counter()
         asked = self.picture.exposure
         stops = asked if isinstance(asked, float) else _stops_before(self.frames, self.out)
@@ -255,13 +257,13 @@ class FramesToRender:
 
 
 def check_frames_writable(frames: Frames, out: Sequence[Path]) -> None:
-    """Raises ImageError."""
+    """Raise ImageError if a frame cannot be written."""
     for path in out:
         check_writable(frames.path(path, frames.first))
 
 
 def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
-    """Numbers of the frames to render: all, or those of which a file is missing."""
+    """Return the numbers of the frames to render: all, or with `resume` those with a missing file."""
     numbers = list(range(frames.first, frames.stop))
     if not resume:
         return numbers
@@ -269,7 +271,7 @@ def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
 
 
 def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
-    """The stops of a frame that is there already, so that what follows is as bright; None where there is none."""
+    """Return the exposure of an existing frame, so that the others match it; None if there is no such frame."""
     from PIL import Image
 
     for path in out:

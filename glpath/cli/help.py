@@ -1,4 +1,4 @@
-"""What --help shows of a command: what it is for, three examples and the options of every day.
+"""Short help of a command (--help): its purpose, three examples and the options of everyday use.
 
 `--help-all` shows all of its options. A command says which at its registration: `app.command(**command_help(...))`.
 """
@@ -11,21 +11,21 @@ from typing import Any, ClassVar
 
 from typer.core import TyperCommand
 
-#: Of every command.
+#: Parameters that the short help of every command shows.
 MAX_EVERYDAY = 25
-#: The panel of options that say what is printed.
+#: Panel of the options that control printed output.
 OUTPUT_PANEL = "What is printed"
-#: How the paragraph of examples begins, whose lines stay as they are.
+#: First line of the paragraph of examples, which is not rewrapped.
 EXAMPLE = "# "
 _ALL = "--help-all"
 _SHOWS_ALL = "glpath.help_all"
 
 
 class HelpfulCommand(TyperCommand):
-    """A command with examples, most of whose options are shown by --help-all alone.
+    """Command with examples; options that are not for everyday use appear only in --help-all.
 
-    examples : what is typed, and what it does
-    everyday : parameters that --help shows; none: all of them
+    examples : pairs of a command line and its effect
+    everyday : parameters that --help shows; if empty, all
     """
 
     examples: ClassVar[Sequence[tuple[str, str]]] = ()
@@ -63,7 +63,7 @@ class HelpfulCommand(TyperCommand):
 
 
 def command_help(*examples: tuple[str, str], everyday: str = "") -> dict[str, Any]:
-    """What `app.command` takes for a command with examples and the parameters that --help shows."""
+    """Return keyword arguments of `app.command` for a command with examples and everyday parameters."""
     given = {"examples": examples, "everyday": frozenset(everyday.split())}
     return {"cls": type("Command", (HelpfulCommand,), given)}
 
@@ -81,7 +81,7 @@ def _hidden(params: Sequence[Any]) -> Iterator[None]:
 
 @contextmanager
 def flags_without_a_type(params: Sequence[Any]) -> Iterator[None]:
-    """Typer shows <bool> for what takes no value."""
+    """Hide the type <bool>, which Typer shows for flags, within the block."""
     flags = [param for param in params if getattr(param, "is_flag", False)]
     for param in flags:
         param.display_type_rich = lambda **_: None

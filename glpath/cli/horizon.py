@@ -34,7 +34,7 @@ _RECEIVERS, _SUNS = "Receivers", "Suns"
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     help = command_help(
         ("glpath horizon dem.tif -o svf.tif", "sky view factors, with the file's georeference"),
         ("glpath horizon dem.tif -o hours.tif --suns suns.csv --quantity sun-hours", "hours of sun"),
@@ -191,7 +191,7 @@ def _summary(found: Horizon, values: NDArray[Any], quantity: str) -> str:
 
 
 def _suns(path: Path | None, quantity: str) -> tuple[NDArray[Any], ...]:
-    """Azimuths, altitudes and weights of --suns. Raises UsageError."""
+    """Return azimuths, altitudes and weights from the file of --suns. Raises UsageError."""
     if quantity == "sky-view-factor":
         if path is not None:
             raise UsageError(
@@ -229,7 +229,7 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 
 
 def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Columns of a CSV file with a line of names. Raises UsageError."""
+    """Return the columns of a CSV file by the names in its first line. Raises UsageError."""
     import csv
 
     import numpy as np

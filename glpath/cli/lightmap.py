@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, Materials
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
-#: Of the integrators' options, those that mean something on surfaces.
+#: Integrator options that apply to surfaces.
 _OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution",
     "geometry_budget", "bounce_lod", "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light",
@@ -40,12 +40,12 @@ _OPTIONS = (
 )  # fmt: skip
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
-#: Errors above the first are answered with how to come to the second.
+#: If the error exceeds the first value, the summary says how to reach the second.
 _NOISY, _CLEAN = 0.05, 0.02
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     help = command_help(
         ("glpath lightmap room -o room.glb", "one page of 512 x 512 texels"),
         ("glpath lightmap house.glb -o baked.glb --texels 20", "20 texels per scene unit"),
@@ -197,7 +197,7 @@ def lightmap(
         exposure_stops: list[float] = []
 
         def save(path: Path) -> None:
-            made.append(bake.lightmap(film))  # here, as the film is kept where this fails
+            made.append(bake.lightmap(film))  # inside this block, so that the film is saved if baking fails
             kind = cast("Materials", materials)
             exposure_stops.append(made[0].exposure_stops(stops))
             files.extend(made[0].save(path, materials=kind, exposure=exposure_stops[0], moz=moz))
@@ -221,7 +221,7 @@ def lightmap(
 
 
 def _summary(baked: Lightmap, stops: float | None, denoise: bool | None) -> Iterator[str]:
-    """Yield the lines about a bake.
+    """Yield the summary of a bake.
 
     stops   : exposure of the file's colours; None if the file holds irradiance
     denoise : value of --denoise; None if it was not given

@@ -1,7 +1,7 @@
-"""The `glpath` command: what its subcommands have in common, which is how things go wrong.
+"""The `glpath` command: handling of errors, warnings and exit codes for all subcommands.
 
-Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted; others at the commands that have them. What a user can
-cause is printed as one block without a traceback; a traceback is a mistake of glpath's.
+Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted; some commands document others. An error that a user
+can cause is printed as one block without a traceback; a traceback is a bug in glpath.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _LESS = "Take a smaller scene or picture, or allow more memory (`ulimit -v`, the
 
 
 class Commands(TyperGroup):
-    """Turns exceptions and warnings of every subcommand into lines on stderr and an exit code.
+    """Command group that turns exceptions and warnings into lines on stderr and an exit code.
 
-    parts : its commands besides those that are registered
+    parts : commands that are imported on demand
     """
 
     parts: ClassVar[Mapping[str, Part]] = {}
@@ -93,7 +93,7 @@ class Commands(TyperGroup):
 
 @contextmanager
 def _wrong_usage_as_lines() -> Iterator[None]:
-    """What the parser finds wrong, in the form of all other errors; typer draws a box."""
+    """Report usage errors of the parser in the format of other errors, instead of typer's box."""
     try:
         yield
     except Exception as error:
@@ -118,7 +118,7 @@ def _warnings_and_logs_as_lines() -> Iterator[None]:
             say(warnings.formatwarning(message, category, *location[:2]).rstrip(), err=True)
 
     logs = CleanHandler(logging.WARNING)
-    # What a command's --verbose lets through, by the level of our own logger.
+    # --verbose shows all messages of our own logger.
     own, details = logging.getLogger("glpath"), CleanHandler(logging.DEBUG)
     details.addFilter(lambda record: record.levelno < logging.WARNING)
     level = own.level
@@ -140,7 +140,7 @@ def _traceback_as_lines(kind: type[BaseException], error: BaseException, trace: 
 
 
 def program(name: str, about: str, parts: Mapping[str, Part]) -> typer.Typer:
-    """A program whose commands report errors and warnings as lines, and end with the exit codes above."""
+    """Create a program whose commands report errors and warnings as lines and use the exit codes above."""
     made = typer.Typer(
         name=name,
         cls=type("ProgramCommands", (Commands,), {"parts": parts}),
@@ -179,7 +179,7 @@ def _common(
 
 
 def run(commands: typer.Typer = app, name: str = "glpath") -> None:
-    """The entry point of the `glpath` script, of `python -m glpath`, and of another program of such commands."""
+    """Run a program: the `glpath` script, `python -m glpath`, or another program made by `program`."""
     sys.excepthook = _traceback_as_lines
     if not re.fullmatch("[1-9][0-9]{0,3}", os.environ.get("COLUMNS", "")):
         os.environ.pop("COLUMNS", None)  # rich would print nothing in 0 columns
@@ -212,7 +212,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
 
 
 def run_and_end() -> None:
-    """`run`, after which the process ends as it is: taking it apart takes 0.1 s. mypy does so, too."""
+    """Call `run`, then end the process without Python's shutdown, which takes 0.1 s."""
     try:
         run()
     except SystemExit as end:
@@ -225,7 +225,7 @@ def run_and_end() -> None:
 
 
 def _takes(stream: IO[str] | None, text: str = "") -> bool:
-    """Whether it takes all that it was given, and this; one that was closed from the start is asked for nothing."""
+    """Return True if a stream can write `text` and its buffer; a stream closed at start counts as writable."""
     try:
         if stream is not None:
             stream.write(text)

@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-#: Files that have colours, and those of a grid alone.
+#: Suffixes of files with false colours, and of files that need a grid.
 # Lux by which the light of 100 on open ground may be off, for a daylight factor.
 _OFF = 2.0
 _COLOURED, _OF_GRIDS = (".html", ".png", ".glb"), (".png", ".glb")
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     help = command_help(
         ("glpath measure office.toml -o lux.csv --plane z=0.75 --spacing 0.25", "a working plane"),
         ("glpath measure office.toml -o lux.png --plane z=0.75 --noise 0.01", "a false-colour picture"),
@@ -263,7 +263,7 @@ def measure(
 
 
 def _check_makes_per_cent(scene: Scene, receiver: str) -> None:
-    """Raise UsageError for a scene whose lux are not per cent of the light on open ground."""
+    """Raise UsageError unless the sky of the scene gives 100 lx on open ground, so that lux are per cent."""
     from glpath.scene.sky_map import open_ground
 
     if receiver != "plane":
@@ -315,7 +315,7 @@ def _summary(found: Irradiance, measured: Measured) -> Iterator[str]:
 
 
 def _save(path: Path, measured: Measured) -> None:
-    """By the suffix; without one CSV, for stdout."""
+    """Write results in the format of the suffix; a path without a suffix means CSV on stdout."""
     from glpath.cli import point_files
 
     match path.suffix.lower():

@@ -1,4 +1,4 @@
-"""What `glpath measure` has measured, where and of which scene: what reports, pictures and models are made of."""
+"""Results of `glpath measure`, from which reports, pictures and models are made."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Measured:
-    """All that a report, a picture or a model shows.
+    """Measured irradiance with its points and scene.
 
-    at       : where
-    found    : what
-    scene    : of which, as it was measured
-    quantity : such as Illuminance
-    unit     : "lx", or "%" of a daylight factor, whose lux are per cent
+    at       : points of the measurement
+    found    : measured irradiance
+    scene    : measured scene
+    quantity : name of the quantity, such as Illuminance
+    unit     : "lx", or "%" for a daylight factor
     """
 
     at: Points
@@ -41,17 +41,17 @@ class Measured:
 
     @property
     def values(self) -> Float64:
-        """(N,) lux, NaN at points without any light, which are inside of solids, as far as others have some."""
+        """Illuminance in lux, (N,); NaN at points inside solids (points without light, if others have light)."""
         lux = self.found.illuminance()
         return np.where(lux > 0, lux, np.nan if (lux > 0).any() else 0.0)
 
     @property
     def dark(self) -> int:
-        """How many points have no light, of some that have."""
+        """Number of points without light; 0 if no point has light."""
         return int(np.count_nonzero(np.isnan(self.values)))
 
     @property
     def spread(self) -> Spread:
-        """Of the points that have light, or of all that have none."""
+        """Statistics of the points that have light, or of all points if none has."""
         lit = ~np.isnan(self.values)
         return self.found.spread(None if lit.all() else lit)

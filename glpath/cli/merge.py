@@ -58,7 +58,7 @@ def merge(
     *,
     run: RunRequest,
 ) -> None:
-    """Add up films of one render: every path set counts the same, and once.
+    """Add up films of one render: every path set has the same weight and counts once.
 
     A shard is what `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job writes. Shards of one kind
     of device give the picture and the layers of an uninterrupted render, bit for bit and in any order. A file that

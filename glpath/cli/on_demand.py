@@ -1,4 +1,4 @@
-"""Commands that are imported when they are called, so that each starts in the time that it needs itself."""
+"""Commands that are imported when they are called, so that a command does not wait for imports of others."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from glpath.errors import current_warnings
 
 @dataclass(frozen=True)
 class Part:
-    """One command of a program, as it is listed.
+    """Entry of a command in the list of a program.
 
-    module : has `register(app)`, which adds the command
-    group  : under which the program's help lists it
-    about  : what that list says of it
+    module : module whose `register(app)` adds the command
+    group  : heading of the command in the program's help
+    about  : one line of description
     """
 
     module: str
@@ -33,9 +33,9 @@ class Part:
 
 
 class CommandsOnDemand(Mapping[str, Any]):
-    """Commands by name; those of `parts` are imported at the first look.
+    """Commands by name; a command of `parts` is imported when it is first looked up.
 
-    Texts of help are shown as they are written: typer hands them to rich, to which `glpath[figures]` is a style.
+    Help texts are escaped, because rich would take `glpath[figures]` for a style.
     """
 
     def __init__(self, parts: Mapping[str, Part], made: Mapping[str, Any]) -> None:
@@ -60,7 +60,7 @@ class CommandsOnDemand(Mapping[str, Any]):
         return len({*self._parts, *self._made})
 
     def listed(self) -> dict[str, Any]:
-        """All of them for a list: name, group and what it is. Nothing is imported."""
+        """Return name, group and description of all commands without importing them."""
         listed = {
             name: TyperCommand(name, help=escape(part.about), rich_help_panel=part.group)
             for name, part in self._parts.items()
@@ -95,7 +95,7 @@ def _strict_option() -> Any:
 
 
 def as_written(part: Any) -> None:
-    """Make texts of help of a command or of a parameter plain text: no markup, and no line breaks of ours."""
+    """Remove markup and our own line breaks from the help texts of a command or parameter."""
     for name in ("help", "short_help", "epilog"):
         if text := getattr(part, name, None):
             setattr(part, name, escape(_unwrapped(text)))
@@ -108,6 +108,6 @@ def _as_written(command: Any) -> Any:
 
 
 def _unwrapped(text: str) -> str:
-    """Paragraphs as one line each, which Typer wraps to the terminal's width; examples stay lines."""
+    """Return the text with each paragraph on one line, for Typer to wrap; lines of examples are kept."""
     paragraphs = inspect.cleandoc(text).split("\n\n")
     return "\n\n".join(each if each.startswith(EXAMPLE) else " ".join(each.split("\n")) for each in paragraphs)

@@ -1,4 +1,4 @@
-"""Options of commands that are declared elsewhere: of a run (`run_request`), and of integrators (settings)."""
+"""Options of commands, made from the declarations of a run (`run_request`) and of integrators (settings)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from glpath.integrators.settings import Rgb
 from glpath.rendering.options import Option, options
 from glpath.system.time_limit import limited
 
-#: The panel of the help with what all integrators have.
+#: Panel of the help with the options that all integrators have.
 FOR_ALL = "Sampling"
 
 
@@ -33,13 +33,13 @@ def with_options(
     integrators: Collection[str] = tuple(INTEGRATORS),
     texts: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[..., Any]:
-    """A command with options instead of its last parameters: `run`, a `RunRequest`, and those of integrators,
-    **options, where it has these.
+    """Return a command whose parameters `run`, a `RunRequest`, and `**options`, those of integrators, are options.
+    Either parameter may be missing.
 
-    run         : names of options of a run
-    only        : names of options of integrators that it has; None: all
-    integrators : that it has; options of others are left out
-    texts       : of options of a run whose help says more here
+    run         : names of the options of a run
+    only        : names of the options of integrators; None: all
+    integrators : integrators of the command; options of others are left out
+    texts       : help texts that replace those of a run's options
     """
     signature = inspect.signature(function, eval_str=True)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
@@ -78,7 +78,7 @@ def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
 
 
 def _options_of(integrators: Collection[str]) -> Iterator[Option]:
-    """The options of these integrators alone."""
+    """Yield the options that only these integrators have."""
     for option in options().values():
         settings = {owner: setting for owner, setting in option.settings.items() if owner in integrators}
         if settings:
@@ -86,13 +86,13 @@ def _options_of(integrators: Collection[str]) -> Iterator[Option]:
 
 
 def option_values(integrator: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """What the command line gave, as `render` takes it. Raises UsageError, which names the option."""
+    """Convert values of the command line to keyword arguments of `render`. Raises UsageError naming the option."""
     known = options()
     return {name: _value(known[name], integrator, value) for name, value in given.items()}
 
 
 def flag(name: str) -> str:
-    """--name, as it is typed."""
+    """Return the option as typed, such as --gather-rays for gather_rays."""
     return "--" + name.replace("_", "-")
 
 
@@ -142,7 +142,7 @@ def _panel(option: Option, integrators: Collection[str]) -> str:
 def _value(option: Option, integrator: str, value: Any) -> Any:
     if value is None or value == []:
         return None
-    # Of an option that is another integrator's, `render` says whose it is.
+    # `render` reports an option of another integrator and names that integrator.
     setting = option.settings.get(integrator, option.first)
     if setting.words:
         for word in value if setting.several else (value,):

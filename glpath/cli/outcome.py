@@ -1,4 +1,4 @@
-"""What commands leave when their film is there: outputs, statistics, words, and an exit code."""
+"""Final steps of a render command: outputs, statistics, printed summary and exit code."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from glpath.film.metadata import FilmMetadata
     from glpath.jobs.checkpoint import Checkpoint
 
-#: Exit code: all outputs are written, but not the last checkpoint.
+#: Exit code if all outputs are written, but the last checkpoint is not.
 WITHOUT_CHECKPOINT = 3
 
 _RESUME = "  the same command with --resume continues from {}"
 
-# What rays are shot for, as `film.metadata.statistics` calls it.
+# Labels of the ray counts in `film.metadata.statistics`.
 _TESTS = {
     "primary": "from the eye",
     "shadow_buffer": "to fill shadow-buffers",
@@ -42,11 +42,11 @@ _TESTS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """A film when its render has ended, however that was.
+    """Film of a render that has ended, complete or not.
 
-    failure : why it is not whole
-    checkpoint  : its checkpoint
-    before  : path sets that it came with
+    failure     : error that ended the render; None if it is complete
+    checkpoint  : checkpoint of the render; None if there is none
+    before      : number of path sets that a resumed film started with
     """
 
     film: Film
@@ -62,12 +62,12 @@ class Outcome:
         there: Callable[[list[Path]], str],
         event: Callable[[], dict[str, Any]] = dict,
     ) -> None:
-        """Write and report all that there is. Returns only if the render is complete and written.
+        """Write and report all results. Return only if the render is complete and written.
 
-        write : the outputs; returns those that are written, and why others could not be
-        lines : what is printed of it
-        there : what is written, of a render that was interrupted
-        event : further values of the last object of `--progress json`
+        write : function that writes the outputs; returns the written paths and the errors of others
+        lines : function that makes the printed lines
+        there : results that an interrupted render has written
+        event : further values in the last object of `--progress json`
 
         Raises `failure`, ImageError for outputs that cannot be written, and `typer.Exit` with the exit code.
         """
@@ -129,7 +129,7 @@ class Outcome:
 def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: int | None) -> None:
     """Write the film as pictures, and report it.
 
-    spp : path sets that were asked for; None where others end it
+    spp : path sets asked for; None if another rule ends the render
     """
     film = outcome.film
     stops = film.exposure_stops(picture.exposure) if film.path_sets else 0.0
@@ -155,8 +155,7 @@ def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: 
 
 
 def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> None:
-    """Where all was done and is written the checkpoint is removed, and a scheduler's signal has nothing left to
-    end; else the film goes into it."""
+    """Remove the checkpoint of a complete render and forget signals; otherwise save the film in the checkpoint."""
     if film.metadata.stop_rule in RULES and failure is None:
         checkpoint.remove()
         if by_scheduler():
@@ -166,13 +165,13 @@ def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> N
 
 
 def without_checkpoint(checkpoint: Checkpoint) -> typer.Exit:
-    """All is written, but the last checkpoint."""
+    """Return the exit of a command that wrote all outputs but could not write its last checkpoint."""
     say(f"glpath: done, but the last checkpoint was not written: {checkpoint.failure}", err=True)
     return typer.Exit(WITHOUT_CHECKPOINT)
 
 
 def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
-    """A scheduler wants the machine: the film goes into the checkpoint. Raises ImageError where it cannot."""
+    """Save the film in the checkpoint because a scheduler ends the process. Raises ImageError if that fails."""
     if not film.path_sets:
         say("glpath: ended by a signal before the first path set was done; start it again", err=True)
         return typer.Exit(RESUME_LATER)
@@ -189,7 +188,7 @@ def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
 
 
 def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, picture: Picture) -> Iterator[str]:
-    """What was rendered, on what, how fast and how well; stops: of exposure of a .png."""
+    """Yield lines on the scene, device, speed and noise of a film; stops: exposure of a .png."""
     m = film.metadata
     _, _, width, height = m.window
     error = film.relative_error()
@@ -242,7 +241,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
 
 
 def bias_lines(film: Film) -> Iterator[str]:
-    """Say how large the bias of a gather is, or that it was too large and "path" was taken instead."""
+    """Yield a line on the bias of a gather, or that "path" replaced it because of its bias."""
     bias, rejected = film.bias(), film.rejected_bias()
     if bias is not None:
         large = "" if bias.is_small() else ", which is too large; --integrator path has none"
@@ -252,7 +251,7 @@ def bias_lines(film: Film) -> Iterator[str]:
 
 
 def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndRecord:
-    """The last object of `--progress json`."""
+    """Return the last object of `--progress json`."""
     m = film.metadata
     return {
         "event": "interrupted" if interrupted else "done",
@@ -279,9 +278,9 @@ def _million(count: float) -> str:
 
 
 def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: int, files: Sequence[Path]) -> None:
-    """What a render took, as JSON. Raises ImageError.
+    """Write time, memory and settings of a render as JSON. Raises ImageError.
 
-    before : path sets that the film came with
+    before : number of path sets that a resumed film started with
     """
     m = film.metadata
     statistics = dict(m.statistics)
@@ -316,6 +315,6 @@ def write_stats(path: Path, film: Film, checkpoint: Checkpoint | None, before: i
 
 
 def _settings(m: FilmMetadata) -> dict[str, Any]:
-    """All that decides the image besides the scene and the window."""
+    """Return all settings that determine the image, except scene and crop."""
     depth = {} if m.max_depth is None else {"max_depth": m.max_depth}
     return {"seed": m.seed, **depth, **m.settings}

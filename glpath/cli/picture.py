@@ -1,4 +1,4 @@
-"""The options of `glpath render` and `merge` that say how a film becomes a picture."""
+"""Options of `glpath render` and `merge` for the conversion of a film to a picture."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from glpath.system.files import Save
 if TYPE_CHECKING:
     from glpath.film.film import Film
 
-#: The panel of the help.
+#: Panel of the help that lists these options.
 IMAGE = "Image"
 
 ExposureOption = Annotated[
@@ -51,23 +51,23 @@ DenoiseOption = Annotated[
         rich_help_panel=IMAGE,
     ),
 ]
-#: The note beside a noisy picture that would have been denoised.
+#: Note for a picture that is noisy because the denoiser is missing.
 NO_DENOISER = "not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
-#: Pictures of 8 bits, with an exposure and a tone curve.
+#: Suffixes of pictures of 8 bits, which get an exposure and a tone curve.
 EIGHT_BIT = (".png", ".jpg", ".jpeg")
 _FOR_EYES = (*EIGHT_BIT, ".exr", "")
-# Of 8 bits, what is as good as black and white, and the share of pixels that makes a picture so.
+# 8-bit values that look black and white, and the fraction of such pixels that makes a picture useless.
 _BLACK, _WHITE, _NEARLY_ALL = 6, 254, 0.985
 
 
 @dataclass(frozen=True)
 class Picture:
-    """How a film is shown.
+    """Conversion of a film to a picture.
 
-    exposure : stops, "auto", or None: as the film's scene says
-    tonemap  : of `TONEMAP_NAMES`
-    denoise  : whether it is; None: where that can be, see `of_film`
-    missing  : it would be, but for the denoiser
+    exposure : stops, "auto", or None for that of the film's scene
+    tonemap  : one of `TONEMAP_NAMES`
+    denoise  : True or False; None: if possible, see `of_film`
+    missing  : True if the picture stays noisy because the denoiser is missing
     """
 
     exposure: float | Literal["auto"] | None
@@ -77,7 +77,7 @@ class Picture:
 
     @classmethod
     def of_options(cls, exposure: str | None, tonemap: str, denoise: bool | None) -> Picture:
-        """Raises UsageError, and GlpathError where the denoiser is missing that is asked for."""
+        """Return the conversion for the options. Raises UsageError, and GlpathError if the denoiser is missing."""
         from glpath.film.denoise import require_denoiser
 
         check_choice("--tonemap", tonemap, TONEMAP_NAMES)
@@ -86,9 +86,9 @@ class Picture:
         return cls(read_exposure(exposure), tonemap, denoise)
 
     def of_film(self, denoisable: bool, out: Sequence[Path]) -> Picture:
-        """With what was left open: pictures for eyes are denoised.
+        """Return the conversion with `denoise` decided: 8-bit pictures are denoised if possible.
 
-        denoisable : whether the film has noise, and will have what a denoiser goes by
+        denoisable : True if the film has noise and will have the AOVs that the denoiser needs
         """
         from glpath.film.denoise import can_denoise
 
@@ -99,7 +99,7 @@ class Picture:
         return replace(self, denoise=there, missing=wanted and not there)
 
     def verdict(self, film: Film, stops: float) -> str | None:
-        """One line about a picture that shows next to nothing, with what helps; None of others."""
+        """Return a line with a remedy if the picture is nearly black or white; None otherwise."""
         import numpy as np
 
         from glpath.film.image import tonemap
@@ -120,9 +120,9 @@ class Picture:
         return None
 
     def save(self, film: Film, path: Path, stops: float) -> None:
-        """Write one output, with so many stops of exposure. Raises ImageError."""
+        """Write one output with an exposure of `stops`. Raises ImageError."""
         film.save(path, exposure=stops, tonemap=self.tonemap, denoise=bool(self.denoise))
 
     def saves(self, film: Film, out: Sequence[Path], stops: float) -> Mapping[Path, Save]:
-        """What writes each of the outputs, for `save_all`."""
+        """Return the function that writes each output, for `save_all`."""
         return {path: lambda at: self.save(film, at, stops) for path in out}

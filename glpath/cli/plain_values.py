@@ -1,7 +1,7 @@
-"""Values of options that need no conversion, taken as they are.
+"""Shortcut for option values that need no conversion by Typer.
 
-Typer, from 0.29 on, converts the value of each parameter by pydantic, those that nobody typed too: an import and
-some sixty adapters, a tenth of a second of each command. Most are None, or have their type already.
+From version 0.29 on, Typer converts the value of each parameter by pydantic, defaults included. That costs each
+command an import and about sixty adapters, a tenth of a second. Most values are None or have their type already.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from glpath.system.terminal import shortened
 
 
 def spare_conversions(command: Any) -> None:
-    """Have a command's parameters ask typer for a conversion only where a value needs one."""
+    """Let a command's parameters call Typer's conversion only for values that need it."""
     get_params = command.get_params
 
     def sparing(context: Any) -> Any:
-        # At each look, since typer adds its own for help and completion late.
+        # Repeated at each lookup, because Typer adds its parameters for help and completion late.
         found = get_params(context)
         for parameter in found:
             convert = getattr(parameter, "get_runtime_param", None)
-            # An older typer converts by functions of its own.
+            # Older versions of Typer convert by functions of their own.
             if convert is not None and "get_runtime_param" not in vars(parameter):
                 parameter.get_runtime_param = _SparingConversion(convert).itself
         return found
@@ -35,7 +35,7 @@ def spare_conversions(command: Any) -> None:
 
 
 class _SparingConversion:
-    """What typer calls for a conversion; it makes typer's own at the first value that needs one."""
+    """Conversion that creates Typer's own converter at the first value that needs it."""
 
     def __init__(self, convert: Callable[[], Any]) -> None:
         self._convert = convert
@@ -59,7 +59,7 @@ class _SparingConversion:
 
 
 def _check_digits(value: Any, kind: Any, param: Any, ctx: Any) -> None:
-    """Raise BadParameter for a number that typer would take, but in other digits or with too many of them."""
+    """Raise BadParameter for numbers that Typer accepts with non-ASCII digits, underscores or too many digits."""
     read = whole if kind is int else real if kind is float else None
     if read is None:
         return
@@ -78,8 +78,8 @@ def _is_read(read: Callable[[str], object], text: str) -> bool:
 
 
 def _is_plain(value: Any, kind: Any) -> bool:
-    """Whether typer would only hand it on, or make a path of it."""
+    """Return True if Typer would return the value unchanged or only make a Path of it."""
     if kind is Path:
-        # Typer refuses files that exist and cannot be read.
+        # Typer has to check that an existing file can be read.
         return isinstance(value, str) and (os.access(value, os.R_OK) or not os.path.exists(value))
     return kind in (str, int, float) and type(value) is kind

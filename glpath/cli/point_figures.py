@@ -1,4 +1,4 @@
-"""Figures of what was measured at points, as text: mean, minimum, maximum and uniformity, with standard errors."""
+"""Text of a grid's figures: mean, minimum, maximum and uniformity, with standard errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def figures(spread: Spread, digits: int = 4, unit: str = "lx") -> str:
-    """What is asked of a grid, with standard errors: U0 is its minimum over its mean, Ud over its maximum."""
+    """Return the figures of a grid with standard errors; U0 is minimum over mean, Ud minimum over maximum."""
     mean, minimum, maximum = (
         with_error(x, f"{x.value:.{digits}g}", shown)
         for x, shown in ((spread.mean, f" {unit}"), (spread.minimum, ""), (spread.maximum, ""))
@@ -22,7 +22,7 @@ def figures(spread: Spread, digits: int = 4, unit: str = "lx") -> str:
 
 
 def with_error(of: Estimate, value: str, unit: str = "") -> str:
-    """Two digits of the error; none where it is not known, or beyond what is shown."""
+    """Append the standard error with two digits; nothing if it is unknown or below the last digit shown."""
     if not of.error > 1e-4 * abs(of.value):
         return f"{value}{unit}"
     return f"{value} ± {of.error:.2g}{unit}"

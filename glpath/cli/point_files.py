@@ -1,4 +1,4 @@
-"""Points of `glpath measure`: a grid in a plane, or a table; and what was measured there, as files."""
+"""Points of `glpath measure`, a grid in a plane or a table, and files of the results."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 
 AXES = "xyz"
-#: Points at most, in a grid or a table.
+#: Maximum number of points in a grid or a table.
 MAX_POINTS = 4_000_000
-#: What files may be written, by their suffix.
+#: Suffixes of the output formats.
 WRITABLE = (".csv", ".npz", ".html", ".png", ".glb", ".vtp")
 
-#: Spacing that follows from the size of the area.
+#: Word for the spacing that EN 12464-1 gives for the size of the area.
 EN_12464 = "en12464-1"
 
 _POINT, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -45,7 +45,7 @@ class Points:
     """Points and their normals.
 
     points, normals : (N, 3) float64; normals of any length but zero
-    grid            : of points in a plane, which
+    grid            : grid of the points; None for a table
     """
 
     points: Float64
@@ -55,14 +55,14 @@ class Points:
 
 @dataclass(frozen=True)
 class Grid:
-    """Points in a plane across an axis, row by row.
+    """Grid of points in a plane perpendicular to an axis, row by row.
 
-    across : numbers of the two axes that lie in it: columns follow the first, rows the second
-    axis   : number of the third
-    height : along that, scene units
-    first  : the first point, along the two
+    across : indices of the two axes in the plane: columns follow the first, rows the second
+    axis   : index of the axis perpendicular to the plane
+    height : position along that axis, scene units
+    first  : first point, along the two axes in the plane
     shape  : (rows, columns)
-    step   : from point to point along the two, scene units
+    step   : spacing along the two axes, scene units
     """
 
     across: tuple[int, int]
@@ -74,39 +74,39 @@ class Grid:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Where its cells begin and end along the first axis, and along the second."""
+        """Bounds of the cells: first axis minimum and maximum, then second axis."""
         (a, b), (rows, columns), (du, dv) = self.first, self.shape, self.step
         a, b = a - 0.5 * du, b - 0.5 * dv
         return a, a + columns * du, b, b + rows * dv
 
     @property
     def apart(self) -> str:
-        """How far points are from each other along both axes, for people."""
+        """Spacing of the points along both axes, as text."""
         a, b = (f"{step:.3g}" for step in self.step)
         return a if a == b else f"{a} x {b}"
 
     @property
     def en_12464_counts(self) -> tuple[int, int]:
-        """How many points along both axes EN 12464-1 has for so large an area, units being metres."""
+        """Number of points along both axes that EN 12464-1 requires for the area, in metres."""
         a, b, c, d = self.extent
         return en_12464_counts(b - a, d - c)
 
     @property
     def coarser_than_en_12464(self) -> bool:
-        """Fewer points than the standard has along an axis."""
+        """True if an axis has fewer points than the standard requires."""
         (rows, columns), (first, second) = self.shape, self.en_12464_counts
         return columns < first or rows < second
 
     @property
     def beside_en_12464(self) -> str:
-        """How its points compare with those of the standard, for people."""
+        """Comparison of the number of points with the standard, as text."""
         a, b, c, d = self.extent
         first, second = self.en_12464_counts
         counts = f"{first} x {second} points or more for {b - a:.3g} x {d - c:.3g} m"
         return f"{counts}; this grid has fewer" if self.coarser_than_en_12464 else f"{counts}: fulfilled"
 
     def described(self, scene: Scene) -> str:
-        """Where it lies, and, where that is no working plane, how it stands to what is up."""
+        """Return the position of the grid as text, and its orientation if it is not a horizontal plane."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
         ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
@@ -119,7 +119,7 @@ class Grid:
 
 
 def en_12464_counts(first: float, second: float) -> tuple[int, int]:
-    """How many points a grid has along the sides of an area, in metres, by EN 12464-1, 4.4 (2011).
+    """Return the number of points along both sides of an area, in metres, by EN 12464-1, 4.4 (2011).
 
     p = 0.2 * 5^log10(d) apart and 10 at most, d being the longer side, or the shorter one where the other is twice
     as long: the whole number nearest to d / p; along the other side the nearest that makes cells square.
@@ -139,10 +139,10 @@ def grid_of(
     margin: float = 0.0,
     normal: Vector | None = None,
 ) -> Points:
-    """The points of --plane, --spacing, --area, --margin and --normal. Raises UsageError.
+    """Return the points of --plane, --spacing, --area, --margin and --normal. Raises UsageError.
 
-    They are the middles of cells: of square ones of that spacing, as many as fit; or by EN 12464-1 of so many that
-    fill the area.
+    Points are centres of cells: as many square cells of that spacing as fit, or the cells of EN 12464-1, which fill
+    the area.
     """
     name, _, height_text = plane.partition("=")
     down = name.startswith("-")
@@ -187,7 +187,7 @@ def grid_of(
             "Take a wider one, or a smaller --area.",
         )
     columns, rows = (int(n) for n in counts)
-    # Cells that fill the area but for an edge, even on both sides.
+    # Cells leave margins of equal width on both sides.
     start = lower + 0.5 * (size - counts * step) + 0.5 * step
     u, v = (start[i] + step[i] * np.arange(n) for i, n in enumerate((columns, rows)))
     u, v = np.meshgrid(u, v)
@@ -201,9 +201,9 @@ def grid_of(
 
 
 def check_within(at: Points, scene: Scene, option: str) -> None:
-    """Warn with SceneWarning of points that all lie outside of the scene, its lamps being in it.
+    """Warn if all points lie outside of the scene and its lamps inside.
 
-    Raises UsageError where they are farther off than the scene is wide: the unit or the origin differs then.
+    Raises UsageError if the distance exceeds the size of the scene, because then unit or origin differ.
     """
     lamps = [light.position for light in scene.lights if light.kind != "directional"]
     box = np.array([*scene.bounds, *lamps])
@@ -232,12 +232,12 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
 
 
 def _at(x: float) -> str:
-    """A coordinate for people: four digits, or two decimals of what is far from the origin."""
+    """Return a coordinate as text: four digits, or two decimals if it is far from the origin."""
     return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
 
 
 def _apart(spacing: str) -> float:
-    """UNITS of --spacing. Raises UsageError."""
+    """Return the number of --spacing UNITS. Raises UsageError."""
     try:
         value = real(spacing)
     except ValueError:
@@ -248,13 +248,13 @@ def _apart(spacing: str) -> float:
 
 
 def read_points(path: Path, normal: Vector | None) -> Points:
-    """The points of a table: x, y, z and nx, ny, nz, with a line of names or in this order; # begins a comment.
+    """Read points from a table of x, y, z and nx, ny, nz, with a header or in this order; # begins a comment.
 
-    path   : values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write them; with
-             decimal commas where these separate nothing and no number has a point
-    normal : where the file has none
+    path   : file of values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write
+             them; decimal commas are read if commas separate nothing and no number has a point
+    normal : normal of points without one in the file
 
-    Raises UsageError with the line of what is wrong.
+    Raises UsageError that names the faulty line.
 
     FILE.hbjson#GRID is a sensor grid of honeybee's, FILE.hbjson all of them.
     """
@@ -315,10 +315,10 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 
 
 def _text(path: Path) -> str:
-    """Raises UsageError for what is not text."""
+    """Return the text of a file. Raises UsageError if it is not text."""
     try:
         content = read_standard_input() if str(path) == "-" else read_bytes(path)
-        # Spreadsheets write "Unicode text" as UTF-16, and a mark at the beginning of either.
+        # Spreadsheets write "Unicode text" as UTF-16, and a byte order mark before UTF-8 and UTF-16.
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except OSError as error:
         raise UsageError(f"--points {path}: cannot be read: {reason_of(error)}.") from error
@@ -327,7 +327,7 @@ def _text(path: Path) -> str:
 
 
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
-    """Cells of the lines that are neither empty nor comments, by their numbers; with decimal points."""
+    """Return (line number, cells) of each line that is neither empty nor a comment, with decimal points."""
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
     given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None  # Excel's
@@ -339,7 +339,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
         delimiter = " "
     rest = "\n".join(line for _, line in lines)
     decimal_commas = delimiter != "," and not re.search(r"\d\.|\.\d", rest)
-    ends = first.rstrip(" ").endswith(delimiter)  # each value, as Radiance's tabs do
+    ends = first.rstrip(" ").endswith(delimiter)  # Radiance ends lines with a tab
     found = []
     try:
         for number, line in lines:
@@ -379,9 +379,9 @@ def _number(cell: str) -> float | None:
 
 
 def save_csv(path: Path, at: Points, found: Irradiance) -> None:
-    """A line for each point: position, normal, irradiance and illuminance with their standard errors.
+    """Write one line per point: position, normal, irradiance and illuminance with their standard errors.
 
-    Irradiance is in the unit of the scene, which the titles of its columns name.
+    Irradiance has the unit of the scene, which the column titles name.
     """
     unit = symbol(found.unit, "irradiance").replace(" m^-2", "/m2")
     columns = {
@@ -395,7 +395,7 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    # Of positions all digits, as those of a georeferenced model have many.
+    # Positions are written with all digits, because those of a georeferenced model need many.
     digits = [15 if name in _POINT else 9 for name in columns]
     writer.writerows(
         [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
@@ -405,10 +405,10 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
 
 
 def save_npz(path: Path, at: Points, found: Irradiance) -> None:
-    """As arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
+    """Write arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
-    `unit` is that of irradiance: "W m^-2" or "lx". A grid's have its shape before, (rows, columns, ...). Raises
-    ImageError where it cannot be written.
+    `unit` is that of irradiance: "W m^-2" or "lx". Arrays of a grid have the shape (rows, columns, ...). Raises
+    ImageError if the file cannot be written.
     """
     shape = at.grid.shape if at.grid is not None else (len(at.points),)
     arrays: dict[str, Any] = {
@@ -425,6 +425,6 @@ def save_npz(path: Path, at: Points, found: Irradiance) -> None:
 
 
 def check_kind(path: Path) -> None:
-    """Raise ImageError for a file of another kind; - is CSV for stdout."""
+    """Raise ImageError if no output format has this suffix; - means CSV on stdout."""
     if not is_stream(path) and path.suffix.lower() not in WRITABLE:
         raise ImageError(f"{path}: cannot be written.", f"Files end in {', '.join(WRITABLE)}.")

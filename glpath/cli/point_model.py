@@ -1,4 +1,4 @@
-"""What was measured as faces in space: the cells of a grid in false colours, for viewers and for ParaView."""
+"""Models of measured grids: cells in false colours as .glb for viewers and .vtp for ParaView."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def save_vtp(path: Path, measured: Measured) -> None:
 def save_glb(path: Path, measured: Measured) -> None:
     """Write the scene with the cells of a grid in false colours, as .glb. Raises ImageError and SceneError.
 
-    Warns of what glTF does not have of the scene.
+    Warns of scene features that glTF lacks.
     """
     for note in write_gltf(measured.scene, path, facets=_facets(measured)):
         warn(f"{path}: {note}.")

@@ -1,4 +1,4 @@
-"""Options of `measure` and `probes`, which measure light at points; `lightmap` shares their integrators."""
+"""Options of `measure` and `probes`, which compute light at points; `lightmap` shares their integrators."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from glpath.cli.completion import words
 from glpath.integrators.by_name import AUTO, INTEGRATORS
 from glpath.integrators.settings import PathSetSettings
 
-#: Integrators whose paths may start at points.
+#: Integrators whose paths can start at points.
 POINT_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
-#: What --integrator takes at points.
+#: Allowed values of --integrator at points.
 POINT_CHOICES = (AUTO, *POINT_INTEGRATORS)
-#: Of the integrators' options, those that mean something at points.
+#: Integrator options that apply to points.
 POINT_OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
     "radiosity", "geometry_budget",
 )  # fmt: skip
-#: The panel of help that these stand in.
+#: Panel of the help that lists these options.
 LIGHT_PANEL = "Light"
 
 WhiteSky = Annotated[

@@ -1,7 +1,7 @@
-"""The report of a measurement as lighting engineers hand it in: one HTML file that needs nothing beside it.
+"""Report of a measurement for lighting engineers, as one self-contained HTML file.
 
-Figures with standard errors, how they were computed, the lamps, a plan in false colours with isolux lines, and the
-values where they are on it. It is made to be printed.
+It has figures with standard errors, settings, lamps, and a plan in false colours with isolux lines and values. It
+is laid out for printing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from glpath.system.versions import versions
 if TYPE_CHECKING:
     from glpath.scene import Scene
 
-#: Of the values on the plan, columns and rows at most; of points in a table, and of lamps, rows.
+#: Maximum columns and rows of values on the plan, and maximum rows in the tables of points and of lamps.
 _COLUMNS, _ROWS, _POINT_ROWS, _LAMP_ROWS = 40, 60, 1000, 100
 
 
@@ -44,7 +44,7 @@ def save_report(path: Path, measured: Measured) -> None:
 
 
 def plan(measured: Measured, caption: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """(H, W, 3): the grid in false colours."""
+    """Return the grid in false colours as a picture, (H, W, 3) uint8."""
     grid = measured.at.grid
     assert grid is not None, "asked for before"
     return field(
@@ -120,7 +120,7 @@ def _where(at: Points) -> Iterator[tuple[str, str]]:
 
 
 def _lamps(scene: Scene) -> Iterator[str]:
-    """Punctual lights and shapes that emit, with their lumens."""
+    """Yield a table of punctual lights and emitting shapes with their luminous flux."""
     lamps = about_lights(scene)
     if not lamps:
         return
@@ -140,7 +140,7 @@ def _lamps(scene: Scene) -> Iterator[str]:
 
 
 def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
-    """The values, the first row of the grid below, as on the plan."""
+    """Yield a table of the values; the first row of the grid is at the bottom, as on the plan."""
     rows, columns = grid.shape
     every = max(1, math.ceil(columns / _COLUMNS), math.ceil(rows / _ROWS))
     values = measured.values.reshape(grid.shape)[::every, ::every]
@@ -163,7 +163,7 @@ def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
 
 
 def _colours(values: np.ndarray[Any, Any], top: float) -> tuple[list[list[str]], list[list[str]]]:
-    """Of each value the colour of the plan, whose last is of `top`, and that of a text on it."""
+    """Return each value's colour on the plan, whose scale ends at `top`, and the colour of text on it."""
     colours = false_colours(values, top)
     bright = luminance(colours) > 0.45
     named = [["#" + "".join(f"{round(255 * x):02x}" for x in colour) for colour in row] for row in colours.tolist()]
@@ -199,7 +199,7 @@ def _pairs(rows: Iterable[tuple[str, str]], kind: str) -> str:
 
 
 def _list(titles: Sequence[str], rows: Sequence[Sequence[str]], numbers_from: int) -> str:
-    """A table whose columns from a number on are numbers."""
+    """Return an HTML table; columns from index `numbers_from` on hold numbers."""
 
     def line(cells: Sequence[str], tag: str) -> str:
         marks = [' class="number"' if i >= numbers_from else "" for i in range(len(cells))]

@@ -1,4 +1,4 @@
-"""`glpath probes`: light probes in a grid, for programs that light moving things by them."""
+"""`glpath probes`: light probes in a grid, for programs that light moving objects."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _GRID = "Grid"
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     help = command_help(
         ("glpath probes office -o probes.json --grid 8x4x8", "256 probes all over the scene"),
         ("glpath probes room.glb -o probes.json --grid 4x2x4 --bounds 0,0,0,4,3,4", "in a box"),

@@ -1,4 +1,4 @@
-"""`glpath radiosity`: the light between diffuse surfaces, as a solution or as glTF with vertex colours."""
+"""`glpath radiosity`: a radiosity solution, or glTF with its light as vertex colours."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ MethodOption = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
     later = (
         f" 75: ended by a signal ({TERMINATING_TEXT}) with its checkpoint written; start it again with --resume."
@@ -215,7 +215,7 @@ def radiosity(
 
 
 def _checkpoint(out: Path, run: RunRequest) -> SolverCheckpoint | None:
-    """The checkpoint that was asked for. Raises ImageError where it cannot be written."""
+    """Return the requested checkpoint, or None. Raises ImageError if it cannot be written."""
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 
     if not run.keeps:
@@ -226,7 +226,7 @@ def _checkpoint(out: Path, run: RunRequest) -> SolverCheckpoint | None:
 
 
 def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolution | None:
-    """The solution, or what there was of it when it was interrupted."""
+    """Return the solution, partial if it was interrupted; None if there is none."""
     from glpath.radiosity import RadiosityInterrupted, solve_radiosity
 
     try:
@@ -250,7 +250,7 @@ def _is_glb(path: Path) -> bool:
 
 
 def _check_suffix(path: Path) -> None:
-    """Raise UsageError where no format has the suffix."""
+    """Raise UsageError if no output format has this suffix."""
     if not _is_glb(path) and path.suffix.lower() != ".npz":
         raise UsageError(
             f"{path}: a radiosity solution is written as .npz, or as .glb with vertex colours.",
@@ -259,7 +259,7 @@ def _check_suffix(path: Path) -> None:
 
 
 def _check_solved(context: typer.Context, solution: Path) -> None:
-    """Raise UsageError for options that say how to solve, where a solution is given."""
+    """Raise UsageError for options of the solver if a solution is given."""
     for option in context.command.params:
         assert option.name is not None, "options have names"
         source = context.get_parameter_source(option.name)  # by its name: Typer may have a Click of its own
@@ -292,7 +292,7 @@ def _save(solution: RadiositySolution, scene: Scene, out: list[Path], exposure: 
 
 
 def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quiet: bool, *, solved: bool) -> None:
-    """Say what there is; of what was interrupted, exit as such."""
+    """Print what was solved and written; after an interruption, exit with its code."""
     names = ", ".join(map(str, out))
     if solution is not None and not quiet:
         for line in (*_summary(solution), f"  {light_of(scene)}") if solved else ():

@@ -1,7 +1,7 @@
-"""`glpath render`: an image, of a scene or of a job file.
+"""`glpath render`: image of a scene or of a job file.
 
-Everything that can be wrong with the options, the scene and the outputs is found before the render begins.
-`running` gets the film, `frames` many of them, `outcome` writes and reports it.
+Errors in options, scene and outputs are found before the render begins. `running` renders the film, `frames` many
+films, `outcome` writes and reports them.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def render(
         loaded = scenes.at(many.first) if frames is not None and many is not None else scenes.at()
         options = {"integrator": integrator, "spp": run.options().spp(spp), **first, **options}
         asked = running.job_of_scene(loaded, None if crop is None else read_crop(crop), options)
-        # A film on disk may be merged into a denoised picture, or be resumed on a machine that has a denoiser.
+        # A stored film may later be denoised, after merging or resuming on a machine that has a denoiser.
         holds_guides = asked.integrator.noisy and picture.denoise is not False
         picture = picture.of_film(asked.integrator.noisy, out)
         if (picture.denoise or run.clean is not None) and not asked.integrator.noisy:

@@ -1,7 +1,7 @@
-"""The options of how a command runs, each declared once; a command names those that it heeds.
+"""Options of a run, each declared once; a command names those that it has.
 
-`with_options` of `glpath.cli.options` gives a command a `RunRequest` of what was typed, and `RunRequest.options` is
-what the render gets.
+`with_options` of `glpath.cli.options` passes the typed values as a `RunRequest` to the command, and
+`RunRequest.options` converts them for the renderer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 from glpath.system.signals import TERMINATING_TEXT
 
-#: Errors at which a picture is clean to the eye: a denoised one, and one as it is.
+#: Relative errors at which a picture looks clean: with and without denoising.
 _CLEAN, _FAIR = 0.05, 0.02
 _MACHINE, _LONG = "Machine", "Long renders"
 
@@ -38,7 +38,7 @@ _BACKENDS = ("auto", "egl", "osmesa")
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What was typed of the options of a run; what a command does not offer has its default."""
+    """Typed values of the options of a run; an option that a command lacks has its default."""
 
     backend: Annotated[
         str,
@@ -158,7 +158,7 @@ class RunRequest:
     ] = False
 
     def begin(self) -> None:
-        """Raise UsageError for what cannot be; what holds for the whole command holds from now on."""
+        """Check the options and apply those that hold for the whole process. Raises UsageError."""
         check_choice("--progress", self.progress, MODES)
         if self.quiet and self.verbose:
             raise UsageError("-q and -v contradict each other.", "Give one of them.")
@@ -180,47 +180,47 @@ class RunRequest:
 
     @property
     def keeps(self) -> bool:
-        """Whether there is a checkpoint."""
+        """True if the run has a checkpoint."""
         return self.checkpoint is not None or self.resume
 
     @property
     def interval(self) -> tuple[float | None, int | None]:
-        """Seconds or steps between two checkpoints."""
+        """Interval of checkpoints, in seconds or in steps."""
         return (None, None) if self.checkpoint is None else interval("--checkpoint", self.checkpoint)
 
     @property
     def silence(self) -> float:
-        """Seconds after which what does nothing hangs; 0: never."""
+        """Seconds without progress after which the watchdog ends the run; 0: never."""
         return seconds("--hang-limit", self.hang_limit, allow_zero=True)
 
     @property
     def mode(self) -> str:
-        """How progress is shown."""
+        """Mode of the progress display."""
         return "none" if self.quiet and self.progress == "auto" else self.progress
 
     @property
     def talks(self) -> bool:
-        """Whether lines for people are printed."""
+        """True if lines for people are printed."""
         return not self.quiet and self.progress != "json"
 
     @property
     def seconds(self) -> float | None:
-        """After which it ends; None: no limit."""
+        """Time limit in seconds; None: no limit."""
         return None if self.time_limit is None else seconds("--time-limit", self.time_limit)
 
     @property
     def ends_by_rule(self) -> bool:
-        """Whether something ends it before its last path set."""
+        """True if a rule other than the number of path sets ends the render."""
         return self.time_limit is not None or self.noise is not None or self.clean is not None
 
     def until_clean(self, noisy: bool, picture: Picture) -> RunRequest:
-        """Of a picture for which no end was asked for: when it looks clean."""
+        """Return the request with the rule "looks clean" if no other rule ends the render."""
         if not noisy or not (picture.denoise or picture.missing):
             return self
         return replace(self, clean=_CLEAN) if picture.denoise else replace(self, noise=_FAIR)
 
     def options(self, **more: Any) -> RunOptions:
-        """For who renders; more: its other fields."""
+        """Return the options for the renderer; `more` sets further fields."""
         return RunOptions(
             backend=self.backend,
             device=self.device,
@@ -235,11 +235,11 @@ class RunRequest:
         )
 
 
-#: Of commands that render; of those that render no pictures; of a solver, which needs no device; and of the matrix
-#: of view factors, whose rows are kept as often as that takes no time.
+#: Options of commands that render, that render no pictures, of the solver, which needs no device, and of view
+#: factors, whose rows are saved as often as that costs no time.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
 OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("verbose", "clean"))
-#: Of those that render.
+#: Options of commands that render.
 EXIT_CODES = (
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
     f"a signal ({TERMINATING_TEXT}) with its checkpoint written (start it again with --resume), 130 "
@@ -248,17 +248,17 @@ EXIT_CODES = (
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))
-#: And of the matrix of daylight, which needs a device.
+#: Options of `daylight`, which needs a device.
 OF_DAYLIGHT = ("backend", "device", "require_gpu", "cluster", *OF_MATRICES)
 
 
 def declared(name: str) -> tuple[Any, Any]:
-    """The annotation of an option, as typer takes it, and its default."""
+    """Return the annotation of an option for Typer, and its default."""
     return _declarations()[name]
 
 
 @cache
 def _declarations() -> dict[str, tuple[Any, Any]]:
-    # Once: every command asks for some twenty.
+    # Evaluated once, because every command asks for about twenty options.
     hints = get_type_hints(RunRequest, include_extras=True)
     return {field.name: (hints[field.name], field.default) for field in fields(RunRequest)}

@@ -1,4 +1,4 @@
-"""How `glpath render` gets its film: of a scene or a job file, by this process or a cluster, begun or anew."""
+"""Rendering of the film for `glpath render`: from a scene or a job file, here or on a cluster, new or resumed."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("glpath")
 
-# Renders, with the options of a run.
+# Function that renders with the options of a run.
 Start = Callable[["RunOptions"], "Film"]
 
-# What may stand beside --job: where the image goes, what renders it, what is reported.
+# Options allowed with --job: outputs, device and reporting.
 _BESIDE_A_JOB = ("job", "out", "exposure", "tonemap", "denoise", "strict", *OF_RENDERS)
 
 
 def refuse_beside_a_job(context: typer.Context) -> None:
-    """A job says all of the image; whatever else is given contradicts it."""
+    """Raise UsageError for options that contradict a job file, which defines the whole image."""
     for parameter in context.command.params:
         name = parameter.name or ""
         source = context.get_parameter_source(name)
@@ -52,7 +52,7 @@ def refuse_beside_a_job(context: typer.Context) -> None:
 
 
 def job_of_scene(scene: Scene, crop: tuple[int, int, int, int] | None, options: dict[str, Any]) -> RenderJob:
-    """The job of a scene with the options of the command line."""
+    """Return the job of a scene with the options of the command line."""
     from glpath.rendering.job import describe
 
     if crop is not None:
@@ -61,27 +61,27 @@ def job_of_scene(scene: Scene, crop: tuple[int, int, int, int] | None, options: 
 
 
 def of_scene(job: RenderJob, scene: Scene) -> Start:
-    """The render of a job whose scene is there."""
+    """Return the function that renders a job whose scene is loaded."""
     from glpath.rendering.calls import run_job
 
     return lambda run: run_job(job, scene, run)
 
 
 def of_file(job: RenderJob) -> Start:
-    """The render of a job out of a file."""
+    """Return the function that renders a job from a file."""
     from glpath import rendering
 
     return lambda run: rendering.run(job, **vars(run))
 
 
 def denoisable(job: RenderJob) -> RenderJob:
-    """The job with the AOVs that a denoiser goes by."""
+    """Return the job with the AOVs that the denoiser needs."""
     return replace(job, integrator=replace(job.integrator, aovs=with_guides(job.integrator.aovs)))
 
 
 @contextmanager
 def workers_of(address: str | None) -> Iterator[Cluster | None]:
-    """The cluster of --cluster; None: this process renders."""
+    """Yield the cluster of --cluster; None if this process renders."""
     if address is None:
         yield None
         return
@@ -92,10 +92,11 @@ def workers_of(address: str | None) -> Iterator[Cluster | None]:
 
 
 def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None) -> Outcome:
-    """The film, or what there is of it when a signal ends the render, or workers fail; KeyboardInterrupt before
-    there is one.
+    """Render and return the outcome; the film is partial if a signal ends the render or workers fail.
 
-    checkpoint, begun : the checkpoint, and the film that it held
+    checkpoint, begun : checkpoint of the render, and the film that it contains
+
+    Raises KeyboardInterrupt if a signal comes before there is a film.
     """
     before = 0 if begun is None else begun.path_sets
     if checkpoint is not None and begun is not None:

@@ -1,4 +1,4 @@
-"""The argument SCENE, of every command that takes a scene, with its parameters."""
+"""Argument SCENE with its parameters (-D), for every command that takes a scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help=HELP, autoco
 
 
 def parameters_option(panel: str | None = None) -> Any:
-    """`-D`, in a panel of the help."""
+    """Return the declaration of the option `-D`, listed in a panel of the help."""
     return typer.Option(
         "-D",
         metavar="KEY=VALUE",
@@ -40,7 +40,7 @@ Parameters = Annotated[list[str] | None, parameters_option()]
 
 
 class OptionLocation(SourceLocation):
-    """An option of the command line: --camera-up, whose value is written 0,1,0."""
+    """Source location that is a command-line option, such as --camera-up with the value 0,1,0."""
 
     def __str__(self) -> str:
         return self.path
@@ -64,7 +64,7 @@ class OptionLocation(SourceLocation):
 
 
 def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any]) -> Scene:
-    """The scene with what options replace of its camera; None is not given. Raises UsageError, which names them."""
+    """Return the scene with the camera fields that options set (not None). Raises UsageError naming the option."""
     from glpath.rendering.job import with_overrides
 
     given = {name: value for name, value in camera.items() if value is not None}
@@ -72,7 +72,7 @@ def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, 
 
 
 def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
-    """The scene of the argument and the options `-D`. Raises SceneError and UsageError; warns as `load_scene`."""
+    """Load the scene of the argument and of `-D`. Raises SceneError and UsageError; warns as `load_scene`."""
     from glpath.io import load_scene, parameters_from_options
     from glpath.io.load import scene_from_toml
     from glpath.io.surroundings import SURROUNDINGS
@@ -92,7 +92,7 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
 
 
 def light_of(scene: Scene) -> str:
-    """What lights a scene, in a line, with what was added."""
+    """Return a line on the lights of a scene, including lights that were added."""
     import numpy as np
 
     from glpath.scene import Environment
@@ -108,7 +108,7 @@ def light_of(scene: Scene) -> str:
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
     factors = sorted(set(factors_of(scene)))
-    if factors and factors != [1.0]:  # none where the sun alone shines
+    if factors and factors != [1.0]:  # empty if the sun is the only light
         between = " to ".join(f"{factor:g}" for factor in dict.fromkeys((factors[0], factors[-1])))
         parts[-1] += f" (maintenance factor {between})"
     if isinstance(scene.sky, Environment):
@@ -126,9 +126,9 @@ def light_of(scene: Scene) -> str:
 
 @dataclass(frozen=True)
 class Scenes:
-    """The scene of the command line, at the time of any frame.
+    """Scene of the command line at the time of any frame.
 
-    camera : what to replace of its camera; None is not given
+    camera : camera fields to replace; None: not given
     """
 
     scene: str
@@ -138,7 +138,7 @@ class Scenes:
     fps: float
 
     def at(self, frame: int | None = None) -> Scene:
-        """Raises and warns as `read_scene`, of further frames no more; frame: None without --frames."""
+        """Return the scene at a frame (None without --frames). Raises and warns as `read_scene`, once in all."""
         from glpath.io.completed import camera_replaced
 
         with camera_replaced(self.camera):

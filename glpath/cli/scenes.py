@@ -1,4 +1,4 @@
-"""`glpath info`, `validate`, `schema` and `scenes`: what a scene holds and what is wrong with it."""
+"""`glpath info`, `validate`, `schema` and `scenes`: contents and faults of scenes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from glpath.scene.source_location import coordinates
 from glpath.system.files import write_bytes
 from glpath.system.terminal import clean_console, say, say_json
 
-# Rows of the table of shapes; a scene can have thousands.
+# Maximum rows in the table of shapes, because a scene can have thousands.
 _SHOWN = 40
 
 
@@ -278,7 +278,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
 
 
 def _parameters(summary: dict[str, Any]) -> list[Table]:
-    """What -D chooses, where there is something to choose."""
+    """Return a table of the scene's parameters (-D); empty if it has none."""
     if not summary["parameters"]:
         return []
     table = _table("Parameters (-D KEY=VALUE)", "key", "default", "what it is")
@@ -299,7 +299,7 @@ def _parameters(summary: dict[str, Any]) -> list[Table]:
 
 
 def _described(light: dict[str, Any], unit: Unit) -> str:
-    """What makes this light another than the others, in words."""
+    """Return the properties that distinguish a light from others, as text."""
     if light["kind"] == "shape":
         return "both sides" if light["two_sided"] else "front"
     words = [f"at {coordinates(light['position'])}"] if "position" in light else []
@@ -330,7 +330,7 @@ def _numbers(values: list[float]) -> str:
 
 
 def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[str]]:
-    """The error and the warnings of one scene, each with the scene's name in front."""
+    """Return the error and the warnings of one scene, each prefixed with the scene's name."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         try:

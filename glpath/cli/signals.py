@@ -1,4 +1,4 @@
-"""Signals that end a command, such as SIGINT, SIGTERM and SIGHUP, wait until its results are saved.
+"""Handling of signals that end a command (SIGINT, SIGTERM, SIGHUP, ...): they wait until results are saved.
 
 The first one ends the computation, as a KeyboardInterrupt. From then on, or from the moment that a result is there
 (`hold`), signals wait until the command has saved it and ended; the third one that has to wait gives up. A signal
@@ -20,16 +20,16 @@ from glpath.system.signals import REPEATED, TERMINATING
 
 T = TypeVar("T")
 
-#: Exit code of what Ctrl-C has ended.
+#: Exit code of a command that Ctrl-C has ended.
 INTERRUPTED = 130
-#: Exit code of what a scheduler has ended and can resume (EX_TEMPFAIL of sysexits.h).
+#: Exit code of a command that a scheduler has ended and can resume (EX_TEMPFAIL of sysexits.h).
 RESUME_LATER = 75
 
 _PATIENCE = 3
 
 
 class _Signals:
-    """Those of a command that runs."""
+    """State of signal handling during one command."""
 
     def __init__(self) -> None:
         self.first: int | None = None
@@ -54,13 +54,13 @@ class _Signals:
             os.write(2, text.encode())  # print is not for signal handlers
 
 
-# Of the command that runs in the main thread; a process has one set of handlers.
+# State of the command in the main thread; a process has one set of handlers.
 _current = _Signals()
 
 
 @contextmanager
 def signals_wait_for_results() -> Iterator[None]:
-    """Handle the signals so within the block. Only the main thread can; elsewhere they stay as they are."""
+    """Let signals wait for results within the block. Without effect outside the main thread."""
     global _current
     _current = _Signals()
     if threading.current_thread() is not threading.main_thread():
@@ -81,24 +81,24 @@ def signals_wait_for_results() -> Iterator[None]:
 
 
 def hold() -> None:
-    """There is a result from here on: signals wait until it is saved."""
+    """Let signals wait from here on, because there is a result to save."""
     _current.held = True
 
 
 def release() -> None:
-    """The result is saved: signals end the command again, and one that had to wait does so now."""
+    """Let signals end the command again, because the result is saved; a waiting signal ends it now."""
     _current.held = False
     if _current.first is not None:
         raise KeyboardInterrupt
 
 
 def interrupted(number: int = signal.SIGINT) -> None:
-    """A signal came that somebody else took, who gave what there is of a result."""
+    """Record a signal that other code handled by returning a partial result."""
     _current.first, _current.held = number if _current.first is None else _current.first, True
 
 
 def arrived() -> bool:
-    """Whether there was a signal since the command began."""
+    """Return True if a signal came since the command began."""
     return _current.first is not None
 
 
@@ -113,17 +113,17 @@ def resume_later() -> None:
 
 
 def exit_code() -> int:
-    """Of a command that a signal has ended."""
+    """Return the exit code of a command that a signal has ended."""
     return RESUME_LATER if _current.resumable and by_scheduler() else INTERRUPTED
 
 
 def forget() -> None:
-    """All was done and is saved: the signal that came has nothing left to end."""
+    """Forget the signal that came, because all work is done and saved."""
     _current.first = None
 
 
 def result_of(compute: Callable[[], T]) -> T:
-    """What `compute` returns, which no signal can take away any more."""
+    """Return the result of `compute`; from then on signals wait until it is saved."""
     results: list[T] = []
     try:
         results.append(compute())

@@ -1,13 +1,13 @@
-"""Errors and warnings as the command line shows them.
+"""Translation of errors and warnings to the command line's notation.
 
-They are worded for Python, `integrator="path"`; here that is typed --integrator path.
+Messages are worded for Python, `integrator="path"`; a user of the command line types --integrator path.
 """
 
 from __future__ import annotations
 
 import re
 
-# Of commands, besides the options of integrators.
+# Names of command options, besides those of integrators.
 _OF_COMMANDS = (
     *("integrator", "crop", "resolution", "device", "require_gpu", "hours", "time_limit"),
     *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
@@ -18,7 +18,7 @@ _ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\
 
 
 def as_typed(text: str) -> str:
-    """`text` with command-line options instead of Python's arguments: --require-gpu for require_gpu=True."""
+    """Replace Python arguments in `text` by command-line options: require_gpu=True by --require-gpu."""
     return _ARGUMENT.sub(_option, text)
 
 

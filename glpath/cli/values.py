@@ -1,4 +1,4 @@
-"""Values of the command line as Python has them, or a UsageError that names the option."""
+"""Conversion of command-line values to Python, with a UsageError that names the option."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _UNITS = {"": 1.0, "s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def check_choice(option: str, found: str, allowed: Sequence[str]) -> None:
-    """One of the words, or a UsageError that names them."""
+    """Raise UsageError unless `found` is one of `allowed`."""
     if found not in allowed:
         raise UsageError(f"{option} {found}: there is no such choice. Allowed: {', '.join(allowed)}.")
 
 
 def check_spp(spp: int | None) -> None:
-    """1 or more, where it is given."""
+    """Raise UsageError if --spp is given and below 1."""
     if spp is not None and spp < 1:
         raise UsageError(f"--spp {spp}: must be at least 1.")
 
@@ -30,7 +30,7 @@ def check_spp(spp: int | None) -> None:
 def numbers(
     option: str, text: str, form: str, counts: Sequence[int], kind: Callable[[str], float], separator: str = ","
 ) -> list[Any]:
-    """The numbers of a text, which must be one of `counts` many; else a UsageError that shows `form`."""
+    """Return the numbers in a text. Raises UsageError that shows `form` unless their count is in `counts`."""
     try:
         found = [kind(part) for part in text.split(separator)]
     except ValueError:
@@ -41,7 +41,7 @@ def numbers(
 
 
 def vector(option: str, text: str | None) -> Vector | None:
-    """X,Y,Z."""
+    """Return the vector X,Y,Z, or None. Raises UsageError."""
     if text is None:
         return None
     x, y, z = numbers(option, text, "X,Y,Z", [3], real)
@@ -49,13 +49,13 @@ def vector(option: str, text: str | None) -> Vector | None:
 
 
 def shutter(text: str) -> tuple[float, float]:
-    """T,T of --camera-shutter."""
+    """Return the two times T,T of --camera-shutter. Raises UsageError."""
     opened, closed = numbers("--camera-shutter", text, "T,T", [2], real)
     return opened, closed
 
 
 def colour(option: str, text: str) -> Vector:
-    """R,G,B or one number for all three, not negative."""
+    """Return the colour R,G,B, or one number for all three. Raises UsageError for negative values."""
     found = numbers(option, text, "R,G,B or one number,", [1, 3], real)
     if min(found) < 0:
         raise UsageError(f"{option} {text}: radiance cannot be negative.")
@@ -64,7 +64,7 @@ def colour(option: str, text: str) -> Vector:
 
 
 def resolution(text: str) -> tuple[int, int]:
-    """WxH of --resolution."""
+    """Return width and height of --resolution WxH. Raises UsageError."""
     width, height = numbers("--resolution", text.lower(), "WxH", [2], whole, "x")
     if width < 1 or height < 1:
         raise UsageError(f"--resolution {text}: both sides must be at least 1 pixel.")
@@ -72,7 +72,7 @@ def resolution(text: str) -> tuple[int, int]:
 
 
 def crop(text: str) -> tuple[int, int, int, int]:
-    """X,Y,W,H of --crop."""
+    """Return the window X,Y,W,H of --crop. Raises UsageError."""
     x, y, width, height = numbers("--crop", text, "X,Y,W,H", [4], whole)
     if width < 1 or height < 1:
         raise UsageError(f"--crop {text}: both sides must be at least 1 pixel.")
@@ -80,7 +80,7 @@ def crop(text: str) -> tuple[int, int, int, int]:
 
 
 def exposure(text: str | None) -> float | Literal["auto"] | None:
-    """STOPS of --exposure, or the word auto."""
+    """Return the value of --exposure: stops, "auto" or None. Raises UsageError."""
     if text is None or text == "auto":
         return text  # type: ignore[return-value]
     try:
@@ -93,7 +93,7 @@ def exposure(text: str | None) -> float | Literal["auto"] | None:
 
 
 def seconds(option: str, text: str, allow_zero: bool = False) -> float:
-    """90, 90s, 10m, 2h, 1.5h or 1d. Raises UsageError."""
+    """Return the seconds of a duration such as 90, 90s, 10m, 1.5h or 1d. Raises UsageError."""
     match = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([a-z]*)", text.strip().lower())
     value = float(match[1]) * _UNITS[match[2]] if match and match[2] in _UNITS else -1.0
     if not (value > 0 or (allow_zero and value == 0)) or value > 1e9:
@@ -102,7 +102,7 @@ def seconds(option: str, text: str, allow_zero: bool = False) -> float:
 
 
 def interval(option: str, text: str) -> tuple[float | None, int | None]:
-    """Seconds, or steps: 60s, 5m, 100i. Raises UsageError."""
+    """Return an interval in seconds (60s, 5m) or in steps (100i). Raises UsageError."""
     if match := re.fullmatch(r"([0-9]{1,18})i", text.strip().lower()):
         if int(match[1]) < 1:
             raise UsageError(f"{option} {text}: must be at least one step, 1i.")
@@ -114,7 +114,7 @@ def interval(option: str, text: str) -> tuple[float | None, int | None]:
 
 
 def shard_of(text: str | None) -> tuple[int, int] | None:
-    """K and N of --shard K/N. Raises UsageError."""
+    """Return K and N of --shard K/N, or None. Raises UsageError."""
     if text is None:
         return None
     found = re.fullmatch(r"([0-9]{1,18})/([0-9]{1,18})", text.strip())
@@ -124,7 +124,7 @@ def shard_of(text: str | None) -> tuple[int, int] | None:
 
 
 def sample_range(text: str) -> tuple[int, int]:
-    """First path set and how many of --sample-range. Raises UsageError."""
+    """Return the first path set and the count of --sample-range A:B. Raises UsageError."""
     match = re.fullmatch(r"([0-9]{1,18}):([0-9]{1,18})", text.strip())
     if not match or int(match[1]) >= int(match[2]):
         raise UsageError(f"--sample-range {text}: expected A:B, whole numbers of which B is greater, e.g. 0:64.")
@@ -132,7 +132,7 @@ def sample_range(text: str) -> tuple[int, int]:
 
 
 def check_inside(window: tuple[int, int, int, int], resolution: tuple[int, int]) -> None:
-    """Refuse a crop that reaches out of the image."""
+    """Raise UsageError if a crop extends beyond the image."""
     x, y, width, height = window
     full_width, full_height = resolution
     if x < 0 or y < 0 or x + width > full_width or y + height > full_height:

@@ -1,4 +1,4 @@
-"""`glpath viewfactors`: the matrix of view factors between the faces of a scene or a mesh."""
+"""`glpath viewfactors`: matrix of view factors between the faces of a scene or a mesh."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PROPERTIES = ("reciprocity", "closure")
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the command line."""
     help = command_help(
         ("glpath viewfactors street.stl -o F.npz", "from every face to every other, and to the sky"),
         ("glpath viewfactors room.obj -o F.csv --groups shapes", "between the shapes"),
@@ -110,7 +110,7 @@ def viewfactors(
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
     file = Path(scene)
     faces: Path | Scene = file
-    # A mesh file is read as it is, so that row i is its face i: a scene leaves out triangles without area.
+    # A mesh file is read unchanged, so that row i is its face i, because a scene drops triangles without area.
     if parameters or groups == "shapes" or file.suffix.lower() not in FORMATS:
         with geometry_alone():
             faces = read_scene(scene, parameters)
