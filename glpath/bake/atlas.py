@@ -1,11 +1,11 @@
-"""An atlas: where each side of each triangle lies on the pages of a lightmap, by xatlas or by the file's own uv.
+"""Texture atlas of a lightmap: page and uv of each triangle side, made by xatlas or taken from the file.
 
 Coordinates are texels of a page, x to the right and y downwards from the top left corner: texel (row, column) is
 the square from (column, row) to (column + 1, row + 1).
 
-Cost:     xatlas takes some 4 s for 15,000 triangles of 1800 charts, most of it for packing. Of more than 20,000
-          sides charts are made once, of all instances of a mesh together, and the trials for a page only pack them.
-Poor at:  triangle soups, each triangle of which becomes a chart with its gutter.
+Cost:     xatlas takes about 4 s for 15,000 triangles of 1800 charts, most of it for packing. Above 20,000 sides,
+          charts are made once, for all instances of a mesh together, and the trials for a page only pack them.
+Poor at:  triangle soups, because each triangle becomes a chart with its own gutter.
 Source:   xatlas (Young 2018 to 2022), https://github.com/jpcy/xatlas, which is optional: `glpath[bake]`.
 """
 
@@ -30,50 +30,50 @@ from glpath.scene.geometry import Float64, Mesh
 from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
-#: Triangles, the side of them, and its density.
+#: Triangle indices of a part, their side, and its texel density.
 Part = tuple[Int64, int, float]
-#: A part's corners (V, 2) in the plane, the three of each of its triangles (F, 3), and which of them these are.
+#: Corners of a part (V, 2) in the plane, corner indices of its triangles (F, 3), and indices of these triangles.
 Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 
 MAX_SIZE = 8192
-#: Texels between charts: as far as bilinear look-ups of the first mipmap levels go.
+#: Texels between charts, enough for bilinear look-ups in the first mipmap levels.
 PADDING = 4
-# The padding of a single look-up, where charts are so many that wider gutters leave them less than this of a page.
+# Padding for one bilinear look-up, and the fraction of a page for charts below which wider gutters shrink to it.
 _MIN_PADDING, _COVERED = 2, 1 / 3
-#: A page that is as large as it has to be is of a power of two between these.
+#: Smallest and largest page side, powers of two, if the page size is chosen automatically.
 _MIN_PAGE, _LARGEST_PAGE = 64, 4096
-#: Share of a page that charts may fill at the most, and the least step by which they shrink until they fit; of many
-#: sides the share of a page's side that is enough.
+#: Maximum fraction of a page that charts may fill, and the smallest step by which they shrink until they fit; for
+#: scenes with many sides, the fraction of a page's side that suffices.
 _FILLED, _STEP, _LARGE_STEP, _TRIALS = 0.95, 0.985, 0.95, 30
-#: Share of the gap between what fits and what does not by which less is tried than is likely to fit.
+#: Safety margin of the next trial, as a fraction of the gap between densities that fit and that do not.
 _SHY = 0.05
-#: Of a scene of more sides of triangles than this, parts of more than so many are cut into patches of that many:
-#: the time for charts grows with the square of what hangs together (0.5 ms a triangle of 8,000, 0.05 of 250).
+#: Above the first count of sides in a scene, parts are cut into patches of at most the second count of triangles,
+#: because chart time grows with the square of a part's size (0.5 ms a triangle for 8,000, 0.05 ms for 250).
 _MANY, _WHOLE, _PATCH = 20_000, 1024, 250
-#: Charts that are packed later are made of so many times as many texels, as long as those fit a page of so many.
+#: Oversampling of charts that are packed later, and the largest page side that they may need.
 _FINER, _CHART_PAGE = 2.0, 4096
-#: Core seconds of an atlas: of a side of a triangle, the same of many sides, whose charts are made once, and of a
-#: piece that hangs together, over all trials (measured); the most allowed, and from how many on it is reported.
+#: Measured core seconds of an atlas over all trials: for each triangle side, for each side if charts are made once,
+#: and for each connected piece; then the maximum allowed, and the time from which on it is reported.
 _SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MAX_SECONDS, _REPORTED_SECONDS = 4e-4, 1.5e-4, 2e-3, 600.0, 10.0
-#: Areas of triangles that xatlas has charts for, and the least unit for their sake, in extents of the scene.
+#: Smallest triangle area that xatlas makes charts for, and the smallest unit used for it, in scene extents.
 _MIN_AREA, _MIN_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
-#: After so many steps charts of so small a share of their size are tried, which are little more than their gutters.
+#: Number of trials, and the smallest chart scale tried; such charts are little larger than their gutters.
 _PATIENCE, _NEXT_TO_NONE = 2, 1e-3
 _PACKING = "making the atlas"  # for a time limit
 
 
 @dataclass(frozen=True, eq=False)
 class Atlas:
-    """Sides of triangles on pages; F of them.
+    """F triangle sides ("faces") with their pages and texture coordinates.
 
-    triangle : (F,) number of a triangle of the scene
+    triangle : (F,) index of the triangle in the scene
     side     : (F,) 0 for its front, 1 for its back
-    page     : (F,) from 0
-    chart    : (F,) from 0, on through all pages: what hangs together on a page
-    uv       : (F, 3, 2) float64, texels, of corners in the order of the triangle's
-    size     : (width, height) of every page, texels
-    pages    : how many
-    texels   : per scene unit, where charts are not stretched; 0 of the file's own coordinates
+    page     : (F,) page index
+    chart    : (F,) chart index, counted through all pages
+    uv       : (F, 3, 2) float64, texels, in the order of the triangle's corners
+    size     : (width, height) of each page, texels
+    pages    : number of pages
+    texels   : texels per scene unit in charts without stretch; 0 if the coordinates are the file's
     """
 
     triangle: Int64
@@ -87,21 +87,21 @@ class Atlas:
 
     @property
     def of_file(self) -> bool:
-        """The coordinates are the file's own, of one side of each triangle."""
+        """True if the coordinates are the file's own, which have one side of each triangle."""
         return self.texels == 0
 
     @cached_property
     def areas(self) -> Float64:
-        """(F,) of the faces on their pages, texels^2."""
+        """Area of each face on its page, (F,), texels^2."""
         a, b = self.uv[:, 1] - self.uv[:, 0], self.uv[:, 2] - self.uv[:, 0]
         return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
     def normals(self, scene: Scene) -> Float64:
-        """(F, 3) unit, of the faces, out of the side that is baked."""
+        """Return (F, 3) unit normals of the faces, pointing out of the baked side."""
         return np.asarray(scene.normals[self.triangle] * (1 - 2 * self.side)[:, None])
 
     def corner_normals(self, scene: Scene) -> Float64:
-        """(F, 3, 3) unit: the smooth normals of the corners, or the face's where one has none."""
+        """Return (F, 3, 3) unit corner normals: smooth ones, or the face's own if it has none."""
         shapes, plain = scene.shapes, self.normals(scene)
         corners = shapes.vertex_normals[shapes.faces[self.triangle]] * (1 - 2 * self.side)[:, None, None]
         flat = ~(np.abs(corners).sum(axis=2) > 0).all(axis=1)
@@ -110,7 +110,7 @@ class Atlas:
 
 
 def require_xatlas() -> Any:
-    """The module `xatlas`. Raises GlpathError with the line to type where it is missing."""
+    """Return the module `xatlas`. Raises GlpathError with the install command if it is missing."""
     try:
         import xatlas
     except ImportError as error:
@@ -129,14 +129,15 @@ def packed(
     size: int | None,
     say: Callable[[str], None] | None = None,
 ) -> Atlas:
-    """The atlas of a scene in triangles, cut and packed by xatlas.
+    """Return the atlas of a triangulated scene, cut and packed by xatlas.
 
-    density : (T, 2) texels along a side for one of `texels`; 0 of sides that get none
-    texels  : per scene unit, on as many pages as that takes; None: what fits one page
-    size    : of a page; None with texels: the least power of two up to 4096 that takes all, or else several of it
-    say     : is called with an estimate of the time before the work, where it is more than some seconds
+    density : (T, 2) density of each side relative to `texels`; 0 for sides without texels
+    texels  : texels per scene unit, on as many pages as needed; None: the largest density that fits one page
+    size    : side of a page; None with `texels`: the smallest power of two up to 4096 that holds all charts, or
+              several such pages
+    say     : called with an estimate of the time if the work takes more than some seconds
 
-    A triangle that is too small for xatlas gets a point of the one beside it.
+    A triangle that is too small for xatlas is mapped to a point of its neighbour.
     """
     xatlas = require_xatlas()
     parts = _parts(scene, density)
@@ -159,7 +160,7 @@ def packed(
 def _check_time(
     scene: Scene, parts: list[Part], size: int | None, texels: float | None, say: Callable[[str], None] | None
 ) -> None:
-    """Raise UsageError for what fits no page, or would take too long, before any of it is begun."""
+    """Raise UsageError, before the work begins, if charts cannot fit a page or would take too long."""
     triangles = sum(len(part) for part, _, _ in parts)
     scene_name = scene.source or scene.name
     if texels is None and size is not None and len(parts) * (1 + _MIN_PADDING) ** 2 > size * size:
@@ -184,7 +185,7 @@ def _check_time(
 
 
 def _with_splinters(scene: Scene, atlas: Atlas, density: Float64) -> Atlas:
-    """With the sides that the atlas lacks, of areas too small for it: each at a point of the nearest face."""
+    """Return the atlas with the sides that are too small for xatlas, each at a point of the nearest face."""
     from scipy.spatial import cKDTree
 
     lacks = density > 0
@@ -212,7 +213,7 @@ def _with_splinters(scene: Scene, atlas: Atlas, density: Float64) -> Atlas:
 
 
 def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
-    """xatlas shrinks what does not fit a page."""
+    """Warn of charts that do not fit a page, which xatlas shrinks."""
     count = int(atlas.chart.max()) + 1
     of_face = density[atlas.triangle, atlas.side]
     wide = np.bincount(atlas.chart, of_face**2 * scene.areas[atlas.triangle], count)
@@ -227,7 +228,7 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
 
 
 def _parts(scene: Scene, density: Float64) -> list[Part]:
-    """The parts of each mesh with one side and one density."""
+    """Return the parts of each mesh, each with one side and one density."""
     parts: list[Part] = []
     first = 0
     densities = np.unique(density[density > 0])
@@ -238,7 +239,7 @@ def _parts(scene: Scene, density: Float64) -> list[Part]:
             for wanted in densities:
                 those = np.flatnonzero(density[first : first + count, side] == wanted)
                 if many and len(those) > _WHOLE:
-                    # In the mesh's own space, so that all of its instances are cut alike.
+                    # In object space, so that all instances of a mesh are cut alike.
                     patches = _patches(points_in_steps(mesh.vertices[mesh.faces].mean(axis=1)), those)
                 else:
                     patches = [those] if len(those) else []
@@ -248,9 +249,9 @@ def _parts(scene: Scene, density: Float64) -> list[Part]:
 
 
 def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
-    """Halves of halves of triangles, of those (T, 3) whose middles these are, across where they reach farthest.
+    """Split triangles recursively in halves along the longest axis of their centroids, until patches are small.
 
-    middles : in whole steps; of equal ones the first triangles are in the first half
+    middles : (T, 3) centroids in integer steps; ties keep the order of the triangles
     """
     if len(triangles) <= _PATCH:
         return [np.sort(triangles)]
@@ -262,7 +263,7 @@ def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
 
 
 def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
-    """On one page, with as many texels a scene unit as fit."""
+    """Return an atlas of one page with the largest texel density that fits."""
     areas = scene.areas  # found anew at each call
     area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
     guess = rounded(math.sqrt(_FILLED * size * size / area))
@@ -284,7 +285,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
             if over[0] <= fits[0] / _STEP or (best is not None and not math.isfinite(over[0])):
                 break
             if trial == _PATIENCE and best is None:
-                # Minutes of trials are in vain where gutters alone are too much.
+                # Minutes of trials would be in vain if gutters alone exceed the page.
                 smallest = _NEXT_TO_NONE * texels
                 fits = smallest, max(_packed(xatlas, scene, parts, charts, smallest, None, padding).size)
                 if fits[1] > size:
@@ -303,23 +304,23 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
 
 
 def _between(fits: tuple[float, float], over: tuple[float, float], size: int) -> float:
-    """Texels a scene unit for a page as large as wanted: of (texels, page) that fits and of one that does not.
+    """Interpolate the texel density between (density, page side) that fits and one that does not.
 
-    The sides of charts grow with the texels, and gutters stay, so that the page does in between.
+    Charts grow with the density and gutters do not, so the page side grows more slowly than the density.
     """
     if fits[1] == 0:
         return over[0] * min(_STEP, size / over[1])
     share = (size - fits[1]) / (over[1] - fits[1])
-    # Not the largest that fits is taken, as packing is stochastic; and each end comes nearer.
+    # Slightly below the estimate, because packing is stochastic; so both ends of the interval approach.
     return fits[0] + (over[0] - fits[0]) * min(max(share - _SHY, 0.1), 0.9)
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Each part's charts, in units of `_unit`; None for few sides, whose every packing makes its own.
+    """Return each part's charts in units of `_unit`; None for few sides, where each packing makes its own charts.
 
-    texels : per scene unit, about as many as they are packed with: xatlas stretches charts to whole texels
+    texels : approximate texels per scene unit of the packing, because xatlas stretches charts to whole texels
 
-    What is alike but for where it stands, how it is turned and how large it is, has the same ones.
+    Parts that differ only by a similarity transform share their charts.
     """
     if sum(len(triangles) for triangles, _, _ in parts) <= _MANY:
         return None
@@ -352,7 +353,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
 
 
 def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
-    """(P,): numbers that parts share which differ only by a similarity; and (P,) how large each is."""
+    """Return (P,) group indices of parts that differ only by a similarity, and (P,) the scale of each part."""
     kinds: dict[tuple[object, ...], int] = {}
     alike, scales = np.zeros(len(parts), np.int64), np.zeros(len(parts))
     instances = list(scene.shapes.mesh_instances())
@@ -369,7 +370,7 @@ def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
 
 
 def _corners(scene: Scene, part: Part, unit: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """For xatlas: points (V, 3) of a part, and the three of each of its triangles."""
+    """Return points (V, 3) of a part and corner indices of its triangles (F, 3), for xatlas."""
     triangles, side, density = part
     steps, step = corners_in_steps(scene.triangles[triangles])
     points, faces = np.unique(steps.reshape(-1, 3), axis=0, return_inverse=True)
@@ -386,9 +387,9 @@ def _packed(
     size: int | None,
     padding: int = PADDING,
 ) -> Atlas:
-    """On pages of a size; None: on one that is as large as it has to be.
+    """Return the packed atlas on pages of `size`; None: one page, as large as needed.
 
-    charts : of each part, from `_charts`
+    charts : charts of each part, from `_charts`
     """
     unit = _unit(scene, parts)
     with atlas_of(xatlas) as atlas:
@@ -421,15 +422,16 @@ def _packed(
             )
         page_size, pages = (int(atlas.width), int(atlas.height)), int(atlas.atlas_count)
     columns = [np.concatenate(column) for column in zip(*made, strict=True)]
-    on_a_page = columns[2] < pages  # what xatlas takes for no area has another number
+    on_a_page = columns[2] < pages  # faces that xatlas takes for degenerate have another page index
     triangle, side_of, page, chart, corners = (column[on_a_page] for column in columns)
     _, number = np.unique(chart, axis=0, return_inverse=True)
     return Atlas(triangle, side_of, page, number.ravel(), corners, page_size, pages, texels)
 
 
 def _unit(scene: Scene, parts: list[Part]) -> float:
-    """Scene units of one of xatlas's, a power of two: about the extent, or less for the smallest areas, which it
-    takes for none.
+    """Return the scene units per unit of xatlas, a power of two.
+
+    It is about the scene's extent, or less if the smallest triangles would be degenerate for xatlas.
     """
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
     areas = scene.areas  # found anew at each call
@@ -438,11 +440,11 @@ def _unit(scene: Scene, parts: list[Part]) -> float:
 
 
 def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
-    """The atlas of the second texture coordinates that all meshes have: of all triangles one side.
+    """Return the atlas of the meshes' second texture coordinates, with one side of each triangle.
 
-    lit : (T, 2) bool: the side is the front, but where the back alone is
+    lit : (T, 2) bool, lit sides; the front is used unless only the back is lit
 
-    Raises SceneError where they are no unwrapping: missing, beyond 0 to 1, or overlapping.
+    Raises SceneError if the coordinates are missing, outside of 0 to 1, or overlap.
     """
     scene_name = scene.source or scene.name
     for shape in scene.shapes:
@@ -466,7 +468,7 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
-    # A chart has faces that share corners in space and on the page.
+    # Faces of a chart share corners in space and on the page.
     corners = np.concatenate([scene.triangles[triangle], np.round(texels, 4)], axis=2)
     chart = np.unique(pieces(corners), return_inverse=True)[1].astype(np.int64)
     atlas = Atlas(triangle, side, np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)
@@ -475,7 +477,7 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
 
 
 def _check_apart(scene: Scene, atlas: Atlas, scene_name: str) -> None:
-    """Raise SceneError where the middles of texels are in several triangles."""
+    """Raise SceneError if the centre of a texel lies in several triangles."""
     twice = overlapping(atlas.uv, atlas.size)
     if twice is None:
         return

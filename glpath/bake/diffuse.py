@@ -1,4 +1,4 @@
-"""Materials without what depends on the view: diffuse reflection, emission and opacity."""
+"""View-independent part of materials: diffuse reflection, emission and opacity."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Int64 = NDArray[np.int64]
 
 
 def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64:
-    """(N, 7) of sides of triangles (N,) at barycentric coordinates (N, 2): reflectance, emission, opacity.
+    """Return (N, 7) reflectance, emission and opacity of triangle sides (N,) at barycentric coordinates (N, 2).
 
-    Under microfacets the base has what Fresnel's layer lets through of light from everywhere. Mirrors and metal,
-    which have no diffuse reflection, are as if they were rough: they reflect as much, in their colour.
+    The base below microfacets reflects the light that the Fresnel layer transmits, averaged over all directions.
+    Mirrors and metal, which have no diffuse reflection, count as diffuse surfaces of the same reflectance.
     """
     look = Appearance(scene)
     opacity = look.opacity(triangle, b)

@@ -1,4 +1,4 @@
-"""Baked scenes as .glb: base colour times light, unlit; or materials as they are, with the light map beside."""
+"""Baked scenes as .glb: unlit with base colour times light, or original materials with a separate light map."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from glpath.bake.atlas import Atlas
     from glpath.bake.lightmap import Lightmap
 
-#: Samples of a texel of which its base colour is the mean, at the most.
+#: Maximum number of samples over which the base colour of a texel is averaged.
 _COLOUR_SAMPLES = 5
-#: From here on a material is called metal.
+#: Minimum `metallic` of materials that the warning calls metal.
 _METAL = 0.99
 
 
@@ -62,7 +62,7 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
         mode = "blend" if material.clear > 0 else material.alpha
         primitives = []
         for page, mesh in _parts(scene, atlas, number):
-            # Kept coordinates have one side alone: the other has its light.
+            # The file's coordinates have only one side, so the other side shows the same light.
             key = page, mode, material.cutoff, atlas.of_file and material.two_sided
             if key not in materials:
                 materials[key] = len(file.materials)
@@ -115,7 +115,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     made = replace(
         scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=()
     )
-    # Emission keeps its numbers beside the map's, whatever their unit: viewers show both without an exposure.
+    # Emission keeps its values next to those of the map, whatever the unit, because viewers apply no exposure.
     made = replace(made, unit="photometric")
     _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
@@ -141,7 +141,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
 
 
 def _named_by_page(shapes: list[Shape], page_of: list[int]) -> list[Shape]:
-    """Return the shapes, whose names have the number of their page where one name is on several pages."""
+    """Return the shapes; if a name occurs on several pages, the page number is appended to it."""
     pages: dict[str, set[int]] = {}
     for shape, page in zip(shapes, page_of, strict=True):
         pages.setdefault(shape.name, set()).add(page)
@@ -154,12 +154,12 @@ def _named_by_page(shapes: list[Shape], page_of: list[int]) -> list[Shape]:
 def _parts(
     scene: Scene, atlas: Atlas, number: int, side: int | None = None, uv_set: int | None = None
 ) -> list[tuple[int, Mesh]]:
-    """A shape's meshes in world space, one for each page, whose second texture coordinates are the atlas's.
+    """Return a shape's meshes in world space, one for each page, with the atlas as second texture coordinates.
 
-    Where a triangle has both sides, the back is a little behind, see `behind`.
+    If both sides of a triangle have texels, the back is shifted a little behind the front, see `behind`.
 
-    side   : one alone
-    uv_set : with all that the vertices have, of the scene's texture coordinates the first (0) or the second
+    side   : only this side; None: both
+    uv_set : keep all vertex attributes and this set (0 or 1) of the scene's texture coordinates
     """
     shapes, attributes = scene.shapes, uv_set is not None
     part = scene.shapes.ranges[number]
@@ -204,7 +204,7 @@ def radiance_of(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return pages of exitant radiance, (P, h, w, 3), W sr^-1 m^-2, and of opacity, (P, h, w, 1).
 
-    irradiance : (P, h, w, 3) instead of the lightmap's own
+    irradiance : (P, h, w, 3), used instead of the lightmap's own
     """
     irradiance = baked.irradiance if irradiance is None else irradiance
     surfaces = baked.surfaces
@@ -261,7 +261,7 @@ def _warn_of_what_is_left_out(scene: Scene, path: Path) -> None:
 
 
 def _warn_of_what_is_black(scene: Scene, path: Path) -> None:
-    """Viewers have mirrors and metal reflect an environment map, and nothing else."""
+    """Warn of mirrors and metal, which are black in viewers without an environment map."""
     used = {shape.material for shape in scene.shapes}
     names = [
         m.name
@@ -277,13 +277,13 @@ def _warn_of_what_is_black(scene: Scene, path: Path) -> None:
 
 
 def check_keepable(scene: Scene) -> None:
-    """Raise SceneError for materials that cannot be kept beside a light map: to be asked before it is baked."""
+    """Raise SceneError, before the bake, for materials that cannot be combined with a light map."""
     for material in scene.materials:
         _with_first_uv(material)
 
 
 def _with_first_uv(material: Material) -> Material:
-    """The material where its textures use the first coordinates, as the second are the light's."""
+    """Return the material with its textures on the first coordinates, because the second are the light map's."""
     sets = {slot.uv_set for slot in material.slots.values()}
     if 1 not in sets:
         return material

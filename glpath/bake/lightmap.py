@@ -1,13 +1,13 @@
-"""Lightmaps: the light of all bounces at the texels of a scene's surfaces, for programs that have none.
+"""Lightmaps: global illumination stored in textures of a scene's surfaces, for real-time programs.
 
     glpath.lightmap("cornell-box", size=512, spp=64).save("baked.glb")
 
-Texels are points where paths start, rendered by the same engine, into the same film and by the same stop rules as a
-camera's picture: pi times what the film holds is their irradiance.
+Paths start at texels and use the same engine, film and stop rules as a camera's picture. The irradiance of a texel
+is pi times its radiance in the film.
 
-Cost:     what a picture of as many pixels as there are texels costs, plus seconds for the atlas.
-Poor at:  what looks different from elsewhere: highlights and glass are no light of a texel; mirrors and metal have
-          it as if they were rough. Normal maps are not seen by the light; shadows are as sharp as texels are small.
+Cost:     that of a picture with as many pixels as texels, plus seconds for the atlas.
+Poor at:  view-dependent light: highlights and glass are left out; mirrors and metal are baked as if they were
+          diffuse. Normal maps have no effect on the light; texel size limits the sharpness of shadows.
 """
 
 from __future__ import annotations
@@ -52,28 +52,28 @@ Uv = Literal["make", "keep"]
 Materials = Literal["unlit", "keep"]
 
 DEFAULT_SIZE = 512
-#: Texels per scene unit that are possible: squares of others, times areas, are beyond floating-point numbers.
+#: Allowed texels per scene unit; beyond these limits, their squares times areas overflow floating-point numbers.
 DENSITIES = 1e-18, 1e18
-#: Samples of a texel where a denoiser follows: of half as many it leaves blotches that the eye finds (`room`).
+#: Samples per texel before denoising; with half as many, the denoiser leaves visible blotches (`room`).
 DENOISED_SPP = 128
-#: Texels of the longer side of a page that a notebook shows.
+#: Longer side of a page shown in a notebook, pixels.
 _PREVIEW = 1024
-#: Of a texel, at the worst moment: its samples, the sensor's tables, the film's sums, and pages (measured: 1500 of
-#: each of a million, more of fewer). Of a page that is filled as far as fits, half has texels at least.
+#: Peak memory in bytes per texel for samples, sensor tables, film sums and pages (measured: 1500 for a million
+#: texels, more for fewer), and the minimum fraction of texels on a page that is filled as far as fits.
 _BYTES, _FILLED = 1400, 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """The texels of a scene, before there is light on them.
+    """Texels of a scene before they are lit.
 
-    scene  : in triangles, as it stands when the shutter opens, without its streams, which have no texels
-    atlas  : where its surfaces are on the pages
-    texels : N of them, of which those that are inside other geometry are not rendered
-    inside : (N,) bool
-    hidden : how many sides of triangles are the inside of closed solids, and have no texels; all else has some
-    streamed : rays against the scene's streams; None without
+    scene  : triangulated scene at shutter opening, without its streams, which have no texels
+    atlas  : texture atlas of its surfaces
+    texels : N texels; those inside other geometry are not rendered
+    inside : (N,) bool, True for texels inside other geometry
+    hidden : number of triangle sides without texels, because they are the inside of closed solids
+    streamed : rays against the scene's streams; None if it has none
     """
 
     scene: Scene
@@ -93,11 +93,11 @@ class Surfaces:
         say: Callable[[str], None] | None = None,
         geometry_budget: int = GEOMETRY_BUDGET,
     ) -> Surfaces:
-        """See `lightmap` for the parameters, and `packed` for `say`. Raises UsageError and SceneError.
+        """Return the texels of a scene; see `lightmap` for the parameters, and `packed` for `say`.
 
-        geometry_budget : MiB for triangles of the scene's streams, while it is found which texels they cover
+        geometry_budget : MiB for triangles of the scene's streams during the test for covered texels
 
-        Warns SceneWarning of streams, which are not baked.
+        Raises UsageError and SceneError. Warns SceneWarning of streams, which are not baked.
         """
         check_density(texels, size, uv)
         whole = path_traceable(scene.at(), streams=True)
@@ -124,23 +124,23 @@ class Surfaces:
 
     @classmethod
     def on(cls, scene: Scene, atlas: Atlas, sides: Sides, streamed: StreamedRays | None = None) -> Surfaces:
-        """From an existing atlas, of a scene in triangles that are in memory. Raises SceneError."""
+        """Return the texels of an existing atlas, for a triangulated scene in memory. Raises SceneError."""
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
         covered = None if streamed is None else Covered(streamed, sides)
         texels, inside = outside(scene, atlas, found, sides, covered)
         if streamed is not None:
-            streamed.forget()  # before the render, which has the budget then
+            streamed.forget()  # frees its memory before the render, which needs the same budget
         return cls(scene, atlas, texels, inside, int(sides.hidden.sum()), streamed)
 
     @property
     def rendered(self) -> Scene:
-        """The scene that lights the texels: with its streams, in the coordinates of `scene`."""
+        """Scene that lights the texels: `scene` with its streams, in the same coordinates."""
         return self.scene if self.streamed is None else self.streamed.scene
 
     def sensor(self) -> PointSensor:
-        """The texels that are rendered, in rows of a square; the rest of its last row is not valid."""
+        """Return the rendered texels as points in rows of a square; the rest of the last row is invalid."""
         rendered = np.flatnonzero(~self.inside)
         if not len(rendered):
             raise SceneError(f"{self.scene.name}: all texels are inside other geometry.")
@@ -158,7 +158,7 @@ class Surfaces:
         return PointSensor.of(positions.reshape(shape), normals.reshape(shape), valid, shading_normals=smooth)
 
     def pages(self, film: Film) -> tuple[Float32, Bools]:
-        """Irradiance (P, h, w, 3) of a film of the sensor, and where it was rendered, (P, h, w)."""
+        """Return irradiance (P, h, w, 3) from a film of the sensor, and a mask (P, h, w) of rendered texels."""
         values = np.zeros((len(self.inside), 3))
         rendered = ~self.inside
         values[rendered] = np.pi * film.mean.reshape(-1, 3)[: rendered.sum()]
@@ -166,7 +166,7 @@ class Surfaces:
 
 
 class _Glimpse:
-    """A film of texels as a notebook shows it while it converges: their light on the first page, not in rows."""
+    """Notebook preview of a converging film: the light of texels on the first page of the atlas."""
 
     before_shown: Callable[[], None] | None = None
 
@@ -188,7 +188,7 @@ class _Glimpse:
 
 
 def _thumbnail(radiance: NDArray[np.floating[Any]], stops: float) -> bytes:
-    """A page (h, w, 3) as a .png, texels left out of a large one."""
+    """Return a page (h, w, 3) as .png; a large page is subsampled."""
     step = -(-max(radiance.shape[:2]) // _PREVIEW)
     shown = np.clip(radiance[::step, ::step] * 2.0**stops, 0.0, 1.0)
     return encode_png(np.round(255 * encode_srgb(shown)).astype(np.uint8))
@@ -196,15 +196,15 @@ def _thumbnail(radiance: NDArray[np.floating[Any]], stops: float) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class Lightmap:
-    """Light on surfaces.
+    """Light on surfaces, stored in the pages of an atlas.
 
-    surfaces   : where the texels are
-    film       : of the texels' receivers, as of any render: it merges, and a bake resumes from it
+    surfaces   : scene, atlas and texels
+    film       : film of the texels; it can be merged, and a bake can resume from it
     irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
                  each page; gutters are filled
-    baked      : (P, h, w) bool, where it was rendered and not only continued
-    lit        : (P, h, w) bool, where the rendered light is above zero, before the denoiser and the seams change it
-    seams      : points where charts meet
+    baked      : (P, h, w) bool, True for rendered texels, False for gutters and empty texels
+    lit        : (P, h, w) bool, True if the rendered light is above zero, before denoising and stitching
+    seams      : points along edges that two charts share
     denoised   : True if the pages are denoised; the film never is
     """
 
@@ -232,7 +232,7 @@ class Lightmap:
 
     @property
     def scene(self) -> Scene:
-        """In triangles."""
+        """Triangulated scene."""
         return self.surfaces.scene
 
     @property
@@ -240,9 +240,9 @@ class Lightmap:
         return self.surfaces.atlas
 
     def steps(self) -> NDArray[np.float64]:
-        """(K,) at points along seams, how far the luminances on both charts are apart, as a share of their mean.
+        """Relative difference between the luminances of both charts at points along seams, (K,).
 
-        Where that is darker than a hundredth of the mean of all texels with light, as a share of the latter.
+        It is relative to the mean of both, or to a hundredth of the mean of all lit texels if that is larger.
         """
         a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
         lit = self.irradiance[lit_texels(self.lit, self.baked)].astype(np.float64)
@@ -251,7 +251,7 @@ class Lightmap:
 
     @property
     def lit_irradiance(self) -> Float32:
-        """Return `irradiance`, zero where the rendered light is zero: what statistics of light are made of."""
+        """Return `irradiance` for statistics: zero for texels whose rendered light is zero."""
         return np.where(self.lit[..., None], self.irradiance, np.float32(0.0))
 
     def quality(self) -> dict[str, Any]:
@@ -260,15 +260,14 @@ class Lightmap:
         return {"denoised": self.denoised} | ({} if bias is None else {"bias": vars(bias)})
 
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
-        """Return the stops of an exposure: those of a picture from the scene's camera, as `glpath.render` has it.
+        """Return the exposure in stops, the same as for a picture that `glpath.render` makes of the scene.
 
-        exposure : stops; "auto": the camera's view to middle grey, by `auto_exposure`; None: as the scene says, or
-                   else "auto"
+        exposure : stops; "auto": the camera's view to middle grey, by `auto_exposure`; None: the scene's, or "auto"
 
-        The camera of a scene without one is that of `glpath.render`. Streamed triangles do not count. If the camera
-        sees no light, all texels with light count.
+        A scene without a camera gets that of `glpath.render`. Streamed triangles do not count. If the camera sees
+        no light, all lit texels count.
 
-        Raises UsageError for another one.
+        Raises UsageError for other values.
         """
         check_exposure(exposure)
         asked = self.scene.exposure if exposure is None else exposure
@@ -276,7 +275,7 @@ class Lightmap:
 
     @cached_property
     def _auto_stops(self) -> float:
-        """Stops of the camera's view; of all texels if the camera sees streamed triangles or no light alone."""
+        """Return the exposure for the camera's view, or for all texels if it sees only streams or no light."""
         from glpath.bake.files import radiance_of
         from glpath.bake.view import seen_by_camera
 
@@ -298,7 +297,7 @@ class Lightmap:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """Jupyter's view: the first page, base colour times light, at most 1024 texels long, and a line."""
+        """Return Jupyter's view: the first page, base colour times light, at most 1024 texels long, and a caption."""
         from glpath.bake.files import radiance_of
 
         radiance, _ = radiance_of(self)
@@ -312,7 +311,7 @@ class Lightmap:
         exposure: float | Literal["auto"] | None = None,
         moz: bool = False,
     ) -> list[Path]:
-        """Write the scene with its light as .glb; returns all files that were written.
+        """Write the scene with its light as .glb and return all written files.
 
         path      : .glb
         materials : "unlit": base colour times light, and what surfaces emit, in pictures that every viewer shows
@@ -322,7 +321,7 @@ class Lightmap:
         exposure  : of "unlit", stops: 1 doubles its brightness; see `exposure_stops`
         moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
 
-        Raises UsageError for another suffix, and ImageError. Warns SceneWarning of what is left out.
+        Raises UsageError for another suffix, and ImageError. Warns SceneWarning of features that are left out.
         """
         from glpath.bake.files import write_kept, write_unlit
 
@@ -351,26 +350,26 @@ def lightmap(
 ) -> Lightmap:
     """Bake the light on all surfaces of a scene.
 
-    Every triangle of the scene is in the bake. Of a material with two sides both have texels, but for the inside of
-    closed solids; sides that no light is found to get to have fewer. Streamed triangles alone have none, and are
-    not in the file: they light and shade the others, and "auto" is "path-buffer" then.
+    Every triangle is baked, two-sided materials on both sides, except the inside of closed solids. Sides that no
+    light seems to reach have fewer texels. Streamed triangles light and shade the others, but have no texels and
+    are not in the file; "auto" is "path-buffer" then.
 
     Parameters
     ----------
     scene   : what `load_scene` takes
-    texels  : per scene unit, on as many pages as that takes
-    size    : side of a page, texels; 512. Without `texels` there is one page, on which charts are as large as fit
-    uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those that the file has, within
-              0 to 1 and without overlaps
+    texels  : texels per scene unit, on as many pages as needed
+    size    : side of a page, texels; default 512. Without `texels` there is one page with charts as large as fit
+    uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those of the file, within 0 to
+              1 and without overlaps
     integrator, options : "auto", "path", "path-buffer" or "gather" and their options, as of `glpath.render`
-    film    : of an interrupted bake of the same scene with the same options, to resume
-    denoise : by Open Image Denoise, on the pages (`glpath[denoise]`); the film stays as it is. By default where it
+    film    : film of an interrupted bake of the same scene with the same options, to resume
+    denoise : denoise the pages by Open Image Denoise (`glpath[denoise]`), but not the film; by default True if it
               is installed
 
-    The others are those of `glpath.render`; `spp` counts samples of each texel, by default 128 where the pages are
+    The other parameters are those of `glpath.render`; `spp` is samples per texel, by default 128 if the pages are
     denoised.
 
-    Raises what `glpath.render` raises, and GlpathError where xatlas is missing.
+    Raises the errors of `glpath.render`, and GlpathError if xatlas is missing.
 
     Example
     -------
@@ -400,10 +399,10 @@ def lightmap(
 
 @dataclass(frozen=True, eq=False)
 class Bake:
-    """A bake before its render: all that can be wrong with it is found when it is made.
+    """Prepared bake; its creation finds all errors before the render.
 
-    surfaces   : the texels
-    job, scene : that render them
+    surfaces   : texels to render
+    job, scene : render job of the texels and its scene
     """
 
     surfaces: Surfaces
@@ -426,14 +425,14 @@ class Bake:
         say: Callable[[str], None] | None = None,
         **options: Unpack[IntegratorKeywords],
     ) -> Bake:
-        """See `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
+        """Prepare a bake; see `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
         if denoise:
             require_denoiser()
         denoise = can_denoise() if denoise is None else denoise
         check_density(texels, size, uv)
         if uv == "make":
             require_xatlas()
-        # Before the work: any point will do.
+        # Check the options with an arbitrary point before the slow work.
         if integrator != AUTO:
             check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
         budget = budget_for(scene, integrator, options)
@@ -449,18 +448,18 @@ class Bake:
         return cls(surfaces, job, seen, denoise)
 
     def film(self, options: RunOptions) -> Film:
-        """Of the texels. Raises what `glpath.rendering.run` raises."""
+        """Render the film of the texels. Raises the errors of `glpath.rendering.run`."""
         return run_job(
             self.job, self.scene, options, pictured=lambda film: cast("Film", _Glimpse(self.surfaces, film))
         )
 
     def lightmap(self, film: Film) -> Lightmap:
-        """From a film of the texels."""
+        """Return the lightmap of a film of the texels."""
         return Lightmap.of(self.surfaces, film, self.denoise)
 
 
 def check_density(texels: float | None, size: int | None, uv: str) -> None:
-    """Raise UsageError for what no atlas can be made of."""
+    """Raise UsageError if texel density, page size and uv mode do not fit together."""
     check_word("uv", uv, get_args(Uv))
     low, high = DENSITIES
     if texels is not None and not (isinstance(texels, int | float | np.number) and low <= texels <= high):
@@ -504,7 +503,7 @@ def _warn_of_streams(scene: Scene) -> None:
 
 
 def check_glb(path: str | Path) -> Path:
-    """`path`, if a baked scene can be written to a file of that name; else UsageError."""
+    """Return `path` if its suffix is allowed for a baked scene. Raises UsageError otherwise."""
     path = Path(path)
     if path.suffix.lower() != ".glb":
         raise UsageError(f"{path}: a scene with its lightmap is written as .glb.", "For example -o baked.glb.")

@@ -1,6 +1,6 @@
-"""Which texels are inside of other geometry, or below it, and samples instead of those that are.
+"""Find texels inside of or below other geometry, and replace such samples by others of the same texel.
 
-Cost:     a ray or two for each texel, some dozen for those beside what is inside.
+Cost:     one or two rays for each texel, about a dozen next to hidden texels.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from glpath.system.time_limit import check_time
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Points behind a wall count as inside up to so many texels from it.
+#: Distance from a wall, in texels, up to which points behind it count as inside.
 _NEAR = 2.0
-#: Whether a wall is between points of a texel is asked so far above the surface, in the size of the texel.
+#: Height above the surface, in texel sizes, of rays that look for a wall between samples of a texel.
 _ABOVE = 0.1
-#: Texels that are asked for together whether they are inside.
+#: Number of texels in one batch of rays.
 _TOGETHER = 1 << 16
 
 
 def outside(
     scene: Scene, atlas: Atlas, texels: Texels, sides: Sides, covered: Covered | None
 ) -> tuple[Texels, Bools]:
-    """Texels whose samples are all outside of other geometry, and (N,) those of which none is.
+    """Return texels with all samples outside of other geometry, and a mask (N,) of texels without such samples.
 
-    The middle of each texel is asked; where one is inside, or a neighbour is, all its samples are. What is behind a
-    wall without thickness from there is no sample, either.
+    The central sample of each texel is tested; if it or a neighbour's is inside, all samples are tested. Samples
+    behind a wall without thickness, seen from the central one, are replaced, too.
 
-    covered : by streamed triangles, which count as other geometry
+    covered : test for points covered by streamed triangles, which count as other geometry
     """
     samples, count = texels.face.shape
     middle = samples // 2
@@ -58,7 +58,7 @@ def outside(
         wrong |= ~wrong[middle] & of.apart(middle)
     if not wrong.any():
         return texels, buried
-    # A sample that is inside, or behind a wall, is replaced by the next one that is not.
+    # A sample inside or behind a wall is replaced by the next valid one.
     source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
     for step in range(1, samples):
         still = np.take_along_axis(wrong, source, axis=0)
@@ -68,7 +68,7 @@ def outside(
 
 @dataclass(frozen=True)
 class _Samples:
-    """What is asked of samples; see `outside` for the fields."""
+    """Tests of samples; see `outside` for the fields."""
 
     scene: Scene
     atlas: Atlas
@@ -77,23 +77,23 @@ class _Samples:
     covered: Covered | None
 
     def inside(self, samples: list[int], which: Int64) -> Bools:
-        """(S, N): whether samples of texels (N,) are inside of other geometry, or covered by streamed triangles."""
+        """Return (S, N) bool: samples of texels (N,) inside of other geometry or covered by streamed triangles."""
         found = np.zeros((len(samples), len(which)), np.bool_)
         for row, sample in zip(found, samples, strict=True):
             near = _NEAR * self.texels.sizes(self.scene, self.atlas, sample)[which]
             triangle, side, points = self._at(sample, which)
-            # In parts, as each point has a dozen numbers beside it.
+            # In parts, because each point needs a dozen temporary numbers.
             for at in (slice(first, first + _TOGETHER) for first in range(0, len(which), _TOGETHER)):
                 check_time("looking for texels inside of geometry")
                 row[at] = self.sides.inside(triangle[at], side[at], points[at], near[at], at.start)
         if self.covered is not None:
-            # All samples at once: it reads the streams anew each time.
+            # All samples at once, because each call reads the streams anew.
             columns = zip(*(self._at(sample, which) for sample in samples), strict=True)
             found |= self.covered(*(np.concatenate(column) for column in columns)).reshape(found.shape)
         return found
 
     def apart(self, middle: int) -> Bools:
-        """(S, N): whether a wall without thickness is between samples and the middle one."""
+        """Return (S, N) bool: samples separated from the central one by a wall without thickness."""
         scene, atlas, texels = self.scene, self.atlas, self.texels
         size = texels.sizes(scene, atlas, middle)[:, None]
         above = [
@@ -108,7 +108,7 @@ class _Samples:
         return np.stack(found)
 
     def _at(self, sample: int, which: Int64) -> tuple[Int64, Int64, Float64]:
-        """Triangle, side and position of a sample of texels (N,)."""
+        """Return triangle, side and position of a sample of texels (N,)."""
         face = self.texels.face[sample, which]
         points = self.texels.positions(self.scene, self.atlas, sample)[which]
         return self.atlas.triangle[face], self.atlas.side[face], points

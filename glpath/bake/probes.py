@@ -1,18 +1,18 @@
-"""Light probes: the light that arrives at the points of a grid from all around, as spherical harmonics.
+"""Light probes: incident radiance at the points of a grid, as spherical harmonics.
 
     glpath.probes("office", grid=(8, 4, 8)).save("probes.json")
 
-A probe is the radiance that arrives at a point, in the nine real spherical harmonics of bands 0 to 2, in the order
-and by the signs of three.js' SphericalHarmonics3. They are found from the irradiance for 50 normals, the points of
-Lebedev's rule of degree 11, each measured by paths of its own: irradiance is radiance whose band l was multiplied
-by A_l (pi, 2 pi / 3, pi / 4; zero for 3, 5, 7 ...), so that a coefficient is the projection of irradiance over A_l.
+A probe holds the incident radiance in the nine real spherical harmonics of bands 0 to 2, with the order and signs
+of three.js' SphericalHarmonics3. They follow from the irradiance for 50 normals, the points of Lebedev's rule of
+degree 11; each normal has its own paths. Irradiance is radiance with band l multiplied by A_l (pi, 2 pi / 3,
+pi / 4; zero for 3, 5, 7 ...), so a coefficient is the projection of irradiance divided by A_l.
 
-The rule integrates the product of band 2 with bands up to 9 exactly. Bands 4, 6 and 8 of irradiance thus leave no
-trace; the first that does is band 10, of which irradiance has 1/55 of what it has of band 2.
+The rule integrates the product of band 2 with bands up to 9 exactly, so bands 4, 6 and 8 of irradiance cause no
+error. The first band that does is 10, whose factor A_l is 1/55 of that of band 2.
 
-Cost:     50 paths of each probe and path set, and 64 rays on the CPU.
-Poor at:  lamps that are near: nine numbers hold no sharp light. A probe does not know what is between it and what
-          it lights: light leaks through walls that are thinner than the grid is wide.
+Cost:     50 paths per probe and path set, and 64 rays per probe on the CPU.
+Poor at:  lamps nearby, because nine numbers cannot hold sharp light. Light leaks through walls that are thinner
+          than the grid spacing, because a probe does not know occluders between itself and lit objects.
 Source:   Ramamoorthi & Hanrahan 2001, An efficient representation for irradiance environment maps. Lebedev 1976,
           Quadratures on a sphere.
 """
@@ -51,15 +51,15 @@ from glpath.system.files import write_bytes
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Rays of a probe that ask what is around it, and the share that must meet dark back faces for it to be inside.
+#: Number of test rays of a probe, and the fraction that must hit dark back faces if it is inside a solid.
 _LOOKS, _MOSTLY = 64, 0.5
-#: Of a grid: each has 50 points, whose film takes 10 kB.
+#: Maximum number of probes in a grid; the film of each takes 10 kB.
 MAX_PROBES = 1 << 16
 DEFAULT_GRID = (8, 4, 8)
 
 
 def _lebedev_50() -> tuple[Float64, Float64]:
-    """(50, 3) unit normals and (50,) weights, whose sum is one: exact for polynomials of degree 11."""
+    """Return (50, 3) unit normals and (50,) weights with sum one, exact for polynomials of degree 11."""
     rows, weights = [], []
     for kind, weight in (
         ((1.0, 0.0, 0.0), 4 / 315),
@@ -78,7 +78,7 @@ def _lebedev_50() -> tuple[Float64, Float64]:
 
 
 def harmonics(directions: ArrayLike) -> Float64:
-    """(..., 9) real spherical harmonics of bands 0 to 2 in unit directions (..., 3), as three.js has them."""
+    """Return (..., 9) real spherical harmonics of bands 0 to 2 for unit directions (..., 3), as in three.js."""
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
     a, b, c = math.sqrt(0.25 / math.pi), math.sqrt(0.75 / math.pi), math.sqrt(3.75 / math.pi)
     band_2 = [c * x * y, c * y * z, c / math.sqrt(12) * (3 * z * z - 1), c * x * z, 0.5 * c * (x * x - y * y)]
@@ -86,19 +86,19 @@ def harmonics(directions: ArrayLike) -> Float64:
 
 
 _NORMALS, _WEIGHTS = _lebedev_50()
-#: Of irradiance over radiance, for each harmonic.
+#: Ratio of irradiance to radiance for each harmonic.
 _LOBE = np.array([math.pi, *[2 * math.pi / 3] * 3, *[math.pi / 4] * 5])
-#: (9, 50): what the irradiance of each normal adds to each coefficient of radiance.
+#: (9, 50) weights of the irradiance of each normal in each coefficient of radiance.
 _FROM_IRRADIANCE = 4 * math.pi * (_WEIGHTS[:, None] * harmonics(_NORMALS) / _LOBE).T
 
 
 @dataclass(frozen=True, eq=False)
 class ProbeGrid:
-    """Where probes are: at the centres of equal cells of a box, as in three.js' LightProbeGrid.
+    """Positions of probes: centres of equal cells of a box, as in three.js' LightProbeGrid.
 
     lower, upper : (3,) corners of the box, scene units
-    counts       : along x, y and z
-    valid        : (N,) bool, x fastest, then y, then z: others are inside solids
+    counts       : number of probes along x, y and z
+    valid        : (N,) bool, False for probes inside solids; x varies fastest, then y, then z
     """
 
     lower: Float64
@@ -114,15 +114,14 @@ class ProbeGrid:
         bounds: ArrayLike | None = None,
         geometry_budget: int = GEOMETRY_BUDGET,
     ) -> ProbeGrid:
-        """The grid in a lit scene.
+        """Return the grid in a lit scene, with probes inside solids marked as invalid.
 
-        counts : along x, y and z
-        bounds : (2, 3) lower and upper corner; the scene's
-        geometry_budget : MiB for triangles of the scene's streams, while it is found which probes are inside
+        counts : number of probes along x, y and z
+        bounds : (2, 3) lower and upper corner; None: those of the scene
+        geometry_budget : MiB for triangles of the scene's streams during the test for probes inside solids
 
-        Inside is a probe most of whose rays meet a back face, or the inside of a closed solid, to which no light
-        was found to get; or one below streamed triangles, most of whose rays meet such backs (see
-        `glpath.bake.streamed`). Raises UsageError, and SceneError where all are inside.
+        A probe is inside if most of its rays hit unlit back faces, unlit inner sides of closed solids, or backs of
+        streamed triangles (see `glpath.bake.streamed`). Raises UsageError, and SceneError if all probes are inside.
         """
         nx, ny, nz = whole_numbers("grid", counts, 3)
         if min(nx, ny, nz) < 1 or nx * ny * nz > MAX_PROBES:
@@ -155,7 +154,7 @@ class ProbeGrid:
 
     @property
     def positions(self) -> Float64:
-        """(N, 3), scene units; x fastest, then y, then z."""
+        """Positions (N, 3), scene units; x varies fastest, then y, then z."""
         x, y, z = (
             low + (np.arange(n) + 0.5) * (high - low) / n
             for low, high, n in zip(self.lower, self.upper, self.counts, strict=True)
@@ -164,7 +163,7 @@ class ProbeGrid:
         return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
     def receivers(self) -> tuple[Float64, Float64]:
-        """(50 V, 3) points and normals that the V valid probes are measured by, probe by probe."""
+        """Points and normals (50 V, 3) at which the V valid probes are measured, probe by probe."""
         positions = self.positions[self.valid]
         return np.repeat(positions, len(_NORMALS), axis=0), np.tile(_NORMALS, (len(positions), 1))
 
@@ -173,8 +172,8 @@ class ProbeGrid:
 class Probes:
     """Light probes of a grid.
 
-    grid : where they are, and which are valid
-    film : of the points that they were measured by, see `ProbeGrid.receivers`. It can be saved and resumed
+    grid : positions and validity
+    film : film of the measured points, see `ProbeGrid.receivers`; it can be saved and resumed
     """
 
     grid: ProbeGrid
@@ -182,26 +181,26 @@ class Probes:
 
     @property
     def unit(self) -> Unit:
-        """Of the radiance: "radiometric" or "photometric", as of the scene."""
+        """Unit of the radiance: "radiometric" or "photometric", the same as the scene's."""
         return self.film.metadata.unit or "radiometric"
 
     @property
     def repaired(self) -> int:
-        """How many probes are inside solids, and have the mean of their valid neighbours."""
+        """Number of probes inside solids, which get the mean of their valid neighbours."""
         return int((~self.grid.valid).sum())
 
     @property
     def coefficients(self) -> Float64:
-        """(N, 9, 3) float64, radiance in linear Rec. 709, W m^-2 sr^-1, or cd m^-2 of a photometric scene."""
+        """Coefficients (N, 9, 3) float64 of radiance, linear Rec. 709, W m^-2 sr^-1, or cd m^-2 if photometric."""
         found = np.zeros((len(self.grid.valid), 9, 3))
         found[self.grid.valid] = self._projected(self.film.mean[None])[0]
         return _repaired(found, self.grid)
 
     @property
     def standard_errors(self) -> Float64:
-        """(N, 9, 3) float64, as `coefficients`, one standard deviation: by the spread of independent batches.
+        """Standard errors (N, 9, 3) float64 of `coefficients`, from the spread of independent batches.
 
-        NaN below 16 path sets, and of repaired probes.
+        NaN below 16 path sets, and for repaired probes.
         """
         found = np.full((len(self.grid.valid), 9, 3), np.nan)
         sums = self._projected(self.film.radiance_sums)
@@ -209,7 +208,7 @@ class Probes:
         return found
 
     def as_json(self) -> dict[str, Any]:
-        """What `save` writes: `sh.fromArray(json.coefficients[i])` is a probe of three.js."""
+        """Return the JSON that `save` writes; `sh.fromArray(json.coefficients[i])` makes a probe in three.js."""
         return {
             "quantity": "radiance",
             "unit": symbol(self.unit, "radiance"),
@@ -221,11 +220,11 @@ class Probes:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write them as JSON. Raises ImageError where that cannot be."""
+        """Write the probes as JSON. Raises ImageError if the file cannot be written."""
         write_bytes((json.dumps(self.as_json()) + "\n").encode(), Path(path))
 
     def _projected(self, radiance: Float64) -> Float64:
-        """(B, V, 9, 3) from films (B, H, W, 3) of white receivers."""
+        """Return coefficients (B, V, 9, 3) from films (B, H, W, 3) of white receivers."""
         count = int(self.grid.valid.sum()) * len(_NORMALS)
         measured = radiance.reshape(len(radiance), -1, 3)[:, :count].reshape(len(radiance), -1, len(_NORMALS), 3)
         return np.asarray(np.pi * np.einsum("ck,bvkr->bvcr", _FROM_IRRADIANCE, measured))
@@ -243,23 +242,23 @@ def probes(
     parameters: Mapping[str, object] | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Probes:
-    """Light probes: second-order spherical harmonics of the radiance that arrives at the points of a grid.
+    """Compute light probes: second-order spherical harmonics of incident radiance at the points of a grid.
 
     Parameters
     ----------
-    scene      : what `load_scene` takes. It needs no camera, but light
-    grid       : how many probes along x, y and z, at the centres of equal cells
-    bounds     : (2, 3) lower and upper corner of the grid's box; the scene's
-    integrator : as of `irradiance`
-    spp        : paths for each of a probe's 50 normals; default {default_spp}
-    white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
-    film       : `Probes.film` of the same call, to resume
+    scene      : a scene as for `load_scene`; it needs light, but no camera
+    grid       : number of probes along x, y and z, at the centres of equal cells
+    bounds     : (2, 3) lower and upper corner of the grid's box; default: that of the scene
+    integrator : see `irradiance`
+    spp        : paths per normal (a probe has 50); default {default_spp}
+    white_sky  : light a scene without lights by a white sky of radiance 1
+    film       : `Probes.film` of an earlier, identical call, to resume
     The other parameters are those of `render`.
     {options}
 
     Probes inside solids get the mean of their valid neighbours (`Probes.repaired`, `ProbeGrid.valid`).
 
-    Raises and warns as `irradiance` does; SceneError where all probes are inside solids.
+    Raises and warns as `irradiance` does; SceneError if all probes are inside solids.
 
     Example
     -------
@@ -276,12 +275,12 @@ def probes(
 
 
 def _of_integrators(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the options of a call that are an integrator's."""
+    """Return the options of a call that belong to an integrator."""
     return RunOptions.taken_from(dict(given))[1]
 
 
 def _inside(scene: Scene, positions: Float64, geometry_budget: int) -> Bools:
-    """(N,): whether most rays from positions (N, 3) of a scene in triangles meet dark backs or insides."""
+    """Return (N,) bool: most rays from positions (N, 3) hit unlit backs or insides of a triangulated scene."""
     streamed = StreamedRays(scene, geometry_budget) if scene.shapes.streams else None
     scene = in_memory(scene)
     if not len(scene.triangles):
@@ -307,7 +306,7 @@ def _inside(scene: Scene, positions: Float64, geometry_budget: int) -> Bools:
 
 
 def _repaired(coefficients: Float64, grid: ProbeGrid) -> Float64:
-    """(N, 9, 3) with the mean of neighbours, of up to 26, instead of what is not valid, from its rim inwards."""
+    """Return (N, 9, 3) with invalid probes replaced by the mean of up to 26 neighbours, from the rim inwards."""
     nx, ny, nz = grid.counts
     values = coefficients.reshape(nz, ny, nx, 9, 3).copy()
     known = grid.valid.reshape(nz, ny, nx).copy()

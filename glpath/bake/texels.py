@@ -1,9 +1,9 @@
-"""The texels of an atlas: which triangle is where in each of them, by several samples.
+"""Texels of an atlas: several samples per texel, each with its triangle and barycentric coordinates.
 
-Every texel that a chart touches is one, however little (conservative rasterisation). Its samples lie in a lattice;
-those that are beside the chart are moved to the nearest point on it.
+Every texel that a chart touches counts (conservative rasterisation). Its samples form a lattice; samples outside of
+the chart are moved to its nearest point.
 
-Cost:     some 5 ns for a sample, a triangle and a texel that they share.
+Cost:     about 5 ns for each sample, triangle and texel that overlap.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Samples of a texel by the number of texels, the fewest first.
+#: Samples per texel, depending on the number of texels, in ascending order.
 SAMPLES = ((1 << 18, 13), (1 << 20, 7), (1 << 62, 5))
 _GENERATORS = {13: 5, 7: 3, 5: 2}
-# Rows of a page that are looked at together, so that memory is that of texels which are there.
+# Number of page rows per batch, so that memory depends on the texels that exist.
 _BAND = 64
-#: Samples keep so far from edges, texels, so that none is in the wall that stands there.
+#: Minimum distance of samples from chart edges, texels, so that none lies inside an adjoining wall.
 _INSET = 0.04
 
 
@@ -37,7 +37,7 @@ class Texels:
     """N texels with S samples each.
 
     page, row, column : (N,)
-    face    : (S, N) the number of a face of the atlas
+    face    : (S, N) index of a face of the atlas
     b       : (S, N, 2) float32 barycentric coordinates b1, b2 in its triangle
     """
 
@@ -49,15 +49,15 @@ class Texels:
 
     @property
     def index(self) -> tuple[Int64, Int64, Int64]:
-        """From arrays (pages, h, w)."""
+        """Indices of the texels in arrays (pages, h, w)."""
         return self.page, self.row, self.column
 
     def positions(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
-        """(N, 3) in world space."""
+        """Return world positions (N, 3) of one sample of each texel."""
         return self._mixed(scene.triangles[atlas.triangle], sample)
 
     def normals(self, scene: Scene, atlas: Atlas, sample: int, smooth: bool = True) -> Float64:
-        """(N, 3) unit, out of the side that is baked; the smooth ones of what is shaded smoothly, or the faces'."""
+        """Return (N, 3) unit normals out of the baked side: smooth shading normals, or those of the faces."""
         plain = atlas.normals(scene)
         if not smooth:
             return np.asarray(plain[self.face[sample]])
@@ -69,24 +69,24 @@ class Texels:
         return mixed
 
     def _mixed(self, corners: Float64, sample: int) -> Float64:
-        """(N, 3), by the barycentric coordinates of what corners of faces (F, 3, 3) have."""
+        """Interpolate corner values (F, 3, 3) of faces at a sample of each texel; (N, 3)."""
         mixed = np.empty((self.face.shape[1], 3))
         _mix(np.ascontiguousarray(corners), self.face[sample], self.b[sample], mixed)
         return mixed
 
     def sizes(self, scene: Scene, atlas: Atlas, sample: int) -> Float64:
-        """(N,) the side of the square that a texel is on the surface, scene units."""
+        """Return the side (N,) of each texel's square on the surface, scene units."""
         face = self.face[sample]
         return np.asarray(np.sqrt(scene.areas[atlas.triangle] / np.maximum(atlas.areas, 1e-12))[face])
 
     def with_samples_of(self, source: Int64) -> Texels:
-        """With other samples of the same texel instead of some: source (S, N) is the number of each's."""
+        """Return texels whose sample s is replaced by sample source[s] of the same texel; source: (S, N)."""
         texel = np.arange(source.shape[1])
         return replace(self, face=self.face[source, texel], b=self.b[source, texel])
 
 
 def rasterised(atlas: Atlas) -> Texels:
-    """All texels of an atlas, in the order of its pages and rows."""
+    """Return all texels of an atlas, in the order of its pages and rows."""
     width, height = atlas.size
     count = next(samples for limit, samples in SAMPLES if atlas.areas.sum() <= limit)
     offsets = lattice(count)
@@ -115,7 +115,7 @@ def rasterised(atlas: Atlas) -> Texels:
 
 
 def lattice(count: int) -> Float64:
-    """(S, 2) float64 in the unit square: one point in each row and column of S x S, far from each other."""
+    """Return (S, 2) points in the unit square, one in each row and column of S x S cells, far from each other."""
     i = np.arange(count)
     return np.stack([(i + 0.5) / count, (i * _GENERATORS[count] % count + 0.5) / count], axis=1)
 
@@ -145,7 +145,7 @@ def _inset(uv, face, b):  # type: ignore[no-untyped-def]
             b0 = 1 - b1 - b2
             if b0 >= min0 and b1 >= min1 and b2 >= min2:
                 continue
-            # Towards the middle, as far as it takes: what is given to one corner the others lose in their shares.
+            # Move towards the centroid: one corner's increase is taken from the others in proportion to their shares.
             above0, above1, above2 = max(b0 - min0, 0.0), max(b1 - min1, 0.0), max(b2 - min2, 0.0)
             free = (1 - min0 - min1 - min2) / max(above0 + above1 + above2, 1e-12)
             b[s, i, 0], b[s, i, 1] = min1 + free * above1, min2 + free * above2
@@ -153,9 +153,9 @@ def _inset(uv, face, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill(uv, offsets, first_row, best, face, barycentrics):  # type: ignore[no-untyped-def]
-    """For all samples of the texels that faces (F, 3, 2) touch: the nearest face and where in it.
+    """Find the nearest face and the point in it for all samples of the texels that faces (F, 3, 2) touch.
 
-    best : (h, w, S) squared distance, texels, of rows from `first_row` on; infinite before
+    best : (h, w, S) squared distance in texels, for rows from `first_row` on; initially infinite
     """
     height, width, count = best.shape
     for f in range(len(uv)):
@@ -168,7 +168,7 @@ def _fill(uv, offsets, first_row, best, face, barycentrics):  # type: ignore[no-
         right = min(int(np.ceil(max(x0, x1, x2))), width)
         top = max(int(np.floor(min(y0, y1, y2))), first_row)
         bottom = min(int(np.ceil(max(y0, y1, y2))), first_row + height)
-        # Edge i is opposite to corner i; positive inside.
+        # Edge i is opposite to corner i; its function is positive inside.
         ax0, ay0 = sign * (y1 - y2), sign * (x2 - x1)
         ax1, ay1 = sign * (y2 - y0), sign * (x0 - x2)
         ax2, ay2 = sign * (y0 - y1), sign * (x1 - x0)
@@ -208,6 +208,6 @@ def _fill(uv, offsets, first_row, best, face, barycentrics):  # type: ignore[no-
                         if distance < best[row, column, s]:
                             best[row, column, s] = distance
                             face[row, column, s] = f
-                            # Corner i has nothing, j what is left of t, k has t.
+                            # Corner i has the weight 0, j has 1 - t, k has t.
                             barycentrics[row, column, s, 0] = 0.0 if i == 1 else (t if k == 1 else 1 - t)
                             barycentrics[row, column, s, 1] = 0.0 if i == 2 else (t if k == 2 else 1 - t)

@@ -85,7 +85,7 @@ class Frames:
         return cls("--frames", int(match[1]), int(match[2]))
 
     def path(self, out: Path, index: int) -> Path:
-        """Return the file of a frame: turn.png becomes turn-007.png; patterns like frame_{:04}.png are filled in."""
+        """Return the file of a frame: turn.png becomes turn-007.png; patterns as frame_{:04}.png are filled in."""
         if "{" in out.name:
             return out.with_name(out.name.format(index))
         digits = len(str(self.stop - 1)) if self.option == "--turntable" else max(4, len(str(self.stop - 1)))
