@@ -275,7 +275,7 @@ class Lightmap:
 
     @cached_property
     def _auto_stops(self) -> float:
-        """Return the exposure for the camera's view, or for all texels if it sees only streams or no light."""
+        """Return the exposure of the camera's view, or of all texels if it sees only streams or no light."""
         from glpath.bake.files import radiance_of
         from glpath.bake.view import seen_by_camera
 
@@ -297,7 +297,7 @@ class Lightmap:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """Return Jupyter's view: the first page, base colour times light, at most 1024 texels long, and a caption."""
+        """Return Jupyter's view: the first page, base colour times light, at most 1024 texels, with a caption."""
         from glpath.bake.files import radiance_of
 
         radiance, _ = radiance_of(self)

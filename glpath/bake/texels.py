@@ -145,7 +145,7 @@ def _inset(uv, face, b):  # type: ignore[no-untyped-def]
             b0 = 1 - b1 - b2
             if b0 >= min0 and b1 >= min1 and b2 >= min2:
                 continue
-            # Move towards the centroid: one corner's increase is taken from the others in proportion to their shares.
+            # Move towards the centroid; one corner's increase is taken from the others in proportion.
             above0, above1, above2 = max(b0 - min0, 0.0), max(b1 - min1, 0.0), max(b2 - min2, 0.0)
             free = (1 - min0 - min1 - min2) / max(above0 + above1 + above2, 1e-12)
             b[s, i, 0], b[s, i, 1] = min1 + free * above1, min2 + free * above2
