@@ -1,1 +1,1 @@
-"""Sun and sky through the year: what many points see along directions that all of them share."""
+"""Annual daylight: visibility of sky and sun from many points along common directions."""

@@ -1,11 +1,11 @@
-"""Measure the bias of a daylight solution whose elements are too large for the variation of light across them.
+"""Measurement of the bias of a daylight solution whose elements are too large for the variation of light.
 
-Rays from some sensors meet elements, whose radiosity under a sky and a ground of one brightness is looked up. The
-same rays are also followed from surface to surface until they leave the scene. That estimate has no bias, and the
-difference of the two has little noise. In both, all surfaces are diffuse.
+Rays from some sensors hit elements, whose radiosity under a uniform sky and ground is looked up. The same rays are
+also followed from surface to surface until they leave the scene. That estimate has no bias, and the difference of
+both has little noise. In both, all surfaces are diffuse.
 
 Cost:     up to eight rounds of 0.3 s, for 256 sensors of 1,024 rays.
-Poor at:  bias at sensors between those that are chosen.
+Poor at:  bias at sensors that are not in the sample.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ def bias_of_solution(
     """Return the bias of the light at sensors under a sky and a ground of radiance 1.
 
     receivers : points (N, 3) and axes (N, 3) of all sensors, and their kind
-    seed      : of the rays of the first round
+    seed      : seed of the rays of the first round
 
-    Rounds of rays are added until the bias is known to be small or large. A block of the bias has a 64th of the
-    sensors, in their order.
+    Rounds of rays are added until the bias is known to be small or large. A block contains a 64th of the sensors,
+    in their order.
     """
     points, axes, receiver = receivers
     numbers = np.unique(np.arange(_SENSORS) * len(points) // _SENSORS)
@@ -89,8 +89,8 @@ def walk_to_sky(
     """Follow the rays of `cast_hits` from surface to surface until they leave the scene or are absorbed.
 
     receivers : points (n, 3), axes (n, 3) and the kind of receiver
-    numbers   : (n,) of the points, as `cast_hits` counts them
-    max_reflections : of a ray; a ray that needs more is dark
+    numbers   : (n,) indices of the points, as in `cast_hits`
+    max_reflections : maximum number of reflections; a ray that needs more contributes nothing
 
     Returns (n, R) float32: light of rays that end in the sky after one reflection or more, else 0. The mean is the
     irradiance by reflected light under a sky and a ground of radiance 1.

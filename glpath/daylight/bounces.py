@@ -1,17 +1,17 @@
-"""Light that reaches sensors after reflections: for all patches of the sky and all suns at once.
+"""Reflected light at sensors, for all patches of the sky and all sun positions at once.
 
-Surfaces are cut into elements, which are sensors themselves: what each direction gives to them directly is found as
-for others. Rays between the elements make a matrix F of shares, and one solution has all columns as right-hand
-sides. Rays from the sensors are cast once; what they meet weighs the solution's columns.
+Surfaces are divided into elements, which act as sensors: their direct light is found as for others. Rays between
+the elements give a matrix F of form factors, and one solution has all columns as right-hand sides. Rays from the
+sensors are cast once; the elements that they hit weight the solution's columns.
 
     H = E + F B,  B = rho H,  indirect = W B
 
-H is the irradiance of the elements' sides and B their radiosity. To the solution all surfaces are diffuse, metal
-too, and reflectance is a luminance: colours do not bleed. Some columns are solved at a time, so that of a large
-scene no more is kept than what sensors have of them.
+H is the irradiance of the elements' sides and B their radiosity. The solution takes all surfaces as diffuse, metal
+too, and reflectance as luminance, so colours do not bleed. Columns are solved in groups, so that only the sensors'
+results of a large scene stay in memory.
 
-Cost:     a microsecond of a core for each ray; of R sides a dense matrix, or beyond `DENSE` of them a sparse one.
-Poor at:  light that mirrors or solid glass throw; sun patches smaller than elements near the sensors.
+Cost:     a core microsecond for each ray; a dense matrix of R x R sides, or a sparse one beyond `DENSE` sides.
+Poor at:  caustics of mirrors or solid glass; sun patches smaller than the elements near the sensors.
 Source:   Goral et al. 1984, Modeling the interaction of light between diffuse surfaces; McNeil & Lee 2013, for
           daylight coefficients with reflections.
 """
@@ -41,13 +41,13 @@ Float64 = NDArray[np.float64]
 
 #: Default number of elements, and numbers of rays of each point of an element's side and of each sensor.
 DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
-#: Seed of the rays of sensors, less that of the rays between sides.
+#: Offset of the seed of sensors' rays from that of rays between sides.
 GATHER_SEED = 1
-#: Points of a side.
+#: Number of sample points on a side.
 POINTS = 4
-#: Sides up to which the matrix is dense: 144 MB.
+#: Maximum number of sides for a dense matrix (144 MB).
 DENSE = 6000
-# Sides up to which it has 64 bits: 32 MB.
+# Maximum number of sides for a matrix of 64-bit floats (32 MB).
 _DOUBLE = 2000
 # Relative change of the columns' sums at which the iteration of a sparse system stops, and its maximum number of
 # reflections.
@@ -57,15 +57,14 @@ _COLUMNS = 1 << 23
 
 
 class ReflectingSides:
-    """The sides of a scene's elements that reflect.
+    """Sides of a scene's elements that reflect light.
 
-    scene    : in triangles, in memory
-    elements : their number, about
-    seed     : of the points in them
+    scene    : triangulated scene in memory
+    elements : approximate number of elements
+    seed     : seed of the sample points
 
-    points, normals : (R POINTS, 3), off the surfaces, and unit; those of a side one behind the other
-    reflected, transmitted : (2, T) luminance of what fronts and backs of triangles send to an eye, of light on the
-                      same side and on the other
+    points, normals : (R POINTS, 3) points just above the surfaces, and unit normals, side by side
+    reflected, transmitted : (2, T) reflectance and transmittance (luminance) of fronts and backs of triangles
     """
 
     def __init__(self, scene: Scene, elements: int, seed: int = 0) -> None:
@@ -76,7 +75,7 @@ class ReflectingSides:
         self.sides = sides = Sides.of(scene, made)
         self.surfaces = Surfaces.of(scene, rays_of(scene), divisions, from_eye=True)
         number = sides.number(len(made))
-        self._number = number.ravel()  # twice the element and its back
+        self._number = number.ravel()  # twice the element's index, plus 1 for its back
         occluders = Occluders.of_scene(scene)
         solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
         points, _ = Solids.of(scene, solid).open_points(made, sides, POINTS, seed)
@@ -85,7 +84,7 @@ class ReflectingSides:
         self.normals = np.repeat(sides.normal, POINTS, axis=0)
         self.points = points.reshape(-1, 3) + self.lift * self.normals
         triangle = made.triangle[sides.element]
-        # Of glass without what its surface mirrors, which rays follow.
+        # Without the mirror reflection of glass, which rays follow.
         self.reflected = np.ascontiguousarray(self.surfaces.reflectance @ LUMINANCE)
         self.transmitted = np.ascontiguousarray(self.surfaces.transmittance @ LUMINANCE)
         self._reflectance = self.reflected[sides.back, triangle]
@@ -120,7 +119,7 @@ class ReflectingSides:
         return found.tocsr()
 
     def looked_up(self, hits: Hits, radiosity: Float32) -> Float32:
-        """Return (n, R) light that rays bring from sides of one radiosity each (R,), 0 from the sky."""
+        """Return (n, R) light along rays from sides with radiosity (R,); 0 along rays from the sky."""
         if not len(self):
             return np.zeros(hits.side.shape, np.float32)
         number = self._number[np.maximum(hits.side, 0)]
@@ -128,7 +127,7 @@ class ReflectingSides:
         return np.asarray(np.where(lit, radiosity[np.maximum(number, 0)], 0.0) * hits.weight, np.float32)
 
     def spread(self, hits: Hits, radiosity: Float32) -> Float32:
-        """Return (n,) standard errors of the irradiance of points by sides of one radiosity each (R,)."""
+        """Return (n,) standard errors of the irradiance at points from sides with radiosity (R,)."""
         light = self.looked_up(hits, radiosity)
         means = light.reshape(len(light), BATCHES, -1).mean(axis=2)
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
@@ -146,10 +145,10 @@ class ReflectingSides:
 
 
 class _Rows:
-    """A sparse matrix that is made some rows at a time. What it has room for and does not fill takes no memory.
+    """Sparse matrix that is built a few rows at a time; reserved but unused space takes no memory.
 
     rows, columns : its shape
-    max_values    : of a row, at most
+    max_values    : maximum number of values in a row
     """
 
     def __init__(self, rows: int, columns: int, max_values: int) -> None:
@@ -160,7 +159,7 @@ class _Rows:
         self._done = 0
 
     def append(self, part: Any) -> None:
-        """part : (n, C) csr_array"""
+        """Append the rows of `part`, an (n, C) csr_array."""
         first = int(self._begin[self._done])
         last = first + part.nnz
         self._values[first:last], self._columns[first:last] = part.data, part.indices
@@ -168,7 +167,7 @@ class _Rows:
         self._done += part.shape[0]
 
     def whole(self) -> Any:
-        """(R, C) csr_array"""
+        """Return the matrix as an (R, C) csr_array."""
         from scipy import sparse
 
         assert self._done == self._shape[0], "rows are missing"
@@ -177,12 +176,13 @@ class _Rows:
 
 
 class Reflections:
-    """The radiosity of sides by what is on them: a matrix that is made once, for any number of columns.
+    """Linear system that maps direct irradiance of sides to their radiosity, for any number of columns.
 
-    max_depth : 1 is direct light, 2 one reflection, and so on; None for all
+    max_depth : 1: direct light, 2: one reflection, and so on; None: all reflections
 
-    of_sky : (R,) radiosity by a sky and a ground of radiance 1, by the rays between the sides; for errors and bias
-    max_reflections : from the sky to a sensor
+    of_sky : (R,) radiosity under a sky and a ground of radiance 1, from the rays between the sides; for errors and
+             bias
+    max_reflections : maximum number of reflections between sky and sensor
     """
 
     def __init__(self, sides: ReflectingSides, max_depth: int | None, seed: int) -> None:
@@ -204,11 +204,11 @@ class Reflections:
         return linalg.lu_factor(system, overwrite_a=True, check_finite=False)
 
     def columns(self) -> int:
-        """How many are solved at a time."""
+        """Number of columns that are solved together."""
         return max(1, _COLUMNS // max(1, len(self.of_sky)))
 
     def radiosity(self, direct: Float32) -> Float32:
-        """(R, c) float32, by the irradiance of the sides straight from sky and sun."""
+        """Return radiosity (R, c) float32 for the direct irradiance of the sides by sky and sun."""
         from scipy import linalg
 
         first = np.asarray(self._sent @ direct, np.float32)
@@ -241,9 +241,9 @@ def gathered(
 ) -> Indirect:
     """Return the light that the reflecting sides give to sensors.
 
-    direct : (R,) irradiance of the sides straight from sky and sun, column by column
+    direct : direct irradiance (R,) of the sides by sky and sun, column by column
     count  : number of columns
-    report : called with the number of sensors that are done
+    report : called with the number of finished sensors
     number : index of the first sensor, from which random numbers are derived
     """
     from scipy import sparse
@@ -270,7 +270,7 @@ def gathered(
 
 
 def _blocks(columns: Iterable[Float32], width: int) -> Iterator[Float32]:
-    """(R, c), of so many columns, or what is left."""
+    """Yield groups (R, c) of `width` columns; the last group may be smaller."""
     held: list[Float32] = []
     for column in columns:
         held.append(column)

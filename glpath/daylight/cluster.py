@@ -1,10 +1,10 @@
-"""One computation of daylight coefficients by many processes and machines: its sensors in shards, on a cluster.
+"""Computation of daylight coefficients on a cluster, with the sensors divided into shards.
 
-The scene and all sensors go to each worker once. A shard whose worker is lost is computed by another one. What is
-put together has the bits of the computation by one process, where all devices are of one kind.
+The scene and all sensors go to each worker once. If a worker is lost, another computes its shard. The merged result
+is bit-identical to that of one process if all devices are of one kind.
 
-Cost:     a start of Python and a context for each worker. Each shard makes the radiosity solution anew.
-Poor at:  few sensors; several workers on one machine without a graphics card, as one uses all cores already.
+Cost:     start of Python and a context for each worker; each shard computes the radiosity solution again.
+Poor at:  few sensors; several workers on a machine without a graphics card, because one uses all cores already.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ Float64 = NDArray[np.float64]
 
 log = logging.getLogger("glpath")
 
-# For each worker: few, as each makes the solution anew, but more than one, as machines differ.
+# Shards per worker: few, because each computes the solution again, but more than one, because machines differ.
 _SHARDS_A_WORKER = 2
-# How often a shard is tried.
+# Maximum number of attempts for a shard.
 _TRIES = 3
-# How often what happens is looked at; how long to wait for the first worker before a warning that there is none.
+# Polling interval, and the time after which the absence of workers gives a warning; seconds.
 _TICK_S, _SILENCE_S = 0.25, 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class DaylightWork:
-    """What all shards of a computation need; goes to a worker once.
+    """Data that all shards of a computation need, sent to each worker once.
 
-    token   : identifies it among others
-    points, normals : (N, 3), of all sensors
-    options : of `daylight_coefficients`
-    version : of glpath, which has to be the worker's
+    token   : identifier of the computation
+    points, normals : (N, 3) of all sensors
+    options : options of `daylight_coefficients`
+    version : version of glpath, which must equal the worker's
     """
 
     token: str
@@ -73,13 +73,13 @@ def computed_by(
     resume: str | Path | None,
     report: Callable[[int, int], None],
 ) -> DaylightCoefficients:
-    """What `daylight_coefficients` finds, by the workers of a cluster.
+    """Return the result of `daylight_coefficients`, computed by the workers of a cluster.
 
-    work   : as of `Shard`
-    resume : a folder that keeps the shards that are done, and from which another call resumes
-    report : called with the shards that are done, and how many there are
+    work   : digest of the computation, as in `Shard`
+    resume : folder for finished shards, from which another call resumes
+    report : called with the number of finished shards and their total
 
-    Raises what `daylight_coefficients` raises, and ContextError where a shard fails on several workers, or the
+    Raises the errors of `daylight_coefficients`, and ContextError if a shard fails on several workers or the
     scheduler is gone.
     """
     count = max(1, min(len(points), _SHARDS_A_WORKER * max(1, len(cluster.workers()))))
@@ -104,7 +104,7 @@ def computed_by(
 
 
 class _Shards:
-    """Shards at workers."""
+    """Shards that workers compute."""
 
     def __init__(self, cluster: Connection, shared: DaylightWork, count: int, wanted: list[int]) -> None:
         self._cluster, self._shared, self._count, self._wanted = cluster, shared, count, wanted
@@ -113,7 +113,7 @@ class _Shards:
         self._tries: Counter[int] = Counter()
 
     def come(self) -> Iterator[tuple[int, DaylightCoefficients]]:
-        """The number and the coefficients of each shard that is wanted, as they come."""
+        """Yield index and coefficients of each missing shard in order of arrival."""
         for number in self._wanted:
             self._submit(number)
         alone_since: float | None = time.monotonic()
@@ -138,7 +138,7 @@ class _Shards:
                         log.warning("cluster %s: no worker is there; waiting for one", self._cluster.address)
 
     def cancel(self) -> None:
-        """Nobody waits any longer."""
+        """Cancel all shards that workers still have."""
         with quiet(), contextlib.suppress(Exception):
             self._cluster.client.cancel(list(self._running), force=True)
         with contextlib.suppress(Exception):
@@ -156,17 +156,17 @@ class _Shards:
         future.add_done_callback(self._done.put)
 
     def _result(self, future: Any, number: int) -> DaylightCoefficients | None:
-        """None where it is to be tried again. Raises what the worker raised."""
+        """Return a shard's coefficients, or None if it must be tried again. Raises the worker's error."""
         try:
             found = future.result(timeout=_SILENCE_S * 6)
             assert isinstance(found, DaylightCoefficients), "what compute_shard returns"
             return found
         except Exception as error:
             if isinstance(error, GlpathError) and not isinstance(error, ContextError):
-                raise  # the same everywhere
+                raise  # the same on each worker
             self._tries[number] += 1
             reason = (str(error).splitlines() or [type(error).__name__])[0]
-            if type(error).__name__ == "KilledWorker":  # says much of Dask, and nothing more
+            if type(error).__name__ == "KilledWorker":  # its text is about Dask's internals
                 reason = "its worker was lost"
             log.warning("shard %d of %d: %s", number, self._count, reason)
             if self._tries[number] >= _TRIES:
@@ -178,7 +178,7 @@ class _Shards:
 
 
 def compute_shard(token: str, shard: tuple[int, int]) -> DaylightCoefficients:
-    """In a worker: the coefficients of shard (k, n) of the computation of a token."""
+    """Compute, in a worker, the coefficients of shard (k, n) of the computation named by `token`."""
     from glpath.daylight.compute import daylight_coefficients
 
     with held(token) as shared:

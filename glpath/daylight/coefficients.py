@@ -1,8 +1,8 @@
-"""Daylight coefficients: what each patch of the sky, and the sun in each of its positions, gives to a sensor.
+"""Daylight coefficients: response of sensors to each patch of the sky and each position of the sun.
 
-Direct light is kept as it was found: a bit for each sensor and direction, and the geometry from which the
-coefficients follow. It is 32 to 128 times smaller than the matrix in floats, and nothing of it is lost. Reflected
-light is a product of two smaller matrices. Rows of floats are made block by block where they are needed.
+Direct light is stored as a visibility bit for each sensor and direction, with the geometry from which the
+coefficients follow. That is lossless and 32 to 128 times smaller than the matrix in floats. Reflected light is a
+product of two smaller matrices. Rows of floats are made in blocks on demand.
 
 Source:   Tregenza & Waters 1983, Daylight coefficients; McNeil & Lee 2013, A validation of the Radiance three-phase
           simulation method.
@@ -33,32 +33,32 @@ from glpath.system.npz import Arrays, open_npz
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: Of the file; see CONTRIBUTING.md. Format 1 has no reflected light, and is read as well.
+#: Number of the file format, see CONTRIBUTING.md; format 1, without reflected light, is read too.
 FORMAT = 2
-# Floats of a block of rows: 64 MiB.
+# Number of floats in a block of rows (64 MiB).
 _BLOCK = 1 << 24
-# Bytes of words from which on the file is not compressed.
+# Size of the words in bytes from which on the file is not compressed.
 _PLAIN = 1 << 27
 
 
 @dataclass(frozen=True, eq=False)
 class DaylightCoefficients:
-    """Coefficients of sensors.
+    """Daylight coefficients of N sensors.
 
-    points, normals : (N, 3) float64, scene units; unit normals, a cylinder's axes
+    points, normals : (N, 3) float64, scene units; unit normals, or axes of cylinders
     receiver    : "plane", "cylinder" or "sphere"
-    subdivision : of the sky: 1, 2 or 4; see `SkyPatches`
-    up, north   : (3,) unit
-    latitude    : degrees, that the suns are of; NaN without suns
-    samples     : directions of a patch
-    directions  : (D, 3) unit: those of the ground, of the sky's patches, then the suns
-    column      : (D,) of the matrix: 0 is the ground, then the sky's patches, then the suns
-    weight      : (D,) steradians of a direction of ground and sky, 1 of a sun
-    words       : (ceil(D / 32), N) uint32, bit k of word w: light comes along direction 32 w + k
-    shares      : (32 ceil(D / 32), N) float16, how much of it thin glass lets through; None without such
-    indirect    : what comes after one reflection or more; None of direct light alone
-    texels      : the faces of the scene that the sensors are of; None of other sensors
-    shard       : which of the sensors these are; None for all
+    subdivision : subdivision of the sky: 1, 2 or 4; see `SkyPatches`
+    up, north   : (3,) unit vectors
+    latitude    : latitude of the sun positions, degrees; NaN without suns
+    samples     : number of directions per patch
+    directions  : (D, 3) unit vectors towards the ground, the sky's patches, then the suns
+    column      : (D,) column of each direction: 0 is the ground, then the sky's patches, then the suns
+    weight      : (D,) solid angle of a direction, steradians; 1 for a sun
+    words       : (ceil(D / 32), N) uint32; bit k of word w is 1 if direction 32 w + k is visible
+    shares      : (32 ceil(D / 32), N) float16 transmittance of thin glass along each direction; None without glass
+    indirect    : reflected light; None if only direct light is computed
+    texels      : faces of the scene to which the sensors belong; None for other sensors
+    shard       : range of the sensors; None for all
     """
 
     points: Float64
@@ -83,30 +83,30 @@ class DaylightCoefficients:
 
     @cached_property
     def patches(self) -> SkyPatches:
-        """Of the sky; column i of `sky` is patch i."""
+        """Patches of the sky; column i of `sky` belongs to patch i."""
         return SkyPatches(self.subdivision)
 
     @cached_property
     def compass(self) -> Compass:
-        """Where up and north are."""
+        """Orientation of up and north."""
         (ux, uy, uz), (nx, ny, nz) = self.up.tolist(), self.north.tolist()
         return Compass((ux, uy, uz), (nx, ny, nz))
 
     @property
     def suns(self) -> Float64:
-        """(S, 3) unit, positions of the sun."""
+        """Unit vectors (S, 3) to the positions of the sun."""
         return self.directions[self._in_sky :]
 
     def sky(self, rows: slice = slice(None)) -> Float32:
-        """(n, P) float32: irradiance of some sensors for unit radiance of the ground and each patch."""
+        """Return (n, P) float32 irradiance of some sensors for unit radiance of the ground and each patch."""
         return self._with_indirect(self.direct_sky(rows), rows, slice(0, len(self.patches)))
 
     def sun(self, rows: slice = slice(None)) -> Float32:
-        """(n, S) float32: irradiance for unit irradiance across the sun's direction, of some sensors."""
+        """Return (n, S) float32 irradiance of some sensors for unit irradiance normal to each sun's direction."""
         return self._with_indirect(self.direct_sun(rows), rows, slice(len(self.patches), None))
 
     def direct_sky(self, rows: slice = slice(None)) -> Float32:
-        """(n, P) float32: as `sky`, without what surfaces reflect."""
+        """Return (n, P) float32 coefficients of `sky` without reflected light."""
         chosen = range(len(self))[rows]
         found = np.empty((len(chosen), len(self.patches)), np.float32)
         for first, last in self._blocks(len(chosen)):
@@ -114,26 +114,26 @@ class DaylightCoefficients:
         return found
 
     def direct_sun(self, rows: slice = slice(None)) -> Float32:
-        """(n, S) float32: as `sun`, without what surfaces reflect."""
+        """Return (n, S) float32 coefficients of `sun` without reflected light."""
         return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
 
     def sunlight(self, rows: slice = slice(None)) -> Float32:
-        """(n, S) float32: the share of the sun's light that arrives from each position, whatever angle it falls at.
+        """Return (n, S) float32 transmittance towards each sun position, without the cosine of incidence.
 
-        0 of positions behind a plane.
+        It is 0 for positions behind a plane.
         """
         return self._arrives(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
 
     def indirect_sun(self, rows: slice = slice(None)) -> Float32:
-        """(n, S) float32: as `sun`, what surfaces reflect alone."""
+        """Return (n, S) float32 coefficients of `sun`, reflected light only."""
         nothing = np.zeros((len(range(len(self))[rows]), len(self.suns)), np.float32)
         return self._with_indirect(nothing, rows, slice(len(self.patches), None))
 
     def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
-        """(N, T) float64: of all sensors at T times.
+        """Return (N, T) float64 irradiance of all sensors at T times.
 
-        sky : (P, T) or (P,), radiance of the ground and the patches
-        sun : (S, T) or (S,), irradiance across the sun's direction at each of its positions; none by default
+        sky : (P, T) or (P,) radiance of the ground and the patches
+        sun : (S, T) or (S,) irradiance normal to the sun's direction for each position; default: no sun
         """
         radiance = _times("sky", sky, len(self.patches))
         normal = None if sun is None else _times("sun", sun, len(self.suns))
@@ -149,7 +149,7 @@ class DaylightCoefficients:
         return found
 
     def sparse(self) -> Any:
-        """A `scipy.sparse.csr_array` (N, P + S) float32 of ground, sky and suns, without what is zero."""
+        """Return the coefficients of ground, sky and suns as a `scipy.sparse.csr_array` (N, P + S) float32."""
         from scipy import sparse
 
         blocks = [
@@ -160,24 +160,25 @@ class DaylightCoefficients:
 
     @cached_property
     def sky_sums(self) -> Float64:
-        """(N,) float64: irradiance under ground and sky of unit radiance all around."""
+        """Irradiance (N,) float64 under a ground and a sky of unit radiance."""
         return self._sums[0]
 
     @cached_property
     def standard_errors(self) -> Float64:
-        """(N,) float64, of `sky_sums`, one standard deviation: by the spread of pairs of directions in each patch,
-        and by that of the rays that gather reflected light.
+        """Standard errors (N,) float64 of `sky_sums`.
 
-        Directions are of a lattice, so it is too large rather than too small. All sensors have the same directions:
-        errors of neighbours are alike. What the solution of the elements has wrong is not in it. NaN below four
-        samples of a patch.
+        They follow from the spread of pairs of directions in each patch, and of the rays that gather reflected
+        light.
+
+        Directions form a lattice, so the estimate is rather too large. All sensors have the same directions, so
+        errors of neighbours are correlated. Errors of the elements' solution are not included. NaN below four
+        samples per patch.
         """
         return self._sums[1]
 
     @cached_property
     def sky_view(self) -> Float64:
-        """(N,) float64: sky view factors: the share of the irradiance under a white sky, the ground black, that an
-        open level plane has."""
+        """Sky view factors (N,) float64: irradiance under a white sky and black ground, relative to open ground."""
         return np.concatenate(
             [
                 self.direct_sky(slice(a, b))[:, 1:].sum(axis=1, dtype=np.float64) / np.pi
@@ -187,19 +188,19 @@ class DaylightCoefficients:
 
     @cached_property
     def dark(self) -> int:
-        """How many sensors see nothing along any direction: inside of solids, or below the ground."""
+        """Number of sensors without any visible direction, which are inside solids or below the ground."""
         return int(np.count_nonzero(~self.words.any(axis=0)))
 
-    # The parts.
+    # Parts of the matrix.
 
     @cached_property
     def _in_sky(self) -> int:
-        """Directions of ground and sky."""
+        """Number of directions of ground and sky."""
         return int(np.count_nonzero(self.column < len(self.patches)))
 
     @cached_property
     def _starts(self) -> NDArray[np.intp]:
-        """Of the columns of ground and sky, their first direction."""
+        """Index of the first direction of each column of ground and sky."""
         return np.searchsorted(self.column[: self._in_sky], np.arange(len(self.patches)))
 
     @cached_property
@@ -234,13 +235,13 @@ class DaylightCoefficients:
         return np.asarray(np.add.reduceat(weighted, self._starts, axis=1), np.float32)
 
     def _light(self, rows: range, which: slice) -> Float32:
-        """(n, d): response of sensors to light along some directions, 0 where it does not come."""
+        """Return (n, d) response of sensors to light along some directions; 0 if it is occluded."""
         light = self._arrives(rows, which)
         light *= response(self.receiver, self.normals[np.array(rows, np.intp)], self.directions[which])
         return light
 
     def _arrives(self, rows: range, which: slice) -> Float32:
-        """(n, d): the share of light that arrives along some directions."""
+        """Return (n, d) fraction of light that arrives along some directions."""
         of = np.array(rows, np.intp)
         first, last = which.start // WORD, -(-which.stop // WORD)
         words = self.words[first:last][:, of]
@@ -256,10 +257,10 @@ class DaylightCoefficients:
         for first in range(0, count, step):
             yield first, min(first + step, count)
 
-    # The file.
+    # File format.
 
     def save(self, path: str | Path) -> None:
-        """Write .npz, with format number and all fields. Raises ImageError where it cannot be written."""
+        """Write all fields and the format number as .npz. Raises ImageError if the file cannot be written."""
         arrays: dict[str, Any] = {
             "glpath_daylight": FORMAT,
             **{name: getattr(self, name) for name in (*_ARRAYS, "receiver", "subdivision", "latitude", "samples")},
@@ -272,14 +273,14 @@ class DaylightCoefficients:
             arrays |= self.texels.arrays()
         if self.shard is not None:
             arrays |= {"shard": [self.shard.first, self.shard.total], "shard_work": self.shard.work}
-        # Zeros of large files would unfold to more than a reader takes for harmless.
+        # Compressed zeros of a large file would expand beyond the limit of the reader.
         write = np.savez if self.words.nbytes > _PLAIN else np.savez_compressed
         with whole_file(path) as part, open(part, "wb") as file:
             write(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> DaylightCoefficients:
-        """Read what `save` has written. Raises ImageError for other files, and for another format."""
+        """Read a file written by `save`. Raises ImageError for other files and formats."""
         remedy = "`glpath daylight` writes such a file."
         with open_npz(path, "daylight coefficients", remedy) as arrays:
             found = int(arrays.read("glpath_daylight", "i", ()))
@@ -324,7 +325,7 @@ _ARRAYS = ("points", "normals", "up", "north", "directions", "column", "weight",
 
 
 def _times(name: str, values: ArrayLike, rows: int) -> Float64:
-    """(rows, T)"""
+    """Return `values` as an array (rows, T). Raises UsageError."""
     found = np.asarray(values, np.float64)
     if found.ndim == 1:
         found = found[:, None]

@@ -1,4 +1,4 @@
-"""Where up and north are in a scene: directions of the sky in its coordinates."""
+"""Orientation of a scene: up, north, and directions of the sky in scene coordinates."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from glpath.scene import Scene
 
 Float64 = NDArray[np.float64]
 
-# North by the axis that is up: y where that is z, and the same after the usual turn of models to y up.
+# North for each up axis: y if z is up, and the same direction after the usual rotation of models to y up.
 _NORTH = {0: (0.0, 1.0, 0.0), 1: (0.0, 0.0, -1.0), 2: (0.0, 1.0, 0.0)}
 
 
 @dataclass(frozen=True)
 class Compass:
-    """up, north : unit vectors of the scene, at right angles"""
+    """Perpendicular unit vectors `up` and `north` of a scene."""
 
     up: tuple[float, float, float]
     north: tuple[float, float, float]
 
     @classmethod
     def of(cls, scene: Scene, up: ArrayLike | None = None, north: ArrayLike | None = None) -> Compass:
-        """Of a scene.
+        """Return the compass of a scene.
 
-        up    : (3,), by default the up of the scene's sky, or else of its camera, rounded to the nearest axis. A
-                sky that only stands in for light has none
-        north : (3,), of which only the level part counts; by default y where z is up, -z where y is up
+        up    : (3,), by default the up of the scene's sky, otherwise that of its camera, rounded to the nearest
+                axis; a sky that was added for lack of lights does not count
+        north : (3,), only its horizontal part counts; by default y if z is up, -z if y is up
 
-        Raises UsageError for vectors that are none, and for a north that is up or down.
+        Raises UsageError for invalid vectors, and for a north that is vertical.
         """
         if up is None:
             stands_in = scene.sky is None or scene.sky.assumed
@@ -53,12 +53,12 @@ class Compass:
 
     @property
     def world_from_sky(self) -> Float64:
-        """(3, 3): columns are east, north and up."""
+        """Matrix (3, 3) with the columns east, north and up."""
         up, north = np.array(self.up), np.array(self.north)
         return np.stack([np.cross(north, up), north, up], axis=1)
 
     def directions(self, azimuth: ArrayLike, sin_altitude: ArrayLike) -> Float64:
-        """(..., 3) unit, of azimuths from north over east, radians, and sines of altitudes."""
+        """Return unit vectors (..., 3) for azimuths from north over east, radians, and sines of altitudes."""
         sine = np.asarray(sin_altitude, np.float64)
         level = np.sqrt(np.maximum(0.0, 1.0 - sine**2))
         around = np.asarray(azimuth, np.float64)
