@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, ImageError
 from glpath.film.image import picture_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
@@ -22,6 +22,8 @@ from glpath.system.files import check_file, reason_of
 Image = NDArray[np.uint8] | NDArray[np.float32]
 # Pillow's names; its other formats are seldom textures, and some of them run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
+# Tags of a TIFF.
+_BITS_TAG, _PHOTOMETRIC_TAG = 258, 262
 #: For all pictures of a model together.
 MAX_BYTES = 2**33
 _WINDOWS_DRIVE = re.compile(r"[A-Za-z]:")
@@ -87,7 +89,10 @@ class Pictures:
     _bytes: int = 0
 
     def read(self, name: str) -> Image:
-        """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR. Raises UnusableError."""
+        """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR and float TIFF.
+
+        Raises UnusableError.
+        """
         path = inside(self.folder, name)
         self.has_moved |= is_moved(path, self.folder, name) and not (self.folder / name).exists()
         if path not in self._known:
@@ -111,7 +116,7 @@ class Pictures:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of many pixels, which are counted here, and of odd tags
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
-                    self._check(*opened.size, 1)
+                    self._check(*opened.size, 4 if opened.mode == "F" else 1)
                     return pixels_of(opened)
         except UnusableError:
             raise
@@ -131,13 +136,45 @@ class Pictures:
             raise UnusableError(f"which brings the pictures of the model beyond {MAX_BYTES:,} bytes")
 
 
-def pixels_of(opened: Any) -> NDArray[np.uint8]:
-    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow. 16 bits become 8."""
-    if opened.mode.startswith("I"):
-        grey = (np.clip(np.asarray(opened, np.int64), 0, 65535) >> 8).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
-    alpha = "A" in opened.getbands() or "transparency" in opened.info
-    return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+def pixels_of(opened: Any) -> Image:
+    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow: 16 bits become 8, floats are linear.
+
+    Raises ImageError as `stored_pixels`.
+    """
+    pixels = stored_pixels(opened)
+    return (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels
+
+
+def stored_pixels(opened: Any) -> NDArray[Any]:
+    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow: uint8, or of grey ones uint16 or float32.
+
+    Raises ImageError for numbers of which nobody knows which is white, and for floats that are not finite.
+    """
+    if opened.mode != "F" and not opened.mode.startswith("I"):
+        alpha = "A" in opened.getbands() or "transparency" in opened.info
+        return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+    grey = np.asarray(opened)
+    _check_range(opened, grey)
+    if opened.mode == "F":
+        return np.repeat(grey.astype(np.float32)[..., None], 3, axis=2)
+    channels = [grey.astype(np.uint16)] * 3
+    if isinstance(transparent := opened.info.get("transparency"), int):
+        channels.append(np.where(grey == transparent, 0, 65535).astype(np.uint16))
+    return np.stack(channels, axis=2)
+
+
+def _check_range(opened: Any, grey: NDArray[Any]) -> None:
+    """Raise ImageError unless pixels are from 0 for black to 65535 for white, or finite floats."""
+    convert = "Convert it to grey of 8 or 16 bits, of which 0 is black."
+    if opened.mode == "F" and not np.isfinite(grey).all():
+        raise ImageError("some of its pixels are NaN or infinite", convert)
+    if opened.format == "TIFF":
+        bits, white_is_zero = opened.tag_v2.get(_BITS_TAG, (1,))[0], opened.tag_v2.get(_PHOTOMETRIC_TAG) == 0
+        if white_is_zero or (opened.mode[:4], bits) not in (("F", 32), ("I;16", 16)):
+            kind = "for which 0 is white" if white_is_zero else "for which it is not known which is white"
+            raise ImageError(f"its pixels are numbers of {bits} bits {kind}", convert)
+    elif opened.mode.startswith("I") and (grey.min() < 0 or grey.max() > 65535):
+        raise ImageError(f"its pixels are from {grey.min():,} to {grey.max():,}, not from 0 to 65,535", convert)
 
 
 def resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ from glpath import load_scene
 from glpath.errors import SceneError
 from glpath.film.image import decode_srgb
 from glpath.io.completed import aside
+from glpath.io.pictures import Pictures
 from glpath.scene.model import Scene
 
 BROWN = (120, 80, 40)
@@ -121,6 +122,65 @@ def test_formats_of_pillow_are_read(tmp_path: Path, form: str, suffix: str) -> N
     scene, messages = read(FORMATS[form](tmp_path, f"wood.{suffix}"))
     assert [texture.image[0, 0, :3].tolist() for texture in scene.textures] == [list(BROWN)]
     assert messages == []
+
+
+# What one texel of each becomes: bytes of sRGB, of which others know that they are one colour, or linear floats.
+PIXELS: dict[str, tuple[Image.Image, dict[str, object], list[float]]] = {
+    "float.tif": (Image.fromarray(np.full((2, 2), 0.5, np.float32)), {}, [0.5, 0.5, 0.5]),
+    "grey16.tif": (Image.fromarray(np.full((2, 2), 0x8040, np.uint16)), {}, [128, 128, 128]),
+    "grey16.png": (Image.fromarray(np.full((2, 2), 0x8040, np.uint16)), {}, [128, 128, 128]),
+    "hole16.png": (
+        Image.fromarray(np.full((2, 2), 0x8040, np.uint16)),
+        {"transparency": 0x8040},
+        [128, 128, 128, 0],
+    ),
+    "bit.png": (Image.new("1", (2, 2), 1), {}, [255, 255, 255]),
+    "bit.tif": (Image.new("1", (2, 2), 1), {}, [255, 255, 255]),
+    "palette.png": (Image.new("RGB", (2, 2), BROWN).quantize(), {"transparency": bytes([77])}, [*BROWN, 77]),
+    "palette.gif": (Image.new("RGB", (2, 2), BROWN).quantize(), {}, [*BROWN]),
+    "grey.png": (Image.new("LA", (2, 2), (128, 77)), {}, [128, 128, 128, 77]),
+    "grey.tif": (Image.new("LA", (2, 2), (128, 77)), {}, [128, 128, 128, 77]),
+    "print.tif": (Image.new("RGB", (2, 2), BROWN).convert("CMYK"), {}, [*BROWN]),
+    "print.jpg": (Image.new("RGB", (2, 2), BROWN).convert("CMYK"), {"quality": 100}, [*BROWN]),
+}
+
+
+@pytest.mark.parametrize("name", PIXELS)
+def test_a_picture_of_any_pixels_has_its_colours(tmp_path: Path, name: str) -> None:
+    image, options, expected = PIXELS[name]
+    image.save(tmp_path / name, **options)
+    texel = Pictures(tmp_path).read(name)[0, 0]
+    assert texel.tolist() == expected
+    assert texel.dtype == (np.float32 if name.startswith("float") else np.uint8)
+
+
+def test_a_float_tiff_is_linear(tmp_path: Path) -> None:
+    Image.fromarray(np.full((2, 2), 0.5, np.float32)).save(tmp_path / "float.tif")
+    for path in (obj(tmp_path, "float.tif"), mitsuba(tmp_path, "float.tif")):
+        scene, _ = read(path)
+        assert scene.textures[0].linear()[0, 0].tolist() == [0.5, 0.5, 0.5]
+    with pytest.raises(SceneError, match="its pixels are floats"):
+        read(gltf(tmp_path, "float.tif"))
+
+
+WHITE_IS_ZERO = {262: 0}
+WIDE = {
+    "whole numbers of 32 bits": (np.full((2, 2), 0x40408080, np.int32), {}, "numbers of 32 bits for which it"),
+    "white is 0": (np.full((2, 2), 0x2020, np.uint16), WHITE_IS_ZERO, "numbers of 16 bits for which 0 is white"),
+    "NaN": (np.full((2, 2), np.nan, np.float32), {}, "pixels are NaN or infinite"),
+}
+
+
+@pytest.mark.parametrize("kind", WIDE)
+def test_pixels_of_which_white_is_not_known_are_refused(tmp_path: Path, kind: str) -> None:
+    """They were read as black, or as white."""
+    pixels, tags, words = WIDE[kind]
+    Image.fromarray(pixels).save(tmp_path / "wide.tif", tiffinfo=tags)
+    scene, messages = read(obj(tmp_path, "wide.tif"))
+    assert scene.textures == ()
+    assert [words in message for message in messages] == [True]
+    with pytest.raises(SceneError, match=words):
+        read(gltf(tmp_path, "wide.tif"))
 
 
 def test_a_mesh_of_no_vertices_is_left_out(tmp_path: Path) -> None:

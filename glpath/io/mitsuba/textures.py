@@ -132,7 +132,7 @@ class Textures:
         if key not in self._files:
             self._files[key] = _picture(path, where)
         image = self._files[key]
-        if raw and image.dtype != np.uint8 and path.suffix.lower() not in (".exr", ".hdr"):
+        if raw and image.dtype != np.uint8 and path.suffix.lower() == ".png":
             raise where.error(
                 f"names {path}, which has 16 bits a channel, for what is no colour.",
                 "Convert it to 8 bits, or EXR.",
@@ -158,7 +158,7 @@ def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArra
         return np.full((1, 1, 3), _GREY, np.uint8)
     if path.suffix.lower() not in FORMATS:
         try:
-            return np.array(Pictures(path.parent).read(path.name)[..., :3], np.uint8)
+            return np.ascontiguousarray(np.maximum(Pictures(path.parent).read(path.name)[..., :3], 0))
         except UnusableError as error:
             raise location.error(f"names the picture {path}, {error}.", "Convert it to PNG.") from error
     return stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, _stored)
