@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +14,7 @@ from glpath.errors import GlpathError, ImageError
 from glpath.film.image import picture_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
-from glpath.io.values import similar_file
+from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
@@ -26,75 +24,34 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
 _BITS_TAG, _PHOTOMETRIC_TAG = 258, 262
 #: For all pictures of a model together.
 MAX_BYTES = 2**33
-_WINDOWS_DRIVE = re.compile(r"[A-Za-z]:")
-
-
-#: Note about a model whose pictures are elsewhere.
-MOVED = (
-    "Folders that names of files have or lack: files of the same names beside the model or in its folders are read."
-)
-
-
-class UnusableError(Exception):
-    """Why a file that a model names is not used, as the rest of a sentence: "which does not exist"."""
-
-
-def inside(folder: Path, name: str) -> Path:
-    """The file of that name in a model's folder, or in folders in it, or a `similar_file`. Raises UnusableError.
-
-    Backslashes separate folders as well. Links are followed before it is asked where the file is.
-    """
-    plain = name.replace("\\", "/")
-    if "\0" not in plain and (similar := _another(folder, plain)) is not None:
-        return similar
-    if plain.startswith("/") or _WINDOWS_DRIVE.match(plain) or "\0" in plain:
-        raise UnusableError("which is outside the folder of the model")
-    path = folder / plain
-    try:
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise UnusableError("which is outside the folder of the model")
-        if not os.path.isfile(path):
-            raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
-    except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
-        raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
-    return path
-
-
-def is_moved(path: Path, folder: Path, name: str) -> bool:
-    """Return True if the file that was found in a folder for a name is not in the folder that the name says."""
-    wanted = name.replace("\\", "/").removeprefix("./").casefold()
-    return path.relative_to(folder).as_posix().casefold() != Path(wanted).as_posix()
-
-
-def _another(folder: Path, name: str) -> Path | None:
-    """Return the file that stands in for a name that does not exist in a folder; None if it exists."""
-    try:
-        if not name.startswith("/") and not _WINDOWS_DRIVE.match(name) and os.path.lexists(folder / name):
-            return None
-    except (OSError, ValueError):
-        return None
-    return similar_file(folder, name)
 
 
 @dataclass
 class Pictures:
     """The pictures of one model, each read once.
 
-    has_moved : a picture was read from another folder than its name says
+    files : where they are, and which are not used
     """
 
     folder: Path
-    has_moved: bool = False
+    files: NamedFiles = field(default_factory=NamedFiles)
     _known: dict[Path, Image | UnusableError] = field(default_factory=dict)
     _bytes: int = 0
+
+    def picture(self, name: str) -> Image | None:
+        """Return a picture as `read` does; None if it cannot be used, which `files` notes."""
+        try:
+            return self.read(name)
+        except UnusableError as error:
+            self.files.unusable[name] = str(error)
+            return None
 
     def read(self, name: str) -> Image:
         """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR and float TIFF.
 
         Raises UnusableError.
         """
-        path = inside(self.folder, name)
-        self.has_moved |= is_moved(path, self.folder, name) and not (self.folder / name).exists()
+        path = self.files.find(self.folder, name)
         if path not in self._known:
             try:
                 self._known[path] = self._pixels(path)

@@ -70,7 +70,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
 def _stored(document: Document, table: Table) -> bytes:
     uri = table.text("uri")
     if uri is not None:
-        return document.resolve(uri, table.location.field("uri"))
+        return document.resolve(uri, table.location.field("uri"), is_picture=True)
     return bytes(document.view(table.required_index("bufferView", document.all("bufferViews"), "buffer views")))
 
 
