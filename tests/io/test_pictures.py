@@ -173,6 +173,16 @@ def test_of_several_pictures_that_nearest_to_the_name_is_read(tmp_path: Path, fo
     assert sum(words in message for message in messages) == 1
 
 
+@pytest.mark.parametrize("name", ["Banan(1).png", "nan(1).png", "nan(1)", "x 1.#INF.png"])
+def test_a_name_is_not_taken_for_a_number(tmp_path: Path, name: str) -> None:
+    """C libraries write nan(1) and 1.#INF for numbers, which are then read as such."""
+    _, messages = read(obj(tmp_path, name))
+    shown = name.partition("#")[0]
+    assert [message.partition("not used: ")[2] for message in messages] == [
+        f'The texture "{shown}", which does not exist.'
+    ]
+
+
 def test_a_name_in_a_gltf_is_decoded(tmp_path: Path) -> None:
     Image.new("RGB", (2, 2), BROWN).save(tmp_path / "Holz \u00e4.png")
     scene, messages = read(gltf(tmp_path, "Holz%20%C3%A4.png"))
