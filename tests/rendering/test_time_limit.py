@@ -172,6 +172,18 @@ def test_each_frame_has_the_limit_to_itself(clock: Clock) -> None:
     assert [film.metadata.stop_rule for film in films] == ["spp", "spp"]
 
 
+def test_each_view_has_the_limit_to_itself(clock: Clock) -> None:
+    def report(progress: glpath.Progress) -> None:
+        clock.ahead += 3.0 * (progress.done == progress.total)
+
+    K = [[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]
+    poses = np.stack([np.eye(4)] * 3)
+    poses[:, 2, 3] = 3.9
+    options: dict[str, Any] = {"integrator": "path", "guide": "cosine", "spp": 2}
+    views = glpath.render_views(BOX, poses, K, time_limit=5.0, on_progress=report, **options)
+    assert [film.metadata.stop_rule for film in views.films] == ["spp"] * 3
+
+
 def test_no_warning_comes_of_a_limit_that_is_far(clock: Clock) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", glpath.SceneWarning)
