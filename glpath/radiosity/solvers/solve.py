@@ -9,8 +9,8 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,15 @@ from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import announced, waiting
-from glpath.system.time_limit import check_time, count_earlier, counted_from, limited, time_is_up, without_limit
+from glpath.system.time_limit import (
+    TimeLimitError,
+    check_time,
+    count_earlier,
+    counted_from,
+    limited,
+    time_is_up,
+    without_limit,
+)
 
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
@@ -87,10 +95,6 @@ class RadiosityInterrupted(KeyboardInterrupt):
         self.solution = solution
 
 
-class _TimeIsUpError(Exception):
-    """The time limit ended a solution between two steps."""
-
-
 Report = Callable[[RadiosityProgress], None]
 
 
@@ -104,7 +108,6 @@ class _Run:
     on_progress: Report | None
     started: float
     reported: float = -math.inf
-    stop_rule: str = DONE
 
     def report(self, stage: str, steps: int, unshot: float | None, until: float, elements: int) -> None:
         heartbeat.beat()
@@ -115,8 +118,7 @@ class _Run:
             self.reported = now
             self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
         if late and not last:
-            self.stop_rule = TIME_LIMIT
-            raise _TimeIsUpError
+            raise TimeLimitError(f"time_limit: over after {steps} steps of a radiosity solution.")
 
     @property
     def elapsed_s(self) -> float:
@@ -154,7 +156,7 @@ class _Run:
                 "patches": len(mesh.patches),
                 "elements": len(mesh.elements),
                 **statistics,
-                "stop_rule": self.stop_rule,
+                "stop_rule": DONE,
                 "elapsed_s": round(self.elapsed_s, 4),
             },
         )
@@ -346,6 +348,12 @@ def _progressive(
                 empty_shafts=took.empty_shafts,
             )
 
+    def partial() -> RadiositySolution | None:
+        """Keep the state, and return the solution so far, if any; while elements are split, that from before."""
+        if checkpoint is not None:
+            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
+        return before or (solution() if refinement.steps else None)
+
     before: RadiositySolution | None = None
     try:
         refinement.run(until, max_steps, report)
@@ -358,15 +366,8 @@ def _progressive(
             before = None
             refinement.run(until, max_steps, report)
         return solution()
-    except _TimeIsUpError:
-        if checkpoint is not None:
-            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
-        return before or solution()
-    except KeyboardInterrupt as stop:
-        if checkpoint is not None:
-            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
-        # While elements are being split, the solution from before is the one that is whole.
-        raise RadiosityInterrupted(before or (solution() if refinement.steps else None)) from stop
+    except (TimeLimitError, KeyboardInterrupt) as stop:
+        return _stopped(stop, partial())
 
 
 def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
@@ -418,6 +419,15 @@ def _monte_carlo(
                 **({} if view is None else {"view_mean": view[0], "view_error": view[1]}),
             )
 
+    def partial() -> RadiositySolution | None:
+        """Keep the state, and return the solution of the lattices that got the most particles, if any did."""
+        if checkpoint is not None:
+            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
+        if coarser is not None and shooting.particles < coarser["counts"][0]:
+            shooting.restore(coarser)
+        return solution() if shooting.particles else None
+
+    coarser: dict[str, NDArray[Any]] | None = None
     try:
         while True:
             shooting.shoot(batches - shooting.particles // BATCH, report)
@@ -426,9 +436,10 @@ def _monte_carlo(
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
             if time_is_up():  # finer lattices would begin anew
-                run.stop_rule = TIME_LIMIT
-                raise _TimeIsUpError
+                raise TimeLimitError("time_limit: over before the lattices are refined.")
+            before = shooting.state()
             if shooting.deepen(detail):
+                coarser = before
                 batches = min(wanted, max(asked, _MAX_BATCHES))
                 continue
             view = shooting.view_error()
@@ -437,14 +448,20 @@ def _monte_carlo(
                 return solution(detail)
             # At the same numbers, however many threads there are.
             batches += asked
-    except _TimeIsUpError:
-        if checkpoint is not None:
-            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
-        return solution()
-    except KeyboardInterrupt as stop:
-        if checkpoint is not None:
-            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
-        raise RadiosityInterrupted(solution() if shooting.particles else None) from stop
+    except (TimeLimitError, KeyboardInterrupt) as stop:
+        return _stopped(stop, partial())
+
+
+def _stopped(stop: BaseException, partial: RadiositySolution | None) -> RadiositySolution:
+    """Return the partial solution, which the time limit ended.
+
+    Raises RadiosityInterrupted if it was Ctrl-C, and TimeLimitError if there is no solution yet.
+    """
+    if isinstance(stop, KeyboardInterrupt):
+        raise RadiosityInterrupted(partial) from stop
+    if partial is None:
+        raise stop
+    return replace(partial, statistics={**partial.statistics, "stop_rule": TIME_LIMIT})
 
 
 def _settings(options: dict[str, object], size: float) -> dict[str, object]:
