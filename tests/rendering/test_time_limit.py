@@ -97,6 +97,16 @@ def test_a_gather_whose_bias_there_is_no_time_to_measure_says_so(clock: Clock) -
     assert film.bias() is None
 
 
+def test_a_bias_that_cannot_be_measured_is_not_the_limit_s_fault(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.rendering.factory._Gathering.bias_probe", lambda *_: None)  # as of streams
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", glpath.SceneWarning)
+        film = glpath.render(BOX, integrator="gather", time_limit=1e6, spp=2, **SIZE)
+    assert film.bias() is None
+
+
 def test_a_limit_that_ends_before_the_first_path_set_is_an_error(clock: Clock) -> None:
     with pytest.raises(TimeLimitError, match="time_limit=10: over while"):
         glpath.render(
