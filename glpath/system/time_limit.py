@@ -106,7 +106,7 @@ def part_of_time(*, required: bool = False) -> Iterator[None]:
                catches, when its part is over; True for work that may be cut short, but not left out
     """
     limit = _limit.get()
-    if limit is None:
+    if limit is None or limit.ends == math.inf:
         yield
         return
     later = (1 - PART) * max(0.0, limit.ends - time.perf_counter())

@@ -97,6 +97,15 @@ def test_what_follows_a_result_has_no_limit(clock: Clock) -> None:
         check_time("denoising")
 
 
+def test_a_part_of_endless_time_is_endless(clock: Clock) -> None:
+    with limited(1.0):
+        lift_limit()
+        with part_of_time():
+            clock.ahead = 1e9
+            assert seconds_left() == float("inf")
+            check_time("measuring the bias")
+
+
 def test_a_thread_begins_without_the_limit_of_another(clock: Clock) -> None:
     found: list[float] = []
     with limited(1.0):
