@@ -17,6 +17,7 @@ from glpath.errors import UsageError
 from glpath.sampling import MAX_SPP
 from glpath.system.interactive import in_notebook
 from glpath.system.machine import limit_threads
+from glpath.system.time_limit import check_time_limit
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
@@ -98,8 +99,10 @@ class RunOptions:
     strict: bool = False
 
     def __post_init__(self) -> None:
-        for name, value in (("time_limit", self.time_limit), ("noise", self.noise), ("clean", self.clean)):
-            if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):
+        check_time_limit(self.time_limit)
+        for name, value in (("noise", self.noise), ("clean", self.clean)):
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if value is not None and not (is_number and 0 < value < math.inf):
                 raise UsageError(f"{name}: {value!r} where a number above 0 is needed")
         if self.noise is not None and self.clean is not None:
             raise UsageError("clean beside noise: each ends the render by another error.", "Leave one out.")

@@ -16,12 +16,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, UsageError
 from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
@@ -80,6 +81,15 @@ def _process_age() -> float:
     return max(0.0, age)
 
 
+def check_time_limit(seconds: object) -> None:
+    """Raise UsageError unless a time limit is None or a finite number of seconds above 0."""
+    with suppress(OverflowError):  # an integer may be too large
+        is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
+        if seconds is None or (is_number and 0 < float(seconds) < math.inf):  # type: ignore[arg-type]
+            return
+    raise UsageError(f"time_limit={seconds!r}: must be a finite number of seconds above 0.", "None is no limit.")
+
+
 @contextmanager
 def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
     """Context with a time limit, which counts from here, or from the start of the process's command.
@@ -88,10 +98,14 @@ def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
 
     seconds : None for no limit
     anew    : count from here, also within another limit and in a command: one frame of many
+
+    Raises UsageError as `check_time_limit`.
     """
+    check_time_limit(seconds)
     if seconds is None or (_limit.get() is not None and not anew):
         yield
         return
+    seconds = float(seconds)
     now = time.perf_counter()
     began = now if anew or _command_began is None else _command_began
     with _set(_Limit(seconds, began, began + seconds, GRACE)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 import glpath
 from glpath.rendering.factory import UNGUIDED
+from glpath.rendering.run_options import RunOptions
 from glpath.system.time_limit import TimeLimitError
 from tests.support.clock import Clock
 
@@ -192,6 +194,30 @@ def test_each_view_has_the_limit_to_itself(clock: Clock) -> None:
     options: dict[str, Any] = {"integrator": "path", "guide": "cosine", "spp": 2}
     views = glpath.render_views(BOX, poses, K, time_limit=5.0, on_progress=report, **options)
     assert [film.metadata.stop_rule for film in views.films] == ["spp"] * 3
+
+
+@pytest.mark.parametrize("seconds", ["5", 0, -1.0, float("nan"), float("inf"), True, 10**400, [5.0]])
+def test_a_limit_that_is_no_time_is_refused_by_every_call(seconds: Any) -> None:
+    match = re.escape(f"time_limit={seconds!r}: must be a finite number of seconds above 0.")
+    K, origin, up = [[9.0, 0.0, 8.0], [0.0, 9.0, 8.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0]
+    calls: list[Callable[[], object]] = [
+        lambda: glpath.render(BOX, time_limit=seconds),
+        lambda: list(glpath.render_frames(BOX, [{}], time_limit=seconds)),
+        lambda: glpath.render_views(BOX, np.eye(4), K, time_limit=seconds),
+        lambda: glpath.irradiance(BOX, origin, up, time_limit=seconds),
+        lambda: glpath.lightmap(BOX, time_limit=seconds),
+        lambda: glpath.probes(BOX, (2, 2, 2), time_limit=seconds),
+        lambda: glpath.solve_radiosity(BOX, time_limit=seconds),
+        lambda: RunOptions(time_limit=seconds),
+    ]
+    for call in calls:
+        with pytest.raises(glpath.UsageError, match=match):
+            call()
+
+
+def test_a_limit_may_be_a_number_of_numpy(clock: Clock) -> None:
+    film = glpath.render(BOX, integrator="path", guide="cosine", spp=1, time_limit=np.float32(5), **SIZE)
+    assert film.metadata.stop_rule == "spp"
 
 
 def test_no_warning_comes_of_a_limit_that_is_far(clock: Clock) -> None:

@@ -256,8 +256,6 @@ def solve_radiosity(
             f'solve_radiosity: {word} with method "matrix", which has nothing between its beginning and its end.',
             'Take "progressive" or "monte-carlo", or leave it out.',
         )
-    if time_limit is not None and not 0 < time_limit < math.inf:
-        raise UsageError(f"solve_radiosity: time_limit is {time_limit}; must be a number of seconds above 0.")
     if shafts is not None and method == "monte-carlo":
         raise UsageError(
             'solve_radiosity: shafts with method "monte-carlo", whose particles are traced one by one.',

@@ -201,8 +201,6 @@ def test_a_limit_soon_after_finer_lattices_began_keeps_the_particles_of_the_coar
 def test_a_time_limit_of_what_has_no_steps_is_refused() -> None:
     with pytest.raises(glpath.UsageError, match="time_limit with method"):
         solve_radiosity(BOX, method="matrix", time_limit=3)
-    with pytest.raises(glpath.UsageError, match="time_limit is -1"):
-        solve_radiosity(BOX, time_limit=-1)
 
 
 def test_a_full_disk_is_told_once_and_solving_goes_on(
