@@ -32,7 +32,7 @@ from typing import Any
 from glpath.errors import ContextError, GlpathError, UsageError, warn
 from glpath.film.batches import BLOCK
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
-from glpath.film.choices import INTERRUPTED_RULE
+from glpath.film.choices import INTERRUPTED_RULE, TIME_LIMIT
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
@@ -48,7 +48,7 @@ from glpath.rendering.session import begin, checked_plan, describe_plan, metadat
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
-from glpath.system.time_limit import counted_from
+from glpath.system.time_limit import TimeLimitError, counted_from
 
 log = logging.getLogger("glpath")
 
@@ -100,8 +100,14 @@ class Cluster(Connection):
         if clock.ended_before():
             return clock.film
         traced = plan.traceable(scene)
-        plan = prepare(job, plan, scene, traced, clock)
-        plan = _with_small_bias(plan, job, scene, traced, options, clock)
+        try:
+            plan = prepare(job, plan, scene, traced, clock)
+            plan = _with_small_bias(plan, job, scene, traced, options, clock)
+        except TimeLimitError:
+            if not clock.film.path_sets:
+                raise
+            clock.end_as_begun(TIME_LIMIT)
+            return clock.film
         shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
         for text in plan.remarks(clock.film):

@@ -116,7 +116,14 @@ def test_a_limit_that_ends_before_the_first_path_set_is_an_error(clock: Clock) -
         )
 
 
-def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock) -> None:
+@pytest.mark.parametrize("by_cluster", [False, True])
+def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock, by_cluster: bool) -> None:
+    cluster = None
+    if by_cluster:
+        pytest.importorskip("distributed")
+        from glpath.jobs.cluster import Cluster
+
+        cluster = Cluster.__new__(Cluster)  # which needs no workers yet
     begun = glpath.render(BOX, integrator="gather", spp=8, **SIZE)
     sums = begun.radiance_sums.copy()
     film = glpath.render(
@@ -125,6 +132,7 @@ def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock) -> No
         time_limit=100.0,
         film=begun,
         on_progress=at(clock, "solving radiosity", 102.0),
+        cluster=cluster,
         **SIZE,
     )
     assert (film.path_sets, film.metadata.stop_rule) == (8, "time limit")
