@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from glpath.errors import ContextError, SceneError, warn
+from glpath.errors import ContextError, SceneError, TimeLimitError, warn
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, SURE, Bias, bias_of, block_means, summed
 from glpath.gl.context import Context
 from glpath.integrators.engine import Engine
@@ -24,7 +24,7 @@ from glpath.rendering.interrupts import Flag
 from glpath.scene import Scene
 from glpath.sensors.sensor import Sensor
 from glpath.system.heartbeat import heartbeat
-from glpath.system.time_limit import TimeLimitError, check_time, part_of_time, seconds_left
+from glpath.system.time_limit import check_time, part_of_time, seconds_left
 
 #: Longer side of the reduced picture, in pixels; the same whatever the resolution, so that the choice is as well.
 SIDE = 128

@@ -61,7 +61,8 @@ class RunOptions:
     backend, device, require_gpu : see `glpath.gl.context.open_context`
     threads        : that this process computes with at most, from now on: one for each core. What renders in
                      software has those of the first render
-    time_limit     : end after so many seconds, those of `film` included, and at least one path set
+    time_limit     : end after so many seconds from the call, those of `film` included. Nothing is rendered if they
+                     are over more than a second before the first path set: see `TimeLimitError`
     noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
                      channels, is below this with 95 % confidence: see `Film.error_bound`. 0.02 is a fair picture,
                      0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film

@@ -6,7 +6,6 @@ Poor at:  lenses that distort: undistort the pictures first.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Unpack
@@ -119,11 +118,10 @@ def render_views(
     films = []
     with Session(job, base, run_options) as session:
         for camera in seen_by:
-            started = time.perf_counter()
             shown = replace(base, camera=camera)
             view = replace(job, sensor=CameraSensor.of(camera))
             with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
-                films.append(session.render(view, shown, reported, started))
+                films.append(session.render(view, shown, reported))
     return _views(films, tuple(shape.name for shape in base.shapes))
 
 

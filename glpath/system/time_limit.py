@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 
-from glpath.errors import GlpathError, UsageError
+from glpath.errors import TimeLimitError, UsageError
 from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
@@ -31,10 +31,6 @@ _os = posix_module("posix")
 GRACE = 1.0
 #: Share of the time left that a part of the work may take.
 PART = 0.5
-
-
-class TimeLimitError(GlpathError):
-    """The time limit was over before there was a result."""
 
 
 @dataclass
@@ -96,16 +92,17 @@ def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
 
     Within another limit nothing changes: the outermost call's limit holds.
 
-    seconds : None for no limit
+    seconds : None for no limit; the time counts all the same, see `counted_from`
     anew    : count from here, also within another limit and in a command: one frame of many
 
     Raises UsageError as `check_time_limit`.
     """
     check_time_limit(seconds)
-    if seconds is None or (_limit.get() is not None and not anew):
+    outer = _limit.get()
+    if outer is not None and not anew and (seconds is None or outer.seconds < math.inf):
         yield
         return
-    seconds = float(seconds)
+    seconds = math.inf if seconds is None else float(seconds)
     now = time.perf_counter()
     began = now if anew or _command_began is None else _command_began
     with _set(_Limit(seconds, began, began + seconds, GRACE)):
@@ -159,7 +156,7 @@ def count_earlier(seconds: float) -> None:
 
 
 def counted_from() -> float:
-    """Return since when the time counts, by `time.perf_counter`; now without a limit."""
+    """Return since when the time of the outermost call counts, by `time.perf_counter`; now outside of any call."""
     limit = _limit.get()
     return time.perf_counter() if limit is None else limit.began
 

@@ -13,7 +13,6 @@ import pytest
 import glpath
 from glpath.rendering.factory import UNGUIDED
 from glpath.rendering.run_options import RunOptions
-from glpath.system.time_limit import TimeLimitError
 from tests.support.clock import Clock
 
 BOX = "cornell-box-36"
@@ -110,7 +109,7 @@ def test_a_bias_that_cannot_be_measured_is_not_the_limit_s_fault(
 
 
 def test_a_limit_that_ends_before_the_first_path_set_is_an_error(clock: Clock) -> None:
-    with pytest.raises(TimeLimitError, match="time_limit=10: over while"):
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=10: over while"):
         glpath.render(
             BOX, integrator="gather", time_limit=10.0, on_progress=at(clock, "solving radiosity", 12.0), **SIZE
         )
@@ -226,6 +225,16 @@ def test_a_limit_that_is_no_time_is_refused_by_every_call(seconds: Any) -> None:
 def test_a_limit_may_be_a_number_of_numpy(clock: Clock) -> None:
     film = glpath.render(BOX, integrator="path", guide="cosine", spp=1, time_limit=np.float32(5), **SIZE)
     assert film.metadata.stop_rule == "spp"
+
+
+def test_seconds_of_a_film_count_from_the_call_with_a_limit_and_without(clock: Clock) -> None:
+    def seconds_of(time_limit: float | None) -> float:
+        clock.ahead -= 1000.0  # so that calls seem to have begun long ago
+        options: dict[str, Any] = {**SIZE, "integrator": "path", "guide": "cosine", "spp": 1}
+        return glpath.render(BOX, time_limit=time_limit, **options).metadata.elapsed_s
+
+    assert seconds_of(None) > 1000
+    assert seconds_of(1e6) > 1000
 
 
 def test_no_warning_comes_of_a_limit_that_is_far(clock: Clock) -> None:

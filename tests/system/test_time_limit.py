@@ -8,12 +8,13 @@ import threading
 
 import pytest
 
+from glpath.errors import TimeLimitError
 from glpath.system import time_limit
 from glpath.system.time_limit import (
     GRACE,
-    TimeLimitError,
     check_time,
     count_earlier,
+    counted_from,
     lift_limit,
     limited,
     part_of_time,
@@ -80,6 +81,22 @@ def test_the_outermost_limit_holds_but_for_a_frame_s_own(clock: Clock) -> None:
             assert seconds_left() == pytest.approx(6.0)
         with limited(100.0, anew=True):
             assert seconds_left() == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("seconds", [None, 100.0])
+def test_time_counts_from_the_call_with_a_limit_and_without(clock: Clock, seconds: float | None) -> None:
+    with limited(seconds):
+        clock.ahead = 3.0
+        with limited(seconds):
+            assert counted_from() == pytest.approx(clock.stopped)
+        with limited(seconds, anew=True):
+            assert counted_from() == pytest.approx(clock.stopped + 3.0)
+    assert counted_from() == pytest.approx(clock.stopped + 3.0)
+
+
+def test_a_limit_holds_within_a_call_without_one(clock: Clock) -> None:
+    with limited(None), limited(10.0):
+        assert seconds_left() == pytest.approx(10.0)
 
 
 def test_the_time_of_earlier_runs_counts(clock: Clock) -> None:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import UsageError, kept_in
+from glpath.errors import TimeLimitError, UsageError, kept_in
 from glpath.io import AnyScene, load_scene
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import Kind
@@ -38,7 +38,6 @@ from glpath.scene.model import Float64
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import announced, waiting
 from glpath.system.time_limit import (
-    TimeLimitError,
     check_time,
     count_earlier,
     counted_from,
@@ -282,8 +281,7 @@ def solve_radiosity(
             divisions, splits = divisions * 2**splits, 0
         check_time(_MESHING)
         mesh = Mesh.uniform(triangles, divisions, surface, splits)
-        started = time.perf_counter() if time_limit is None else counted_from()
-        run = _Run(triangles, method, _settings(options, size), on_progress, started)
+        run = _Run(triangles, method, _settings(options, size), on_progress, counted_from())
         needed = kernels_of(method, reflects_first)
         compile_ahead(needed)
         with (

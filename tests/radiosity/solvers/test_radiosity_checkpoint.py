@@ -22,7 +22,6 @@ from glpath.cli.main import app
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.system import files
-from glpath.system.time_limit import TimeLimitError
 from tests.support.clock import Clock
 
 BOX = "cornell-box-36"
@@ -173,7 +172,7 @@ def test_a_limit_that_ends_before_the_first_step_is_an_error(clock: Clock, monke
             clock.ahead = 1e6
 
     monkeypatch.setattr("glpath.radiosity.solvers.solve.Refinement", LateRefinement)
-    with pytest.raises(TimeLimitError, match="time_limit=100: over while finding form factors"):
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=100: over while finding form factors"):
         solve_radiosity(BOX, time_limit=100.0, **METHODS[0])
 
 
