@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import TimeLimitError, UsageError, kept_in
+from glpath.film.choices import TIME_LIMIT
 from glpath.io import AnyScene, load_scene
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import Kind
@@ -56,8 +57,8 @@ _CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
 #: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
 #: until the standard error of what a gather finds for the camera is such a share of it.
 _MAX_BATCHES, _VIEW_ERROR = 64, 0.003
-#: What ended a solution, in its statistics: its own rule, or the time limit.
-DONE, TIME_LIMIT = "done", "time limit"
+#: What ended a solution, in its statistics, unless it was the time limit.
+DONE = "done"
 # What is done before the first step, for a time limit.
 _MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
