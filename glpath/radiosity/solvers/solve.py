@@ -271,24 +271,24 @@ def solve_radiosity(
             size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
         divisions = divisions_of_size(triangles, surface, size)
         lighting = Lighting.of(triangles)
-        reflects_first = bool(lighting.punctual) or lighting.sky is not None
-        if for_camera and method == "monte-carlo" and reflects_first:
-            count = patches or DEFAULT_PATCHES
-            check_time(_MESHING)
-            divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
-        points = 0 if method == "monte-carlo" else receiver_points
-        per_element = check_memory(triangles, divisions, size, splits, points, method)
-        if method == "monte-carlo":
-            divisions, splits = divisions * 2**splits, 0
-        check_time(_MESHING)
-        mesh = Mesh.uniform(triangles, divisions, surface, splits)
         run = _Run(triangles, method, _settings(options, size), on_progress, counted_from())
-        needed = kernels_of(method, reflects_first)
-        compile_ahead(needed)
+        for_camera &= method == "monte-carlo"
+        needed = kernels_of(triangles, lighting, method, near_lamps=for_camera and adaptive > 0)
         with (
-            checkpoint or nullcontext(),
             announced(waiting(needed), None if on_progress is None else run.compiling),
+            checkpoint or nullcontext(),
         ):
+            if for_camera and (lighting.punctual or lighting.sky is not None):
+                count = patches or DEFAULT_PATCHES
+                check_time(_MESHING)
+                divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
+            points = 0 if method == "monte-carlo" else receiver_points
+            per_element = check_memory(triangles, divisions, size, splits, points, method)
+            if method == "monte-carlo":
+                divisions, splits = divisions * 2**splits, 0
+            check_time(_MESHING)
+            mesh = Mesh.uniform(triangles, divisions, surface, splits)
+            compile_ahead(needed)
             if method == "monte-carlo":
                 shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
                 return _monte_carlo(run, shooting, particles, checkpoint)
