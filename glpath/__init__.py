@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         SceneWarning,
         ShaderError,
         StrictError,
+        TimeLimitError,
         UsageError,
     )
     from glpath.film.film import Film, read_image
@@ -75,6 +76,7 @@ _HOME = {
     "ShaderError": "errors",
     "StrictError": "errors",
     "Texels": "daylight.texels",
+    "TimeLimitError": "errors",
     "UsageError": "errors",
     "ViewFactorProgress": "radiosity.view_factors.compute",
     "ViewFactors": "radiosity.view_factors.result",
@@ -125,6 +127,7 @@ __all__ = [
     "ShaderError",
     "StrictError",
     "Texels",
+    "TimeLimitError",
     "UsageError",
     "ViewFactorProgress",
     "ViewFactors",

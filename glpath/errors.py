@@ -74,6 +74,10 @@ class UsageError(GlpathError):
     """Options that contradict each other or are out of range (exit code 2)."""
 
 
+class TimeLimitError(GlpathError):
+    """The time limit was over before there was a result."""
+
+
 class SceneWarning(UserWarning):
     """A scene that renders, but hardly as meant (no light, nothing in view, a degenerate triangle)."""
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from glpath.accel.nodes import Bvh, Tree
-from glpath.errors import UsageError
+from glpath.errors import TimeLimitError, UsageError
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 from glpath.system.machine import core_count
-from glpath.system.time_limit import TimeLimitError, check_time
+from glpath.system.time_limit import check_time
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]

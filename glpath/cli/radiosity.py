@@ -20,6 +20,7 @@ from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, interrupted, result_of
 from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
+from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
 from glpath.system.files import check_writable, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
@@ -308,7 +309,7 @@ def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quie
 
 def _summary(solution: RadiositySolution) -> Iterator[str]:
     s = solution.statistics
-    ended = ", ended by the time limit" if s["stop_rule"] == "time limit" else ""
+    ended = ", ended by the time limit" if s["stop_rule"] == TIME_LIMIT else ""
     yield (
         f"{s['elements']:,} elements in {s['patches']:,} patches, {solution.method}, "
         f"{duration(s['elapsed_s'])}{ended}"

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.merging import together
-from glpath.errors import ContextError, GlpathError
+from glpath.errors import ContextError, GlpathError, warn
 from glpath.jobs.connection import Connection, quiet
-from glpath.jobs.worker import check_version, held, this_version
+from glpath.jobs.worker import check_version, held, this_version, warnings_for_caller
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
@@ -111,6 +111,7 @@ class _Shards:
         self._running: dict[Any, int] = {}
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._tries: Counter[int] = Counter()
+        self._warned: set[str] = set()  # texts of workers
 
     def come(self) -> Iterator[tuple[int, DaylightCoefficients]]:
         """Yield index and coefficients of each missing shard in order of arrival."""
@@ -158,9 +159,8 @@ class _Shards:
     def _result(self, future: Any, number: int) -> DaylightCoefficients | None:
         """Return a shard's coefficients, or None if it must be tried again. Raises the worker's error."""
         try:
-            found = future.result(timeout=_SILENCE_S * 6)
+            found, texts = future.result(timeout=_SILENCE_S * 6)
             assert isinstance(found, DaylightCoefficients), "what compute_shard returns"
-            return found
         except Exception as error:
             if isinstance(error, GlpathError) and not isinstance(error, ContextError):
                 raise  # the same on each worker
@@ -175,13 +175,19 @@ class _Shards:
                     "The workers' own logs say more; `shard` computes one alone.",
                 ) from error
             return None
+        for text in texts:
+            if text not in self._warned:
+                self._warned.add(text)
+                warn(text, late=True)
+        return found
 
 
-def compute_shard(token: str, shard: tuple[int, int]) -> DaylightCoefficients:
-    """Compute, in a worker, the coefficients of shard (k, n) of the computation named by `token`."""
+def compute_shard(token: str, shard: tuple[int, int]) -> tuple[DaylightCoefficients, list[str]]:
+    """Return the coefficients of shard (k, n) of a token's computation, in a worker, and texts of warnings."""
     from glpath.daylight.compute import daylight_coefficients
 
-    with held(token) as shared:
+    with held(token) as shared, warnings_for_caller() as texts:
         assert isinstance(shared, DaylightWork), "what computed_by shares"
         check_version(shared.version)
-        return daylight_coefficients(shared.scene, shared.points, shared.normals, **shared.options, shard=shard)
+        found = daylight_coefficients(shared.scene, shared.points, shared.normals, **shared.options, shard=shard)
+    return found, texts

@@ -61,7 +61,8 @@ class FilmMetadata:
     window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
     device          : the renderer's name; several, joined by " + ", after merging
     versions        : name and version of the programs that took part
-    elapsed_s       : seconds of rendering, summed over what was merged
+    elapsed_s       : seconds from the call, or from the start of the command's process, to the last path set;
+                      summed over runs that resumed it and over what was merged
     statistics      : counts, summed when merging: `paths_cast`; of scans of the path-buffer `paths_lost` (to the
                       roulette of a cell); `paths_cut` (at a length that chance should have ended before);
                       `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;

@@ -29,10 +29,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from glpath.errors import ContextError, GlpathError, UsageError, warn
+from glpath.errors import ContextError, GlpathError, TimeLimitError, UsageError, warn
 from glpath.film.batches import BLOCK
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
-from glpath.film.choices import INTERRUPTED_RULE
+from glpath.film.choices import INTERRUPTED_RULE, TIME_LIMIT
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
@@ -48,7 +48,6 @@ from glpath.rendering.session import begin, checked_plan, describe_plan, metadat
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
-from glpath.system.time_limit import counted_from
 
 log = logging.getLogger("glpath")
 
@@ -94,14 +93,19 @@ class Cluster(Connection):
         merged
         RenderInterrupted : on Ctrl-C, with what was merged
         """
-        started = counted_from()
         plan = checked_plan(job, scene).resumed(options.film)
-        clock = begin(job, plan, scene, options, None, started=started, prepared=False)
+        clock = begin(job, plan, scene, options, None, prepared=False)
         if clock.ended_before():
             return clock.film
         traced = plan.traceable(scene)
-        plan = prepare(job, plan, scene, traced, clock)
-        plan = _with_small_bias(plan, job, scene, traced, options, clock)
+        try:
+            plan = prepare(job, plan, scene, traced, clock)
+            plan = _with_small_bias(plan, job, scene, traced, options, clock)
+        except TimeLimitError:
+            if not clock.film.path_sets:
+                raise
+            clock.end_as_begun(TIME_LIMIT)
+            return clock.film
         shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
         for text in plan.remarks(clock.film):

@@ -24,10 +24,8 @@ import sys
 import time
 
 from glpath.system.heartbeat import heartbeat
-from glpath.system.machine import posix_module
+from glpath.system.machine import resource
 from glpath.system.signals import ENDING
-
-_resource = posix_module("resource")
 
 _PROC = "/proc"
 # Between two bytes through the pipe.
@@ -116,15 +114,15 @@ class Watchdog:
         # Standard error may be closed, or no file.
         with contextlib.suppress(ValueError, OSError, AttributeError, RuntimeError):
             faulthandler.enable()
-            if _resource is not None:
-                self._core_limit = _resource.getrlimit(_resource.RLIMIT_CORE)
-                _resource.setrlimit(_resource.RLIMIT_CORE, (0, self._core_limit[1]))
+            if resource is not None:
+                self._core_limit = resource.getrlimit(resource.RLIMIT_CORE)
+                resource.setrlimit(resource.RLIMIT_CORE, (0, self._core_limit[1]))
 
     def __exit__(self, *exception: object) -> None:
         heartbeat.listener = None
         if self._core_limit is not None:
             faulthandler.disable()
-            _resource.setrlimit(_resource.RLIMIT_CORE, self._core_limit)
+            resource.setrlimit(resource.RLIMIT_CORE, self._core_limit)
         if self._process is not None:
             assert self._process.stdin is not None, "a pipe was asked for"
             self._process.stdin.close()

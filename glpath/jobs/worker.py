@@ -105,6 +105,23 @@ def check_version(version: str) -> None:
         )
 
 
+@contextmanager
+def warnings_for_caller() -> Iterator[list[str]]:
+    """Collect the texts of scene warnings, for the process that asks; other warnings are shown here at the end."""
+    texts: list[str] = []
+    caught: list[warnings.WarningMessage] = []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", SceneWarning)
+            yield texts
+    finally:
+        for each in caught:
+            if not issubclass(each.category, SceneWarning):
+                warnings.showwarning(each.message, each.category, each.filename, each.lineno)
+            elif str(each.message) not in texts:
+                texts.append(str(each.message))
+
+
 def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     """The film of path sets (start, stop) of the job of a token. Raises what `Session` raises, and UsageError for a
     worker with another version of glpath."""
@@ -112,8 +129,7 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     shared = _shared[token]
     assert isinstance(shared, Shared), "whose path sets are asked for"
     check_version(shared.version)
-    with _turn, warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", SceneWarning)
+    with _turn, warnings_for_caller() as texts:
         if _session is None or _session[0] != shared.token:
             forget()
             _session = shared.token, Session(shared.job, shared.scene, shared.options, plan=shared.plan)
@@ -125,7 +141,6 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
         except BaseException:
             forget()  # the next one begins with a new engine
             raise
-    texts = dict.fromkeys(str(each.message) for each in caught if issubclass(each.category, SceneWarning))
     return Part(film, _seconds(steps, film), tuple(texts))
 
 

@@ -6,11 +6,7 @@ import os
 from pathlib import Path
 
 from glpath.errors import UsageError
-
-try:
-    import resource
-except ImportError:  # Windows
-    resource = None  # type: ignore[assignment]
+from glpath.system.machine import resource, status_bytes
 
 
 def available_bytes() -> int:
@@ -33,17 +29,8 @@ def available_bytes() -> int:
         for kind, used in ((resource.RLIMIT_AS, "VmSize"), (resource.RLIMIT_DATA, "VmData")):
             limit_bytes, _ = resource.getrlimit(kind)  # of `ulimit -v` and `ulimit -d`
             if limit_bytes != resource.RLIM_INFINITY:
-                free = min(free, limit_bytes - _status_bytes(used))
+                free = min(free, limit_bytes - status_bytes(used))
     return max(free, 0)
-
-
-def _status_bytes(name: str) -> int:
-    """A size of this process by its name in /proc/self/status; 0 if the system does not tell."""
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), 0)
-    except (OSError, ValueError):
-        return 0
 
 
 def require_memory(need: float, what: str, remedy: str) -> None:

@@ -11,12 +11,10 @@ Poor at:  bias that is smaller than a block of the picture, and light that few p
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from glpath.errors import ContextError, SceneError, warn
+from glpath.errors import ContextError, SceneError, TimeLimitError, warn
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, SURE, Bias, bias_of, block_means, summed
 from glpath.gl.context import Context
 from glpath.integrators.engine import Engine
@@ -26,7 +24,7 @@ from glpath.rendering.interrupts import Flag
 from glpath.scene import Scene
 from glpath.sensors.sensor import Sensor
 from glpath.system.heartbeat import heartbeat
-from glpath.system.time_limit import TimeLimitError, check_time, part_of_time, seconds_left
+from glpath.system.time_limit import check_time, part_of_time, seconds_left
 
 #: Longer side of the reduced picture, in pixels; the same whatever the resolution, so that the choice is as well.
 SIDE = 128
@@ -108,16 +106,17 @@ class BiasCheck:
     engine_s: float
     probe: BiasProbe | None = None
     statistics: dict[str, Any] | None = None
+    _is_cut_short: bool = False  # by the time limit
 
     def settle(self, plan: Plan, engine: Engine) -> tuple[Plan, Engine]:
         """Return the plan whose bias is small enough, and its engine; a plan that was asked for is kept."""
         bias = self._measured(plan, engine)
         if bias is None:
             # An unknown bias may be large.
-            unbiased = self._in_time(plan.without_bias())
-            if unbiased is not None:
+            unbiased = plan.without_bias()
+            if self._in_time(unbiased) is not None:
                 return unbiased, self._replaced(engine, unbiased)
-            if seconds_left() < math.inf:
+            if self._is_cut_short or unbiased is not None:
                 name = self.scene.source or self.scene.name
                 warn(f"{name}: the time limit left no time to measure the bias of the gather; {_NO_BIAS}")
             return plan, engine
@@ -152,16 +151,21 @@ class BiasCheck:
         """The bias of a plan, None if it has none or there is no room or no time to measure it."""
         self.say(_STAGE)
         reduced = self.sensor.reduced(SIDE)
-        with suppress(ContextError, SceneError, MemoryError, TimeLimitError), part_of_time(), self.context:
-            check_time(_STAGE)
-            if self.probe is None:
-                engines = plan.bias_probe(engine, self.context, self.scene, reduced)
-                if engines is None:
-                    return None
-                self.probe = BiasProbe(engines, engine)
-            sums = self.probe.measure(reduced, self.interrupted)
-            self.statistics = {BIAS_PROBE: sums}
-            return bias_of(sums)
+        try:
+            with part_of_time(), self.context:
+                if self.probe is None:
+                    engines = plan.bias_probe(engine, self.context, self.scene, reduced)
+                    if engines is None:
+                        return None
+                    check_time(_STAGE)
+                    self.probe = BiasProbe(engines, engine)
+                sums = self.probe.measure(reduced, self.interrupted)
+                self.statistics = {BIAS_PROBE: sums}
+                return bias_of(sums)
+        except TimeLimitError:
+            self._is_cut_short = True
+        except (ContextError, SceneError, MemoryError):
+            pass  # there is no room for two further engines
         return None
 
     def _replaced(self, engine: Engine, plan: Plan, *, same_solution: bool = True) -> Engine:

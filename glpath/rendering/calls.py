@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -74,6 +73,7 @@ def render(
     Raises
     ------
     SceneError, UsageError, ContextError : before anything is rendered; ContextError also where the device fails
+    TimeLimitError : if the time limit is over more than a second before the first path set
     RenderInterrupted : on Ctrl-C, with the film so far
 
     Warns `SceneWarning` for a scene that can be rendered, but hardly as it is meant.
@@ -219,20 +219,19 @@ def render_frames(
     with ExitStack() as until_done:
         session: Session | None = None
         for frame in frames:
-            started = time.perf_counter()
-            shown = _frame_scene(base, frame)
-            job = replace(
-                job,
-                scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else job.scene,
-                sensor=CameraSensor.of(shown.camera),
-                window=(0, 0, *shown.camera.resolution),
-            )
-            if workers is None and (session is None or not session.follows(job, shown)):
-                until_done.close()  # what is on the device is of no use for another scene
-                session = until_done.enter_context(Session(job, shown, run_options))
             with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
+                shown = _frame_scene(base, frame)
+                job = replace(
+                    job,
+                    scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else job.scene,
+                    sensor=CameraSensor.of(shown.camera),
+                    window=(0, 0, *shown.camera.resolution),
+                )
+                if workers is None and (session is None or not session.follows(job, shown)):
+                    until_done.close()  # what is on the device is of no use for another scene
+                    session = until_done.enter_context(Session(job, shown, run_options))
                 if session is not None:
-                    film = session.render(job, shown, reported, started)
+                    film = session.render(job, shown, reported)
                 elif workers is not None:
                     film = workers.render(job, shown, replace(reported, cluster=None))
             yield film

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
-from glpath.errors import SceneError, warn
+from glpath.errors import SceneError, TimeLimitError, warn
 from glpath.film.aovs import guides_denoiser
 from glpath.film.bias import REJECTED_GATHER
 from glpath.film.choices import TIME_LIMIT
@@ -34,7 +34,7 @@ from glpath.scene.instances import instanced
 from glpath.scene.proxy import Proxies, with_proxies
 from glpath.scene.triangulate import check_resident, check_simplifiable, check_streamable, check_unmirrored
 from glpath.sensors.sensor import CameraSensor, Sensor
-from glpath.system.time_limit import TimeLimitError, part_of_time
+from glpath.system.time_limit import part_of_time
 
 if TYPE_CHECKING:
     from glpath.integrators.whitted import WhittedTracer

@@ -17,6 +17,7 @@ from glpath.errors import UsageError
 from glpath.sampling import MAX_SPP
 from glpath.system.interactive import in_notebook
 from glpath.system.machine import limit_threads
+from glpath.system.time_limit import check_time_limit
 
 if TYPE_CHECKING:
     from glpath.film.film import Film
@@ -60,7 +61,8 @@ class RunOptions:
     backend, device, require_gpu : see `glpath.gl.context.open_context`
     threads        : that this process computes with at most, from now on: one for each core. What renders in
                      software has those of the first render
-    time_limit     : end after so many seconds, those of `film` included, and at least one path set
+    time_limit     : end after so many seconds from the call, those of `film` included. Nothing is rendered if they
+                     are over more than a second before the first path set: see `TimeLimitError`
     noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
                      channels, is below this with 95 % confidence: see `Film.error_bound`. 0.02 is a fair picture,
                      0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film
@@ -98,8 +100,10 @@ class RunOptions:
     strict: bool = False
 
     def __post_init__(self) -> None:
-        for name, value in (("time_limit", self.time_limit), ("noise", self.noise), ("clean", self.clean)):
-            if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):
+        check_time_limit(self.time_limit)
+        for name, value in (("noise", self.noise), ("clean", self.clean)):
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if value is not None and not (is_number and 0 < value < math.inf):
                 raise UsageError(f"{name}: {value!r} where a number above 0 is needed")
         if self.noise is not None and self.clean is not None:
             raise UsageError("clean beside noise: each ends the render by another error.", "Leave one out.")

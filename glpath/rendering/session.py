@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import ContextError, UsageError, warn
+from glpath.errors import ContextError, TimeLimitError, UsageError, warn
 from glpath.film.aovs import DENOISER_AOVS, ID_AOVS, guides_denoiser
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
 from glpath.film.choices import TIME_LIMIT
@@ -28,7 +28,7 @@ from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.sensors.sensor import CameraSensor
 from glpath.system.machine import return_memory
-from glpath.system.time_limit import TimeLimitError, count_earlier, counted_from
+from glpath.system.time_limit import count_earlier, counted_from
 from glpath.system.versions import versions
 
 
@@ -80,22 +80,20 @@ class Session:
                 del engine
                 return_memory()
 
-    def render(self, job: RenderJob, scene: Scene, options: RunOptions, started: float | None = None) -> Film:
+    def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
         """The film of a job: the first one, then others of its integrator and resolution.
 
-        scene   : of the job, with its camera
-        started : `time.perf_counter()` when the job was begun; now, or since when a time limit counts
+        scene : of the job, with its camera
 
         Raises RenderInterrupted, and UsageError for another resolution or a film of another render; ContextError
         where the device fails; TimeLimitError if the time limit is over before the first path set.
         """
-        started = counted_from() if started is None else started
         context = self._context
         context.check()
         prepared = self._engine is not None
         if not prepared:
             self._plan = self._plan.resumed(options.film)
-        clock = begin(job, self._plan, scene, options, context, started=started, prepared=prepared)
+        clock = begin(job, self._plan, scene, options, context, prepared=prepared)
         if clock.ended_before():
             return clock.film
         try:
@@ -208,7 +206,6 @@ def begin(
     options: RunOptions,
     context: Context | None,
     *,
-    started: float,
     prepared: bool,
 ) -> Clock:
     """The clock of a render, with its film: the one of the options, if that is of this job, or a new one.
@@ -228,7 +225,8 @@ def begin(
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
         film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
     count_earlier(film.metadata.elapsed_s)
-    return Clock(film, job.spp, "" if context is None else context.info.renderer, options, started=started)
+    renderer = "" if context is None else context.info.renderer
+    return Clock(film, job.spp, renderer, options, started=counted_from())
 
 
 def _check_denoisable(job: RenderJob) -> None:

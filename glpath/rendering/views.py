@@ -6,7 +6,6 @@ Poor at:  lenses that distort: undistort the pictures first.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Unpack
@@ -29,6 +28,7 @@ from glpath.rendering.session import Session
 from glpath.scene import check_camera
 from glpath.scene.camera_matrices import CONVENTIONS, Convention, cameras
 from glpath.sensors.sensor import CameraSensor
+from glpath.system.time_limit import limited
 
 Float64 = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def render_views(
     resolution : (width, height); twice the principal point, rounded, without it
     convention : "opengl" or "opencv"; poses, K, resolution and this are as those of `glpath.camera`
     spp        : path sets, that is samples per pixel, of each view
-    The other parameters are those of `render`, of each view.
+    The other parameters are those of `render`, of each view, which has the `time_limit` to itself.
     {options}
 
     Raises UsageError for poses that are no rotation and translation, and for intrinsics with a skew; what `render`
@@ -118,11 +118,10 @@ def render_views(
     films = []
     with Session(job, base, run_options) as session:
         for camera in seen_by:
-            started = time.perf_counter()
             shown = replace(base, camera=camera)
             view = replace(job, sensor=CameraSensor.of(camera))
-            with reporting_to(run_options) as reported:
-                films.append(session.render(view, shown, reported, started))
+            with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
+                films.append(session.render(view, shown, reported))
     return _views(films, tuple(shape.name for shape in base.shapes))
 
 

@@ -21,19 +21,25 @@ def posix_module(name: str) -> Any:
         return None
 
 
-_resource = posix_module("resource")
+resource = posix_module("resource")
+
+
+def status_bytes(name: str) -> int:
+    """Return a size of this process by its name in /proc/self/status; 0 if the system does not tell."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), 0)
+    except (OSError, ValueError, IndexError):
+        return 0  # no Linux, or a /proc that is hidden or an emulator's
 
 
 def peak_resident_bytes() -> int:
     """The most memory that this process had at once, llvmpipe's with it; 0 where the system does not say."""
     # Not by getrusage, whose number begins with that of the process which has started this one.
-    try:
-        for line in Path("/proc/self/status").read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    except (OSError, ValueError, IndexError):
-        pass  # no Linux, or a /proc that is hidden or an emulator's
-    return 0 if _resource is None else int(_resource.getrusage(_resource.RUSAGE_SELF).ru_maxrss) * 1024
+    peak = status_bytes("VmHWM")
+    if peak or resource is None:
+        return peak
+    return int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1024
 
 
 def core_count() -> int:

@@ -16,12 +16,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
-from glpath.errors import GlpathError
+from glpath.errors import TimeLimitError, UsageError
 from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
@@ -30,10 +31,6 @@ _os = posix_module("posix")
 GRACE = 1.0
 #: Share of the time left that a part of the work may take.
 PART = 0.5
-
-
-class TimeLimitError(GlpathError):
-    """The time limit was over before there was a result."""
 
 
 @dataclass
@@ -80,18 +77,32 @@ def _process_age() -> float:
     return max(0.0, age)
 
 
+def check_time_limit(seconds: object) -> None:
+    """Raise UsageError unless a time limit is None or a finite number of seconds above 0."""
+    with suppress(OverflowError):  # an integer may be too large
+        is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
+        if seconds is None or (is_number and 0 < float(seconds) < math.inf):  # type: ignore[arg-type]
+            return
+    raise UsageError(f"time_limit={seconds!r}: must be a finite number of seconds above 0.", "None is no limit.")
+
+
 @contextmanager
 def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
     """Context with a time limit, which counts from here, or from the start of the process's command.
 
     Within another limit nothing changes: the outermost call's limit holds.
 
-    seconds : None for no limit
+    seconds : None for no limit; the time counts all the same, see `counted_from`
     anew    : count from here, also within another limit and in a command: one frame of many
+
+    Raises UsageError as `check_time_limit`.
     """
-    if seconds is None or (_limit.get() is not None and not anew):
+    check_time_limit(seconds)
+    outer = _limit.get()
+    if outer is not None and not anew and (seconds is None or outer.seconds < math.inf):
         yield
         return
+    seconds = math.inf if seconds is None else float(seconds)
     now = time.perf_counter()
     began = now if anew or _command_began is None else _command_began
     with _set(_Limit(seconds, began, began + seconds, GRACE)):
@@ -106,7 +117,7 @@ def part_of_time(*, required: bool = False) -> Iterator[None]:
                catches, when its part is over; True for work that may be cut short, but not left out
     """
     limit = _limit.get()
-    if limit is None:
+    if limit is None or limit.ends == math.inf:
         yield
         return
     later = (1 - PART) * max(0.0, limit.ends - time.perf_counter())
@@ -145,7 +156,7 @@ def count_earlier(seconds: float) -> None:
 
 
 def counted_from() -> float:
-    """Return since when the time counts, by `time.perf_counter`; now without a limit."""
+    """Return since when the time of the outermost call counts, by `time.perf_counter`; now outside of any call."""
     limit = _limit.get()
     return time.perf_counter() if limit is None else limit.began
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +16,8 @@ from glpath.daylight.cluster import DaylightWork
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compute import DaylightProgress, daylight_coefficients
 from glpath.daylight.kept_shards import KeptShards
-from glpath.errors import ContextError, ImageError, UsageError
+from glpath.errors import ContextError, ImageError, SceneWarning, UsageError, warn
+from glpath.jobs import worker
 from glpath.jobs.cluster import Cluster
 from tests.daylight.test_merging import AT, QUICK, UP, assert_same, shards_of, veiled
 from tests.support.command_line import run
@@ -124,7 +126,7 @@ class Finished:
     def result(self, timeout: float) -> Any:
         if isinstance(self._outcome, Exception):
             raise self._outcome
-        return self._outcome
+        return self._outcome if isinstance(self._outcome, tuple) else (self._outcome, [])
 
 
 def played(outcomes: dict[int, list[Any]], resume: Path | None = None) -> DaylightCoefficients:
@@ -149,6 +151,29 @@ def test_a_shard_that_is_lost_is_computed_again(tmp_path: Path, caplog: pytest.L
     assert_same(found, daylight_coefficients(veiled(), AT, UP, **QUICK))
     assert "shard 1 of 2: its worker was lost" in caplog.text
     assert "shard 2 of 2: no device" in caplog.text
+
+
+def test_warnings_of_shards_reach_the_process_that_asks_once(tmp_path: Path) -> None:
+    one, two = map(DaylightCoefficients.load, shards_of(tmp_path, veiled(), 2))
+    with pytest.warns(SceneWarning, match="odd in a shard") as told:
+        played({1: [(one, ["odd in a shard"])], 2: [(two, ["odd in a shard"])]})
+    assert len(told) == 1
+
+
+def test_a_worker_collects_the_warnings_of_its_shard(monkeypatch: pytest.MonkeyPatch) -> None:
+    def compute(*_: Any, **__: Any) -> str:
+        warn("odd in a shard")
+        warnings.warn("of a library", RuntimeWarning, stacklevel=1)
+        return "coefficients"
+
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    scene: Any = None
+    worker.hold(DaylightWork("token", scene, AT, np.broadcast_to(UP, AT.shape), {}, worker.this_version()))
+    try:
+        with pytest.warns(RuntimeWarning, match="of a library"):
+            assert by_workers.compute_shard("token", (1, 2)) == ("coefficients", ["odd in a shard"])
+    finally:
+        worker.let_go("token")
 
 
 def test_what_fails_everywhere_ends_it_and_the_rest_is_kept(tmp_path: Path) -> None:

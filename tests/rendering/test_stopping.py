@@ -109,7 +109,7 @@ def test_looks_are_few_and_follow_from_the_count_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    "rules", [{"time_limit": 0}, {"time_limit": -1.0}, {"noise": 0.0}, {"noise": float("nan")}, {"clean": 0}]
+    "rules", [{"noise": 0.0}, {"noise": float("nan")}, {"noise": True}, {"clean": 0}, {"clean": "0.1"}]
 )
 def test_rules_that_cannot_be_are_refused(rules: dict[str, float]) -> None:
     with pytest.raises(glpath.UsageError, match="a number above 0 is needed"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 import glpath
 from glpath.rendering.factory import UNGUIDED
-from glpath.system.time_limit import TimeLimitError
+from glpath.rendering.run_options import RunOptions
 from tests.support.clock import Clock
 
 BOX = "cornell-box-36"
@@ -97,14 +98,31 @@ def test_a_gather_whose_bias_there_is_no_time_to_measure_says_so(clock: Clock) -
     assert film.bias() is None
 
 
+def test_a_bias_that_cannot_be_measured_is_not_the_limit_s_fault(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.rendering.factory._Gathering.bias_probe", lambda *_: None)  # as of streams
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", glpath.SceneWarning)
+        film = glpath.render(BOX, integrator="gather", time_limit=1e6, spp=2, **SIZE)
+    assert film.bias() is None
+
+
 def test_a_limit_that_ends_before_the_first_path_set_is_an_error(clock: Clock) -> None:
-    with pytest.raises(TimeLimitError, match="time_limit=10: over while"):
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=10: over while"):
         glpath.render(
             BOX, integrator="gather", time_limit=10.0, on_progress=at(clock, "solving radiosity", 12.0), **SIZE
         )
 
 
-def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock) -> None:
+@pytest.mark.parametrize("by_cluster", [False, True])
+def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock, by_cluster: bool) -> None:
+    cluster = None
+    if by_cluster:
+        pytest.importorskip("distributed")
+        from glpath.jobs.cluster import Cluster
+
+        cluster = Cluster.__new__(Cluster)  # which needs no workers yet
     begun = glpath.render(BOX, integrator="gather", spp=8, **SIZE)
     sums = begun.radiance_sums.copy()
     film = glpath.render(
@@ -113,6 +131,7 @@ def test_a_film_whose_resumption_has_no_time_stays_as_it_was(clock: Clock) -> No
         time_limit=100.0,
         film=begun,
         on_progress=at(clock, "solving radiosity", 102.0),
+        cluster=cluster,
         **SIZE,
     )
     assert (film.path_sets, film.metadata.stop_rule) == (8, "time limit")
@@ -170,6 +189,52 @@ def test_each_frame_has_the_limit_to_itself(clock: Clock) -> None:
         films.append(film)
         clock.ahead += 100.0
     assert [film.metadata.stop_rule for film in films] == ["spp", "spp"]
+
+
+def test_each_view_has_the_limit_to_itself(clock: Clock) -> None:
+    def report(progress: glpath.Progress) -> None:
+        clock.ahead += 3.0 * (progress.done == progress.total)
+
+    K = [[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]
+    poses = np.stack([np.eye(4)] * 3)
+    poses[:, 2, 3] = 3.9
+    options: dict[str, Any] = {"integrator": "path", "guide": "cosine", "spp": 2}
+    views = glpath.render_views(BOX, poses, K, time_limit=5.0, on_progress=report, **options)
+    assert [film.metadata.stop_rule for film in views.films] == ["spp"] * 3
+
+
+@pytest.mark.parametrize("seconds", ["5", 0, -1.0, float("nan"), float("inf"), True, 10**400, [5.0]])
+def test_a_limit_that_is_no_time_is_refused_by_every_call(seconds: Any) -> None:
+    match = re.escape(f"time_limit={seconds!r}: must be a finite number of seconds above 0.")
+    K, origin, up = [[9.0, 0.0, 8.0], [0.0, 9.0, 8.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0]
+    calls: list[Callable[[], object]] = [
+        lambda: glpath.render(BOX, time_limit=seconds),
+        lambda: list(glpath.render_frames(BOX, [{}], time_limit=seconds)),
+        lambda: glpath.render_views(BOX, np.eye(4), K, time_limit=seconds),
+        lambda: glpath.irradiance(BOX, origin, up, time_limit=seconds),
+        lambda: glpath.lightmap(BOX, time_limit=seconds),
+        lambda: glpath.probes(BOX, (2, 2, 2), time_limit=seconds),
+        lambda: glpath.solve_radiosity(BOX, time_limit=seconds),
+        lambda: RunOptions(time_limit=seconds),
+    ]
+    for call in calls:
+        with pytest.raises(glpath.UsageError, match=match):
+            call()
+
+
+def test_a_limit_may_be_a_number_of_numpy(clock: Clock) -> None:
+    film = glpath.render(BOX, integrator="path", guide="cosine", spp=1, time_limit=np.float32(5), **SIZE)
+    assert film.metadata.stop_rule == "spp"
+
+
+def test_seconds_of_a_film_count_from_the_call_with_a_limit_and_without(clock: Clock) -> None:
+    def seconds_of(time_limit: float | None) -> float:
+        clock.ahead -= 1000.0  # so that calls seem to have begun long ago
+        options: dict[str, Any] = {**SIZE, "integrator": "path", "guide": "cosine", "spp": 1}
+        return glpath.render(BOX, time_limit=time_limit, **options).metadata.elapsed_s
+
+    assert seconds_of(None) > 1000
+    assert seconds_of(1e6) > 1000
 
 
 def test_no_warning_comes_of_a_limit_that_is_far(clock: Clock) -> None:

@@ -16,9 +16,12 @@ from typing import Any
 
 import pytest
 
-from glpath.radiosity.solvers import ahead
+from glpath.io import load_scene
+from glpath.lights.lighting import Lighting
+from glpath.radiosity.solvers import ahead, needed
 from glpath.radiosity.solvers.checks import METHODS
 from glpath.radiosity.solvers.needed import kernels_of
+from glpath.scene import path_traceable
 from glpath.system import kernel_cache, kernels
 from glpath.system.kernel_cache import _FOLDER as FOLDER
 from glpath.system.kernel_cache import room_stamp
@@ -470,8 +473,53 @@ def test_without_compilation_kernels_are_functions_that_a_debugger_can_enter() -
 
 
 def test_the_largest_kernel_is_one_that_a_solution_needs() -> None:
-    names = {k.__name__ for method in METHODS for k in kernels_of(method, direct_light=True)}
+    box = path_traceable(load_scene("cornell-box-36"))
+    of_methods = [kernels_of(box, Lighting.of(box), method, near_lamps=False) for method in METHODS]
+    names = {k.__name__ for of_method in of_methods for k in of_method}
     assert ahead.LARGEST[0] in names
+
+
+def test_boxes_lamps_and_skies_need_kernels_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    def names(scene: str, *, near_lamps: bool) -> set[str]:
+        traced = path_traceable(load_scene(scene))
+        found = kernels_of(traced, Lighting.of(traced), "monte-carlo", near_lamps)
+        return {k.__name__ for k in found} - {"_parallelograms", "_build", "shoot_batch"}
+
+    monkeypatch.setattr(needed, "waiting", list)
+    assert names("cornell-box", near_lamps=True) == {"_closest", "_in_the_open"}
+    assert names("cornell-box", near_lamps=False) == {"_in_the_open"}
+    assert names("furnace", near_lamps=False) == set()
+    assert "_free" in names("room", near_lamps=True)
+
+
+FIRST_RUN = """
+import glpath
+told = []
+glpath.solve_radiosity(
+    {scene!r}, method={method!r}, for_camera={for_camera}, patches=40, particles=1 << 14,
+    on_progress=lambda progress: told.append(progress.stage) if "/" in progress.stage else None,
+)
+print(told[-1].split()[-1], *{{text.split("/")[1] for text in told}})
+"""
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(
+    ("scene", "method", "for_camera"),
+    [("cornell-box", "monte-carlo", True), ("room", "monte-carlo", True), ("cornell-box", "progressive", False)],
+)
+def test_a_first_run_compiles_as_many_kernels_as_it_announces(
+    scene: str, method: str, for_camera: bool, tmp_path: Path
+) -> None:
+    code = FIRST_RUN.format(scene=scene, method=method, for_camera=for_camera)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "compiling" not in done.stderr, "before it was announced"
+    last, *totals = done.stdout.split()
+    assert [last] == [f"{total}/{total}" for total in totals]
 
 
 @pytest.mark.evidence

@@ -8,12 +8,13 @@ import threading
 
 import pytest
 
+from glpath.errors import TimeLimitError
 from glpath.system import time_limit
 from glpath.system.time_limit import (
     GRACE,
-    TimeLimitError,
     check_time,
     count_earlier,
+    counted_from,
     lift_limit,
     limited,
     part_of_time,
@@ -82,6 +83,22 @@ def test_the_outermost_limit_holds_but_for_a_frame_s_own(clock: Clock) -> None:
             assert seconds_left() == pytest.approx(100.0)
 
 
+@pytest.mark.parametrize("seconds", [None, 100.0])
+def test_time_counts_from_the_call_with_a_limit_and_without(clock: Clock, seconds: float | None) -> None:
+    with limited(seconds):
+        clock.ahead = 3.0
+        with limited(seconds):
+            assert counted_from() == pytest.approx(clock.stopped)
+        with limited(seconds, anew=True):
+            assert counted_from() == pytest.approx(clock.stopped + 3.0)
+    assert counted_from() == pytest.approx(clock.stopped + 3.0)
+
+
+def test_a_limit_holds_within_a_call_without_one(clock: Clock) -> None:
+    with limited(None), limited(10.0):
+        assert seconds_left() == pytest.approx(10.0)
+
+
 def test_the_time_of_earlier_runs_counts(clock: Clock) -> None:
     with limited(10.0):
         count_earlier(7.0)
@@ -95,6 +112,15 @@ def test_what_follows_a_result_has_no_limit(clock: Clock) -> None:
             check_time("making the solution of what was solved")
         lift_limit()
         check_time("denoising")
+
+
+def test_a_part_of_endless_time_is_endless(clock: Clock) -> None:
+    with limited(1.0):
+        lift_limit()
+        with part_of_time():
+            clock.ahead = 1e9
+            assert seconds_left() == float("inf")
+            check_time("measuring the bias")
 
 
 def test_a_thread_begins_without_the_limit_of_another(clock: Clock) -> None:

@@ -177,6 +177,7 @@ TASKS = (
                 "ShaderError",
                 "SceneWarning",
                 "StrictError",
+                "TimeLimitError",
             )
         },
     ),

@@ -133,18 +133,20 @@ class FormFactors:
             exact = self.kind == "polygon"
             _factors(at.lit, emitters, some, wanted, samples, visible, exact, factors)
         heartbeat.beat()
-        check_time("finding form factors")
         return (factors / at.each).astype(np.float32), took
 
     def of_batches(
         self, batches: Sequence[int], at: ReceiverPoints
     ) -> list[tuple[NDArray[np.float32], Statistics]]:
-        """`of_batch` of several, shared between threads."""
-        threads = min(core_count(), len(batches))
-        if threads < 2:
-            return [self.of_batch(b, at) for b in batches]
+        """Return `of_batch` of several, shared between threads. Raises TimeLimitError."""
+        threads = max(1, min(core_count(), len(batches)))
+        found = []
         with ThreadPoolExecutor(threads) as pool:
-            return list(pool.map(lambda b: self.of_batch(b, at), batches))
+            share = pool.map if threads > 1 else map
+            for one in share(lambda b: self.of_batch(b, at), batches):
+                found.append(one)
+                check_time("finding form factors")  # here, as threads have no limit
+        return found
 
 
 def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:

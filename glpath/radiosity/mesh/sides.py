@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.mesh.mesh import Elements, Int64
+from glpath.radiosity.shafts.occluders import is_closed
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
@@ -190,6 +191,15 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
             near = [p for p in points if (p > low).all() and (p < high).all()]
             inside[number] = any(abs(winding_number(corners, point)) > 0.5 for point in near)
     return inside
+
+
+def has_solids(scene: Scene) -> bool:
+    """Return True if a shape is a closed surface and no room, so that other surfaces may be buried in it."""
+    inhabited = _inhabited(scene)
+    return any(
+        shape.primitive == "triangle" and not room and is_closed(scene.triangles[part])
+        for part, shape, room in zip(scene.shapes.ranges, scene.shapes, inhabited, strict=True)
+    )
 
 
 def in_the_open(

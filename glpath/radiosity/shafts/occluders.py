@@ -100,7 +100,7 @@ class Occluders:
         corners, first, two = corners[:n].copy(), first[:n].copy(), two[:n].copy()
         closed = np.zeros(len(scene.shapes), bool)
         for i, part in enumerate(scene.shapes.ranges):
-            closed[i] = scene.shapes[i].primitive == "triangle" and _closed(triangles[part])
+            closed[i] = scene.shapes[i].primitive == "triangle" and is_closed(triangles[part])
         clear = None
         appearance = Appearance(scene)
         see_through = appearance.varies("opacity") | (appearance.clear_shares() > 0)
@@ -204,8 +204,8 @@ class Occluders:
         return np.stack([a, b, c, fourth], axis=1)
 
 
-def _closed(triangles: Float64) -> bool:
-    """Whether every edge is passed once in either direction, vertices compared exactly."""
+def is_closed(triangles: Float64) -> bool:
+    """Return True if every edge is passed once in either direction, vertices compared exactly."""
     vertices = triangles.reshape(-1, 3) + 0.0  # -0 is 0
     _, which = np.unique(vertices, axis=0, return_inverse=True)
     faces = which.reshape(-1, 3)

@@ -5,9 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from glpath.accel import bvh
+from glpath.lights.lighting import Lighting
+from glpath.radiosity import lookup
 from glpath.radiosity.form_factors import form_factor, lights
+from glpath.radiosity.mesh import sides
 from glpath.radiosity.shafts import casting, occluders, points, search
 from glpath.radiosity.solvers import particles, progressive
+from glpath.scene import Scene
+from glpath.system.kernels import waiting
 
 _ALWAYS = (occluders._parallelograms, bvh._build)
 _FORM_FACTORS = (
@@ -21,6 +26,17 @@ _OF_METHOD: dict[str, tuple[Any, ...]] = {
 }
 
 
-def kernels_of(method: str, direct_light: bool) -> tuple[Any, ...]:
-    """The kernels of a method; direct_light: with punctual lights or a sky."""
-    return (*_ALWAYS, *_OF_METHOD[method], *((lights._free,) if direct_light else ()))
+def kernels_of(scene: Scene, lighting: Lighting, method: str, near_lamps: bool) -> tuple[Any, ...]:
+    """Return the kernels of a method.
+
+    near_lamps : the solver asks how near elements are to emitting shapes
+    """
+    needed = [*_ALWAYS, *_OF_METHOD[method]]
+    if lighting.punctual or lighting.sky is not None:
+        needed.append(lights._free)
+    if near_lamps and lighting.sides:
+        needed.append(lookup._closest)
+    # Whether surfaces are closed takes long to find in a large scene.
+    if waiting([sides._in_the_open]) and sides.has_solids(scene):
+        needed.append(sides._in_the_open)
+    return tuple(needed)

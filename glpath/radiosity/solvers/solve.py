@@ -9,13 +9,14 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import UsageError, kept_in
+from glpath.errors import TimeLimitError, UsageError, kept_in
+from glpath.film.choices import TIME_LIMIT
 from glpath.io import AnyScene, load_scene
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import Kind
@@ -37,7 +38,14 @@ from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import announced, waiting
-from glpath.system.time_limit import check_time, count_earlier, counted_from, limited, time_is_up, without_limit
+from glpath.system.time_limit import (
+    check_time,
+    count_earlier,
+    counted_from,
+    limited,
+    time_is_up,
+    without_limit,
+)
 
 #: Patches where neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
@@ -49,8 +57,8 @@ _CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
 #: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
 #: until the standard error of what a gather finds for the camera is such a share of it.
 _MAX_BATCHES, _VIEW_ERROR = 64, 0.003
-#: What ended a solution, in its statistics: its own rule, or the time limit.
-DONE, TIME_LIMIT = "done", "time limit"
+#: What ended a solution, in its statistics, unless it was the time limit.
+DONE = "done"
 # What is done before the first step, for a time limit.
 _MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
@@ -87,10 +95,6 @@ class RadiosityInterrupted(KeyboardInterrupt):
         self.solution = solution
 
 
-class _TimeIsUpError(Exception):
-    """The time limit ended a solution between two steps."""
-
-
 Report = Callable[[RadiosityProgress], None]
 
 
@@ -104,7 +108,6 @@ class _Run:
     on_progress: Report | None
     started: float
     reported: float = -math.inf
-    stop_rule: str = DONE
 
     def report(self, stage: str, steps: int, unshot: float | None, until: float, elements: int) -> None:
         heartbeat.beat()
@@ -115,8 +118,7 @@ class _Run:
             self.reported = now
             self.on_progress(RadiosityProgress(stage, steps, unshot, until, elements, now))
         if late and not last:
-            self.stop_rule = TIME_LIMIT
-            raise _TimeIsUpError
+            raise TimeLimitError(f"time_limit: over after {steps} steps of a radiosity solution.")
 
     @property
     def elapsed_s(self) -> float:
@@ -154,7 +156,7 @@ class _Run:
                 "patches": len(mesh.patches),
                 "elements": len(mesh.elements),
                 **statistics,
-                "stop_rule": self.stop_rule,
+                "stop_rule": DONE,
                 "elapsed_s": round(self.elapsed_s, 4),
             },
         )
@@ -254,8 +256,6 @@ def solve_radiosity(
             f'solve_radiosity: {word} with method "matrix", which has nothing between its beginning and its end.',
             'Take "progressive" or "monte-carlo", or leave it out.',
         )
-    if time_limit is not None and not 0 < time_limit < math.inf:
-        raise UsageError(f"solve_radiosity: time_limit is {time_limit}; must be a number of seconds above 0.")
     if shafts is not None and method == "monte-carlo":
         raise UsageError(
             'solve_radiosity: shafts with method "monte-carlo", whose particles are traced one by one.',
@@ -271,25 +271,24 @@ def solve_radiosity(
             size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
         divisions = divisions_of_size(triangles, surface, size)
         lighting = Lighting.of(triangles)
-        reflects_first = bool(lighting.punctual) or lighting.sky is not None
-        if for_camera and method == "monte-carlo" and reflects_first:
-            count = patches or DEFAULT_PATCHES
-            check_time(_MESHING)
-            divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
-        points = 0 if method == "monte-carlo" else receiver_points
-        per_element = check_memory(triangles, divisions, size, splits, points, method)
-        if method == "monte-carlo":
-            divisions, splits = divisions * 2**splits, 0
-        check_time(_MESHING)
-        mesh = Mesh.uniform(triangles, divisions, surface, splits)
-        started = time.perf_counter() if time_limit is None else counted_from()
-        run = _Run(triangles, method, _settings(options, size), on_progress, started)
-        needed = kernels_of(method, reflects_first)
-        compile_ahead(needed)
+        run = _Run(triangles, method, _settings(options, size), on_progress, counted_from())
+        for_camera &= method == "monte-carlo"
+        needed = kernels_of(triangles, lighting, method, near_lamps=for_camera and adaptive > 0)
         with (
-            checkpoint or nullcontext(),
             announced(waiting(needed), None if on_progress is None else run.compiling),
+            checkpoint or nullcontext(),
         ):
+            if for_camera and (lighting.punctual or lighting.sky is not None):
+                count = patches or DEFAULT_PATCHES
+                check_time(_MESHING)
+                divisions = importance.divisions_for_camera(triangles, surface, size, count, seed)
+            points = 0 if method == "monte-carlo" else receiver_points
+            per_element = check_memory(triangles, divisions, size, splits, points, method)
+            if method == "monte-carlo":
+                divisions, splits = divisions * 2**splits, 0
+            check_time(_MESHING)
+            mesh = Mesh.uniform(triangles, divisions, surface, splits)
+            compile_ahead(needed)
             if method == "monte-carlo":
                 shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
                 return _monte_carlo(run, shooting, particles, checkpoint)
@@ -346,6 +345,12 @@ def _progressive(
                 empty_shafts=took.empty_shafts,
             )
 
+    def partial() -> RadiositySolution | None:
+        """Keep the state, and return the solution so far, if any; while elements are split, that from before."""
+        if checkpoint is not None:
+            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
+        return before or (solution() if refinement.steps else None)
+
     before: RadiositySolution | None = None
     try:
         refinement.run(until, max_steps, report)
@@ -358,15 +363,8 @@ def _progressive(
             before = None
             refinement.run(until, max_steps, report)
         return solution()
-    except _TimeIsUpError:
-        if checkpoint is not None:
-            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
-        return before or solution()
-    except KeyboardInterrupt as stop:
-        if checkpoint is not None:
-            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
-        # While elements are being split, the solution from before is the one that is whole.
-        raise RadiosityInterrupted(before or (solution() if refinement.steps else None)) from stop
+    except (TimeLimitError, KeyboardInterrupt) as stop:
+        return _stopped(stop, partial())
 
 
 def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
@@ -418,6 +416,15 @@ def _monte_carlo(
                 **({} if view is None else {"view_mean": view[0], "view_error": view[1]}),
             )
 
+    def partial() -> RadiositySolution | None:
+        """Keep the state, and return the solution of the lattices that got the most particles, if any did."""
+        if checkpoint is not None:
+            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
+        if coarser is not None and shooting.particles < coarser["counts"][0]:
+            shooting.restore(coarser)
+        return solution() if shooting.particles else None
+
+    coarser: dict[str, NDArray[Any]] | None = None
     try:
         while True:
             shooting.shoot(batches - shooting.particles // BATCH, report)
@@ -426,9 +433,10 @@ def _monte_carlo(
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
             if time_is_up():  # finer lattices would begin anew
-                run.stop_rule = TIME_LIMIT
-                raise _TimeIsUpError
+                raise TimeLimitError("time_limit: over before the lattices are refined.")
+            before = shooting.state()
             if shooting.deepen(detail):
+                coarser = before
                 batches = min(wanted, max(asked, _MAX_BATCHES))
                 continue
             view = shooting.view_error()
@@ -437,14 +445,20 @@ def _monte_carlo(
                 return solution(detail)
             # At the same numbers, however many threads there are.
             batches += asked
-    except _TimeIsUpError:
-        if checkpoint is not None:
-            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
-        return solution()
-    except KeyboardInterrupt as stop:
-        if checkpoint is not None:
-            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
-        raise RadiosityInterrupted(solution() if shooting.particles else None) from stop
+    except (TimeLimitError, KeyboardInterrupt) as stop:
+        return _stopped(stop, partial())
+
+
+def _stopped(stop: BaseException, partial: RadiositySolution | None) -> RadiositySolution:
+    """Return the partial solution, which the time limit ended.
+
+    Raises RadiosityInterrupted if it was Ctrl-C, and TimeLimitError if there is no solution yet.
+    """
+    if isinstance(stop, KeyboardInterrupt):
+        raise RadiosityInterrupted(partial) from stop
+    if partial is None:
+        raise stop
+    return replace(partial, statistics={**partial.statistics, "stop_rule": TIME_LIMIT})
 
 
 def _settings(options: dict[str, object], size: float) -> dict[str, object]:

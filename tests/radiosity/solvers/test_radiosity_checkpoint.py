@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ import glpath
 from glpath import RadiositySolution, solve_radiosity
 from glpath.cli.main import app
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+from glpath.radiosity.solvers.progressive import Refinement
 from glpath.system import files
+from tests.support.clock import Clock
 
 BOX = "cornell-box-36"
 METHODS: list[dict[str, Any]] = [
@@ -132,11 +135,71 @@ def test_the_time_before_a_checkpoint_counts(
     assert second.statistics["elapsed_s"] > first.statistics["elapsed_s"]
 
 
+def late_from(clock: Clock, stage: str, is_late: Callable[[glpath.RadiosityProgress], bool]) -> Any:
+    """Report that moves the clock beyond all limits and their grace, if progress of the stage `is_late`."""
+
+    def report(progress: glpath.RadiosityProgress) -> None:
+        if progress.stage == stage and is_late(progress):
+            clock.ahead = 1e6
+
+    return report
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """A clock that stands still, and reports of every step."""
+    monkeypatch.setattr("glpath.radiosity.solvers.solve._REPORT_INTERVAL", 0.0)
+    monkeypatch.setattr("glpath.radiosity.solvers.monte_carlo.core_count", lambda: 1)
+    return Clock(monkeypatch)
+
+
+@pytest.mark.parametrize("adaptive", [0, 1])
+def test_a_limit_that_ends_within_a_step_keeps_the_steps_before(clock: Clock, adaptive: int) -> None:
+    options = {**METHODS[0], "adaptive": adaptive}
+    stage = "refining" if adaptive else "shooting"
+    report = late_from(clock, stage, lambda progress: progress.steps >= 7)
+    found = solve_radiosity(BOX, time_limit=100.0, on_progress=report, **options)
+    assert found.statistics["stop_rule"] == "time limit"
+    steps = found.statistics["steps"]
+    assert steps == 7 or adaptive
+    assert same(found, solve_radiosity(BOX, **METHODS[0], max_steps=steps))
+
+
+def test_a_limit_that_ends_before_the_first_step_is_an_error(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    class LateRefinement(Refinement):
+        def __init__(self, *options: Any) -> None:
+            super().__init__(*options)
+            clock.ahead = 1e6
+
+    monkeypatch.setattr("glpath.radiosity.solvers.solve.Refinement", LateRefinement)
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=100: over while finding form factors"):
+        solve_radiosity(BOX, time_limit=100.0, **METHODS[0])
+
+
+def test_a_limit_soon_after_finer_lattices_began_keeps_the_particles_of_the_coarser_ones(clock: Clock) -> None:
+    """The particles of a pass are lost if lattices are refined after it."""
+    options: dict[str, Any] = {"method": "monte-carlo", "patches": 100, "particles": 12 << 14, "adaptive": 4}
+    counts: list[int] = []
+
+    def report(progress: glpath.RadiosityProgress) -> None:
+        begins_anew = bool(counts) and progress.steps < counts[-1]
+        counts.append(progress.steps)
+        if begins_anew:
+            clock.ahead = 1e6
+
+    found = solve_radiosity(BOX, time_limit=100.0, on_progress=report, **options)
+    assert counts[-3:] == [12 << 14, 1 << 14, 2 << 14]
+    assert found.statistics["particles"] == 12 << 14
+    assert found.statistics["stop_rule"] == "time limit"
+    late = late_from(clock, "particles", lambda progress: progress.steps == 12 << 14)
+    clock.ahead = 0.0
+    before = solve_radiosity(BOX, time_limit=100.0, on_progress=late, **options)
+    assert same(found, before)
+
+
 def test_a_time_limit_of_what_has_no_steps_is_refused() -> None:
     with pytest.raises(glpath.UsageError, match="time_limit with method"):
         solve_radiosity(BOX, method="matrix", time_limit=3)
-    with pytest.raises(glpath.UsageError, match="time_limit is -1"):
-        solve_radiosity(BOX, time_limit=-1)
 
 
 def test_a_full_disk_is_told_once_and_solving_goes_on(
