@@ -20,6 +20,7 @@ from glpath.io.library import scene_parameters
 from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
 from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
+from glpath.system.files import read_bytes
 from tests.io.test_export import everything, quietly
 from tests.support.command_line import run
 
@@ -1091,6 +1092,32 @@ def test_defaults_of_an_included_file_hold_after_it(tmp_path: Path) -> None:
     path = file(tmp_path, '<include filename="defaults.xml"/>', CAMERA.replace('"32"', '"$res"'), LAMP, FLOOR)
     assert glpath.load_scene(path).camera.resolution == (20, 24)
     assert glpath.load_scene(path, {"res": 10}).camera.resolution == (10, 24)
+
+
+def test_each_file_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also for `up`, which is the file's own parameter if it has one, and for the list of parameters."""
+    (tmp_path / "lamp.xml").write_text(f'<scene version="3.0.0">{LAMP}</scene>')
+    path = file(tmp_path, '<include filename="lamp.xml"/>', FLOOR)
+    parsed: list[str] = []
+
+    def read_counted(path: Path, limit: int) -> bytes:
+        parsed.append(Path(path).name)
+        return read_bytes(path, limit)
+
+    monkeypatch.setattr("glpath.io.mitsuba.document.read_bytes", read_counted)
+    for load in (lambda: read(path, {"up": "z"}), lambda: read(path), lambda: scene_parameters(str(path))):
+        parsed.clear()
+        load()
+        assert parsed == ["a.xml", "lamp.xml"]
+
+
+def test_up_is_the_files_own_parameter_if_it_has_one(tmp_path: Path) -> None:
+    own = '<default name="up" value="0.2"/>'
+    grey = ball('<bsdf type="diffuse"><float name="reflectance" value="$up"/></bsdf>')
+    scene, _ = read(file(tmp_path, own, grey, CAMERA, LAMP), {"up": "0.4"})
+    assert scene.materials[shape_named(scene, "ball").material].reflectance.tolist() == [0.4] * 3
+    with pytest.raises(SceneError, match=r'up is "0\.4", but must be one of: x, y, z'):
+        read(file(tmp_path, FLOOR, LAMP), {"up": "0.4"})
 
 
 @pytest.mark.parametrize("command", ["info", "validate"])
