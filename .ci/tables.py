@@ -20,6 +20,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.benches.mitsuba_scenes import RULE, VERDICTS  # noqa: E402
 from glpath.gl.variants import VALUES, VARIANTS  # noqa: E402
 from glpath.radiosity.shafts.options import ShaftOptions  # noqa: E402
 from glpath.scene.slab import GLAZING_IOR, Float64, inside_of, slab  # noqa: E402
@@ -193,47 +194,73 @@ def leaky_lookups() -> str:
     return "\n".join(rows) + "\n"
 
 
+def mitsuba_verdicts() -> str:
+    """What the verdicts on Mitsuba's files mean."""
+    rows = [
+        "| verdict | meaning |",
+        "|---|---|",
+        *(f"| {name} | {meaning} |" for name, meaning in VERDICTS.items()),
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def mitsuba_rule() -> str:
+    """The rule by which glpath's claim on Mitsuba's files holds, and the result."""
+    measured = result("mitsuba-scenes")["measured"]
+    rows = ["| required number of files | number | holds |", "|---|---|---|"]
+    for condition in RULE:
+        rows.append(f"| {condition} | {measured[condition.left]:g} | {_yes_or_no(condition.holds(measured))} |")
+    rows.append(f"| all of these | | {_yes_or_no(result('mitsuba-scenes')['holds'])} |")
+    return "\n".join(rows) + "\n"
+
+
+def _yes_or_no(holds: bool) -> str:
+    return "yes" if holds else "**no**"
+
+
 def mitsuba_scenes() -> str:
     """Of each repository, how many of Mitsuba's files have each verdict."""
-    verdicts = ("same", "warned", "differs", "unclear", "not compared", "refused")
     rows = [
-        "| repository | files | load | " + " | ".join(verdicts) + " |",
-        "|---|---|---|" + "---|" * len(verdicts),
+        "| repository | files | load | " + " | ".join(VERDICTS) + " |",
+        "|---|---|---|" + "---|" * len(VERDICTS),
     ]
     of_repositories: dict[str, list[dict[str, Any]]] = {}
     for row in result("mitsuba-scenes")["rows"]:
         of_repositories.setdefault(row["file"].partition("/")[0], []).append(row)
     everything = [row for found in of_repositories.values() for row in found]
     for name, found in {**of_repositories, "all": everything}.items():
-        counts = " | ".join(str(sum(row["verdict"] == verdict for row in found)) for verdict in verdicts)
+        counts = " | ".join(str(sum(row["verdict"] == verdict for row in found)) for verdict in VERDICTS)
         rows.append(f"| {name} | {len(found)} | {sum(row['loads'] for row in found)} | {counts} |")
     return "\n".join(rows) + "\n"
 
 
 def mitsuba_plugins() -> str:
-    """Of each plugin, how far the pictures of files with it are off, at most."""
+    """Of each plugin, the largest differences with their noise, of decided files and of unclear ones."""
+    verdicts = ("same", "differs", "unclear")
     rows = [
-        "| plugin | files | of these without a warning | mean off by at most, % | blocks off by at most, % |",
-        "|---|---|---|---|---|",
+        f"| plugin | files | {' | '.join(verdicts)} | mean, %: same or differs | blocks, %: same or differs "
+        "| mean, %: unclear | blocks, %: unclear |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     of_plugins: dict[str, list[dict[str, Any]]] = {}
     for row in result("mitsuba-scenes")["rows"]:
         for plugin in row.get("plugins", ()):
             of_plugins.setdefault(plugin, []).append(row)
     for plugin, found in sorted(of_plugins.items()):
-        plain = [row for row in found if not row["warnings"] and "worst_block" in row]
-        figures = [
-            f"{100 * max(row[name] for row in plain):.1f}" if plain else ""
-            for name in ("mean_difference", "worst_block")
-        ]
-        rows.append(f"| `{plugin}` | {len(found)} | {len(plain)} | {' | '.join(figures)} |")
+        cells = [str(sum(row["verdict"] == verdict for row in found)) for verdict in verdicts]
+        for group in (("same", "differs"), ("unclear",)):
+            compared = [row for row in found if row["verdict"] in group]
+            for difference, noise in (("mean_difference", "mean_noise"), ("worst_block", "noise")):
+                bounds = [row[difference] + row[noise] for row in compared]
+                cells.append(f"{100 * max(bounds):.1f}" if bounds else "")
+        rows.append(f"| `{plugin}` | {len(found)} | {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 
 
 def mitsuba_differences() -> str:
     """Of files that load but are not the same: the figures, and the warnings."""
     rows = [
-        "| file | verdict | mean, ratio | worst block, % | noise, % | warnings or error |",
+        "| file | verdict | mean, ratio | mean, difference | worst block, difference | warnings or error |",
         "|---|---|---|---|---|---|",
     ]
     for row in result("mitsuba-scenes")["rows"]:
@@ -241,12 +268,23 @@ def mitsuba_differences() -> str:
             continue
         figures = ["", "", ""]
         if "worst_block" in row:
-            figures = [f"{row['mean_ratio']:.3f}", f"{100 * row['worst_block']:.1f}", f"{100 * row['noise']:.1f}"]
+            figures = [
+                f"{row['mean_ratio']:.3f}",
+                _beyond_noise(row["mean_difference"], row["mean_noise"]),
+                _beyond_noise(row["worst_block"], row["noise"]),
+            ]
         texts = [text.partition(": ")[2] or text for text in row["warnings"]] or [row.get("error", "")]
         shown = "; ".join(texts).replace("|", "\\|").replace("<", "&lt;")
         name = row["file"].partition("/")[2]
         rows.append(f"| {name} | {row['verdict']} | {' | '.join(figures)} | {shown[:300]} |")
     return "\n".join(rows) + "\n"
+
+
+def _beyond_noise(difference: float, noise: float) -> str:
+    """A difference with its noise in percent; only the noise if that explains the whole difference."""
+    if difference < 0.0005:
+        return f"within noise of {100 * noise:.1f} %"
+    return f"{100 * difference:.1f} % beyond noise of {100 * noise:.1f} %"
 
 
 #: By the page and the words of the marks around it.
@@ -259,7 +297,9 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/explanation/cie171.md", "cie171"): cie171,
     ("docs/explanation/cie171.md", "cie171-misprints"): cie171_misprints,
     ("docs/howto/materials.md", "glazing"): glazing,
+    ("docs/howto/mitsuba.md", "mitsuba-verdicts"): mitsuba_verdicts,
     ("docs/howto/mitsuba.md", "mitsuba-scenes"): mitsuba_scenes,
+    ("docs/howto/mitsuba.md", "mitsuba-rule"): mitsuba_rule,
     ("docs/howto/mitsuba.md", "mitsuba-plugins"): mitsuba_plugins,
     ("docs/howto/mitsuba.md", "mitsuba-differences"): mitsuba_differences,
     ("README.md", "speed"): speed,

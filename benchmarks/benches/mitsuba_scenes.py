@@ -4,15 +4,8 @@ The files are those of public repositories (mitsuba-data, mitsuba-tutorials, sio
 Pictures have 64 pixels on the longer side and are rendered in batches, whose spread is the noise. Two figures are
 taken of each pair: the ratio of the means of that channel which differs most, and the largest relative difference
 of a block of 16 x 16 pixels, after two standard errors are taken off. A block darker than a tenth of the picture
-is compared with that tenth. Files that are left undecided are rendered again with more samples.
-
-verdict:
-    same         : no warning, the mean within 1 % and each block within 5 %, beyond noise below these limits
-    warned       : loads, and a warning names the cause of any difference
-    differs      : no warning, though the pictures differ beyond these limits
-    unclear      : no warning and no such difference, but noise above these limits could hide one
-    not compared : no warning, but not rendered yet, or Mitsuba cannot render the file, or not in time
-    refused      : an error names the element that is not read
+is compared with that tenth. Files that are left undecided are rendered again with more samples. `VERDICTS` are the
+outcomes. Each file has random numbers of its own, so that noise of files is not correlated.
 """
 
 from __future__ import annotations
@@ -23,12 +16,14 @@ import sys
 import tempfile
 import time
 import warnings
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.peers.mitsuba import best_variant
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.errors import GlpathError, SceneWarning
 from glpath.gl.context import get_context
@@ -42,6 +37,17 @@ from glpath.system.versions import versions
 RULE = (Condition("loaded", ">=", 100), Condition("same", ">=", 85), Condition("differs", "<=", 0))
 MAX_MEAN_DIFFERENCE = 0.01
 MAX_BLOCK_DIFFERENCE = 0.05
+_BLOCK = 16
+#: What each verdict means.
+VERDICTS = {
+    "same": f"no warning; the mean is within {100 * MAX_MEAN_DIFFERENCE:g} %, and each block of {_BLOCK} x "
+    f"{_BLOCK} pixels within {100 * MAX_BLOCK_DIFFERENCE:g} %, beyond noise below these limits",
+    "warned": "a warning names the cause of any difference",
+    "differs": "no warning, and a larger difference",
+    "unclear": "no warning and no such difference, but noise above the limits could hide one",
+    "not compared": "no warning; not rendered yet, or not by Mitsuba, or not in time",
+    "refused": "an error names the line and the element",
+}
 #: Values of parameters for which a file has no <default>.
 PARAMETERS = {"spp": "16", "res": "64", "integrator": "path", "max_depth": "16"}
 
@@ -49,7 +55,6 @@ PARAMETERS = {"spp": "16", "res": "64", "integrator": "path", "max_depth": "16"}
 SAMPLES = (128, 512, 2048)
 
 _SIDE = 64
-_BLOCK = 16
 _DEPTH = 16
 _BATCHES = 8  # as many as a film has
 _SIGMAS = 2.0
@@ -89,7 +94,7 @@ def compare(folder: Path, row: dict[str, Any], samples: int) -> dict[str, Any]:
         with warnings.catch_warnings(), aside("picture"):
             warnings.simplefilter("ignore", SceneWarning)
             scene = load_scene(path, row["parameters"])
-            row = row | _compared(scene, path, row["parameters"], samples)
+            row = row | _compared(scene, path, row["parameters"], samples, first_seed(row["file"], samples))
     except (GlpathError, subprocess.SubprocessError) as error:
         row = row | {"error": _shortened(str(error).splitlines()[-1], folder)[:300]}
     return row | {"verdict": verdict(row)}
@@ -109,7 +114,7 @@ def _shortened(text: str, folder: Path) -> str:
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """The word for a row; see the module."""
+    """Return the one of `VERDICTS` that a row has."""
     if not row["loads"]:
         return "refused"
     if row["warnings"]:
@@ -141,7 +146,6 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
 
 #: Tags of plugins that change a picture.
 _LISTED = ("bsdf", "texture", "shape", "emitter", "sensor", "medium")
-VERDICTS = ("same", "warned", "differs", "unclear", "not compared", "refused")
 
 
 def plugins_of(path: Path, parameters: Mapping[str, str]) -> list[str]:
@@ -167,13 +171,19 @@ def _parameters(path: Path) -> dict[str, str]:
     return {name: PARAMETERS[name] for name in missing if name in PARAMETERS}
 
 
-def _compared(scene: Scene, path: Path, parameters: dict[str, str], samples: int) -> dict[str, Any]:
+def first_seed(file: str, samples: int) -> int:
+    """Return the seed of a file's first batch, far from those of other files and of other counts of samples."""
+    return zlib.crc32(f"{samples} {file}".encode()) % 2**31
+
+
+def _compared(scene: Scene, path: Path, parameters: dict[str, str], samples: int, seed: int) -> dict[str, Any]:
     """Figures of a row. Raises GlpathError, and SubprocessError from Mitsuba."""
     width, height = scene.camera.resolution
     shrink = min(1.0, _SIDE / max(width, height))
     seen = scene.with_camera(resolution=(max(1, round(width * shrink)), max(1, round(height * shrink))))
-    theirs = _mitsubas(seen, path, parameters, samples)
-    return {"samples": samples, **difference(_ours(seen, samples), theirs)}
+    variant = best_variant()[0]
+    theirs = _mitsubas(seen, path, parameters, samples, seed, variant)
+    return {"samples": samples, "variant": variant, **difference(_ours(seen, samples, seed), theirs)}
 
 
 def difference(ours: Float64, theirs: Float64) -> dict[str, float]:
@@ -224,14 +234,16 @@ def _blocks(pictures: Float64) -> Float64:
     return np.asarray((sums / counts).reshape(len(pictures), -1))
 
 
-def _ours(scene: Scene, samples: int) -> Float64:
+def _ours(scene: Scene, samples: int, seed: int) -> Float64:
     """(batches, H, W, 3) of one film, whose points stratify each other. Raises GlpathError."""
-    film = render(scene, integrator="path", spp=samples, max_depth=_DEPTH)
+    film = render(scene, integrator="path", spp=samples, max_depth=_DEPTH, seed=seed)
     used = film.batch_counts > 0
     return np.asarray(film.radiance_sums[used] / film.batch_counts[used, None, None, None], np.float64)
 
 
-def _mitsubas(scene: Scene, path: Path, parameters: dict[str, str], samples: int) -> Float64:
+def _mitsubas(
+    scene: Scene, path: Path, parameters: dict[str, str], samples: int, seed: int, variant: str
+) -> Float64:
     """(batches, H, W, 3). Raises SubprocessError and GlpathError."""
     camera = scene.camera
     with tempfile.TemporaryDirectory() as folder:
@@ -250,7 +262,8 @@ def _mitsubas(scene: Scene, path: Path, parameters: dict[str, str], samples: int
             "samples": samples // _BATCHES,
             "batches": _BATCHES,
             "depth": _DEPTH,
-            "first_seed": 100 + samples,
+            "first_seed": seed,
+            "variant": variant,
         }
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks.peers.mitsuba_file"],

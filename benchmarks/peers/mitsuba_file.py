@@ -6,6 +6,7 @@ Film, pixel filter, sampler and integrator are replaced, so that both programs e
 
 from __future__ import annotations
 
+import ast
 import json
 import sys
 from pathlib import Path
@@ -13,9 +14,12 @@ from typing import Any
 
 import numpy as np
 
-VARIANT = "scalar_rgb"
+from benchmarks.peers.mitsuba import load_mitsuba
+
 #: A plugin that is Sionna's.
 RADIO_MATERIAL = "itu-radio-material"
+# Where Sionna's repository has the colours of that plugin, and their name there.
+_RADIO_FILE, _RADIO_COLOURS = Path("src/sionna/rt/radio_materials/itu_material.py"), "ITU_MATERIAL_COLORS"
 
 
 def render_file(
@@ -28,19 +32,17 @@ def render_file(
     batches: int,
     depth: int,
     first_seed: int,
+    variant: str,
 ) -> None:
     """Write (batches, H, W, 3) float64 radiance, each batch of its own seed.
 
     camera  : of a file without a sensor: position, target, up, and fov in degrees, which is vertical
     samples : per pixel, of each batch
     depth   : bounces, of which 1 is direct light only
+    variant : of Mitsuba; scalar_rgb darkens masks, so that llvm_ad_rgb is better
     """
-    import mitsuba
-
-    mi: Any = mitsuba
-    mi.set_variant(VARIANT)
-    mi.set_log_level(mi.LogLevel.Error)
-    config = mi.parser.ParserConfig(VARIANT)
+    mi = load_mitsuba(variant)
+    config = mi.parser.ParserConfig(variant)
     config.unused_parameters = config.unused_properties = mi.LogLevel.Debug
     state = mi.parser.parse_file(config, path, **parameters)
     mi.file_resolver().prepend(str(Path(path).parent))
@@ -58,7 +60,7 @@ def render_file(
         elif node.type == mi.ObjectType.Medium:
             has_medium = True
         elif kind == RADIO_MATERIAL:
-            _preview(mi, node.props)
+            _preview(mi, node.props, Path(path))
     scene = mi.parser.instantiate(config, state)
     scene = scene[0] if isinstance(scene, list | tuple) else scene
     extra: dict[str, Any] = {}
@@ -83,16 +85,25 @@ def render_file(
     np.save(output, np.stack(pictures).astype(np.float64)[..., :3])
 
 
-def _preview(mi: Any, properties: Any) -> None:
+def _preview(mi: Any, properties: Any, path: Path) -> None:
     """Replace a radio material by the diffuse surface that Sionna shows."""
-    from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
-
-    colour = properties.get("color", RADIO_COLOURS[str(properties["type"])])
+    kind = str(properties["type"])
+    colour = properties["color"] if "color" in properties else radio_colours(path)[kind]
     for key in list(properties.keys()):
         del properties[key]
     reflectance = {"type": "rgb", "value": [float(each) for each in colour]}
     properties.set_plugin_name("twosided")
     properties["shown"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
+
+
+def radio_colours(path: Path) -> dict[str, tuple[float, float, float]]:
+    """Return Sionna's colours by material, from the source of the checkout that a scene lies in."""
+    source = next(folder / _RADIO_FILE for folder in path.parents if (folder / _RADIO_FILE).is_file())
+    for node in ast.walk(ast.parse(source.read_text("utf-8"))):
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == _RADIO_COLOURS:
+            colours: dict[str, tuple[float, float, float]] = ast.literal_eval(node.value)
+            return colours
+    raise ValueError(f"{source}: has no {_RADIO_COLOURS}")
 
 
 def _sensor(mi: Any, camera: dict[str, Any], size: tuple[int, int]) -> Any:

@@ -148,13 +148,14 @@ def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> di
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
     if name.lower().endswith(".xml"):
-        from glpath.io.mitsuba import has_sensor, mitsuba_parameters
+        from glpath.io.mitsuba import read_document
 
+        document = read_document(Path(name), given or {}, complete=False)
         listed: dict[str, tuple[object, str]] = {
             key: (value, "must be given" if value is None else "as the file has it")
-            for key, value in mitsuba_parameters(Path(name), given).items()
+            for key, value in document.defaults.items()
         }
-        own_up = {} if has_sensor(Path(name), given) else _parameters_of(read_mesh_model_as_asked)
+        own_up = {} if document.has_sensor else _parameters_of(read_mesh_model_as_asked)
         return own_up | listed
     if name.lower().endswith(GLTF_FORMATS):
         return _parameters_of(read_gltf_as_asked)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.io.text import decoded
+from glpath.io.values import as_float64
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -72,7 +73,7 @@ class Element:
 
     def stacked(self, names: Sequence[str]) -> Float64:
         """(count, len(names)) float64 of scalar properties."""
-        return np.stack([self.columns[name].astype(np.float64) for name in names], axis=1)
+        return np.stack([as_float64(self.columns[name]) for name in names], axis=1)
 
     def first_of(self, *choices: tuple[str, ...]) -> tuple[str, ...]:
         """Return the first of several lists of names whose properties all exist; empty if none do."""

@@ -17,7 +17,7 @@ from glpath.errors import warn
 from glpath.io.ply import Element, Header, Int64, Ragged, read_elements
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions, linear
-from glpath.io.values import no_such_vertex, warn_of_left_out
+from glpath.io.values import as_float64, no_such_vertex, warn_of_left_out
 from glpath.scene.geometry import Float64, Mesh, unit_normals
 from glpath.scene.source_location import SourceLocation
 
@@ -176,7 +176,7 @@ def _triangles(
     texcoord = faces.lists.get("texcoord")
     uv = None
     if texcoord is not None and np.array_equal(texcoord.counts, 2 * lists.counts) and not len(of_strips):
-        uv = _finite(texcoord.values.reshape(-1, 2).astype(np.float64), "texture coordinates of corners", left_out)
+        uv = _finite(as_float64(texcoord.values.reshape(-1, 2)), "texture coordinates of corners", left_out)
     if not faces.count and not strips.count:
         left_out = {"points that are not finite": int(np.count_nonzero(~finite)), **left_out}
         warn_of_left_out(source, left_out)

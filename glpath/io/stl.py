@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glpath.errors import warn
 from glpath.io.polygons import split_finite
 from glpath.io.text import decoded, parse_numbers, with_plain_nan
+from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64
 
 Int64 = NDArray[np.int64]
@@ -64,7 +65,7 @@ def read_stl(content: bytes, source: str) -> list[Facets]:
         rows = _rows_with_payload(content, count, source)
     if rows is None:
         rows = _whole_rows(content, count, source)
-    positions = rows["corners"].astype(np.float64).reshape(-1, 3)
+    positions = as_float64(rows["corners"]).reshape(-1, 3)
     split = split_finite(source, positions, np.arange(len(positions)), np.full(len(rows), 3))
     return [Facets(positions[split.triangles], rows["attribute"][split.polygons], content[:80])]
 

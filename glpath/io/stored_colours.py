@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
+from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64
 
 # Floats up to this value are fractions, which rounding or a bright light may have brought above 1.
@@ -27,7 +28,7 @@ def fractions(stored: NDArray[Any], kind: str) -> tuple[Float64, str]:
     stored : numbers of all colours of the file, without alpha
     kind   : numpy code of the type that the file declares, such as "u2"
     """
-    values = np.asarray(stored, np.float64)
+    values = as_float64(stored)
     if kind[0] == "i":  # some programs store numbers without a sign in a type with one
         values = np.where(values < 0, values + 2.0 ** (8 * int(kind[1:])), values)
     finite = np.isfinite(values)

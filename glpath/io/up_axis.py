@@ -3,7 +3,7 @@
 A guess is z, or nothing: without evidence y stays up. Evidence is a ground that all else stands on, a surface that
 faces upwards nearly everywhere, a flat base, or a small extent. Evidence for y as well is none for z.
 
-Poor at: rooms, whose walls are like their floor, and boxes. Cost: a few passes over the triangles.
+Poor at: rooms, whose walls are like their floor, and boxes. Cost: a pass over the triangles.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def evidence_for_z(scene: Scene, lying: bool) -> str | None:
     wide, deep, high = upper - lower
     if not high > _PLANE * max(wide, deep) or not min(wide, deep) > 0:
         return None
-    of_y, of_z = (_faces(scene, axis, lower, upper) for axis in (1, 2))
+    of_y, of_z = _faces(scene, lower, upper)
     sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # with its front below
     is_low = high <= min(wide, deep)
     if is_low and of_y.ground < _OTHER and (of_z.ground >= _GROUND or sheet):
@@ -87,24 +87,44 @@ def evidence_for_z(scene: Scene, lying: bool) -> str | None:
     return None
 
 
-def _faces(scene: Scene, axis: int, lower: Float64, upper: Float64) -> _Faces:
-    footprint = float(np.prod(np.delete(upper - lower, axis))) or 1.0
-    near = _END * (upper - lower)[axis]
-    ground = base = top = up = down = 0.0
+def _faces(scene: Scene, lower: Float64, upper: Float64) -> tuple[_Faces, _Faces]:
+    """Areas of faces by y and by z."""
+    axes = (1, 2)
+    near = _END * (upper - lower)
+    sums = np.zeros((2, 5))
     for index, shape in enumerate(scene.shapes):
         for triangles in scene.shapes.triangles_of(index) if isinstance(shape.geometry, Mesh) else ():
             edges = triangles[:, 1:] - triangles[:, :1]
             normal = 0.5 * np.cross(edges[:, 0], edges[:, 1])
-            seen, heights = normal[:, axis], triangles[:, :, axis]
-            across = np.abs(seen) >= _ACROSS * np.linalg.norm(normal, axis=1)
-            at_low = across & (heights.max(axis=1) <= lower[axis] + near)
-            at_high = across & (heights.min(axis=1) >= upper[axis] - near)
-            ground += float(seen[at_low & (seen > 0)].sum())
-            base -= float(seen[at_low & (seen < 0)].sum())
-            top += float(np.abs(seen[at_high]).sum())
-            up += float(seen[seen > 0].sum())
-            down -= float(seen[seen < 0].sum())
-    total = up + down
-    return _Faces(
-        ground / footprint, base / footprint, top / footprint, up / total if total else 0.0, total / footprint
+            across = _ACROSS * np.linalg.norm(normal, axis=1)
+            for row, axis in enumerate(axes):
+                ends = lower[axis] + near[axis], upper[axis] - near[axis]
+                sums[row] += _areas(normal[:, axis], across, triangles[:, :, axis], *ends)
+    y, z = (_fractions(row, np.delete(upper - lower, axis)) for row, axis in zip(sums, axes, strict=True))
+    return y, z
+
+
+def _areas(seen: Float64, across: Float64, heights: Float64, low: float, high: float) -> tuple[float, ...]:
+    """Areas of ground, base and top, and of all fronts upwards and downwards.
+
+    seen    : (n,) areas seen along an axis, negative for fronts downwards
+    across  : (n,) least of these for faces that lie across the axis
+    heights : (n, 3) of corners along the axis; `low` and `high` are those of the ends
+    """
+    is_across = np.abs(seen) >= across
+    at_low = is_across & (heights.max(axis=1) <= low)
+    at_high = is_across & (heights.min(axis=1) >= high)
+    return (
+        seen[at_low & (seen > 0)].sum(),
+        -seen[at_low & (seen < 0)].sum(),
+        np.abs(seen[at_high]).sum(),
+        seen[seen > 0].sum(),
+        -seen[seen < 0].sum(),
     )
+
+
+def _fractions(areas: Float64, sides: Float64) -> _Faces:
+    """Areas of `_areas` over the footprint of these two sides."""
+    footprint, total = float(np.prod(sides)) or 1.0, float(areas[3] + areas[4])
+    ground, base, top = (float(area) / footprint for area in areas[:3])
+    return _Faces(ground, base, top, float(areas[3]) / total if total else 0.0, total / footprint)

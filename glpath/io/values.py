@@ -19,6 +19,12 @@ from glpath.scene.source_location import SourceLocation, shown
 SMALLEST = 1e-15
 
 
+def as_float64(stored: ArrayLike) -> Float64:
+    """Return numbers of a file as float64. numpy warns of signalling NaNs, which readers treat as any other NaN."""
+    with np.errstate(invalid="ignore"):
+        return np.array(stored, np.float64)
+
+
 def rgb(value: ArrayLike) -> Float64:
     """(3,) float64 of one number for grey or three."""
     return np.array(np.broadcast_to(np.asarray(value, np.float64), 3))

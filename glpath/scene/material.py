@@ -433,6 +433,11 @@ class Material:
         return {name: slot for name, slot in found.items() if slot is not None}
 
 
+def metal_reflectance(n: Float64, k: Float64) -> Float64:
+    """Return the reflectance of metal in air at normal incidence, by its refractive index and its absorption."""
+    return np.asarray(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2))
+
+
 def averaged(material: Material, textures: Sequence[Texture]) -> Material:
     """The material with its layers as their textures are in the mean, for what has one value for a surface."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -41,6 +42,28 @@ def test_a_row_of_figures_is_found() -> None:
     assert list(typed(f"```\n{rows[0]}\n```\n")) == []
     written = f"<!-- speed: .ci/tables.py writes this table -->\n{rows[0]}\n<!-- end of speed -->\n"
     assert list(typed(written + rows[1])) == [rows[1]]
+
+
+def test_noise_is_never_shown_as_a_small_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file whose noise of 51 % could hide anything, and one that is decided."""
+    tables = runpy.run_path(str(ROOT / ".ci" / "tables.py"))
+    noisy = {"mean_ratio": 0.954, "mean_difference": 0.0, "mean_noise": 0.09, "worst_block": 0.0, "noise": 0.511}
+    clear = {"mean_ratio": 1.003, "mean_difference": 0.001, "mean_noise": 0.002, "worst_block": 0.02, "noise": 0.01}
+    both = {"loads": True, "warnings": [], "plugins": ["bsdf mask"]}
+    rows = [
+        {"file": "data/noisy.xml", "verdict": "unclear", **both, **noisy},
+        {"file": "data/clear.xml", "verdict": "same", **both, **clear},
+    ]
+    stored = {"rows": rows, "holds": False, "measured": {"loaded": 2, "same": 1, "differs": 0}}
+    for name in ("mitsuba_differences", "mitsuba_plugins", "mitsuba_rule"):
+        monkeypatch.setitem(tables[name].__globals__, "result", lambda name: stored)
+    of_files, of_plugins, rule = (
+        tables[name]().splitlines() for name in ("mitsuba_differences", "mitsuba_plugins", "mitsuba_rule")
+    )
+    expected = "| noisy.xml | unclear | 0.954 | within noise of 9.0 % | within noise of 51.1 % |  |"
+    assert of_files[2:] == [expected]
+    assert of_plugins[2:] == ["| `bsdf mask` | 2 | 1 | 0 | 1 | 0.3 | 3.0 | 9.0 | 51.1 |"]
+    assert rule[-1] == "| all of these | | **no** |"
 
 
 def test_the_build_fails_where_a_result_is_missing(tmp_path: Path) -> None:

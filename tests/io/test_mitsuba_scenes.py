@@ -20,6 +20,7 @@ from glpath.io.library import scene_parameters
 from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
 from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
+from glpath.system.files import read_bytes
 from tests.io.test_export import everything, quietly
 from tests.support.command_line import run
 
@@ -837,30 +838,67 @@ def test_glass_that_is_denser_outside_is_turned(tmp_path: Path) -> None:
 
 
 def test_radio_materials_have_the_colours_of_sionna(tmp_path: Path) -> None:
+    """Sionna 0.x has them in its scenes, as `munich.xml`, as colours of Mitsuba's diffuse surfaces."""
+    expected = {
+        "marble": (0.701101, 0.644479, 0.485150),
+        "metal": (0.219526, 0.219526, 0.254152),
+        "brick": (0.401968, 0.111874, 0.086764),
+        "wood": (0.266356, 0.109462, 0.059511),
+        "concrete": (0.539479, 0.539479, 0.539480),
+    }
     walls = "".join(
         ball(f'<bsdf type="itu-radio-material"><string name="type" value="{kind}"/></bsdf>').replace("ball", kind)
-        for kind in ("brick", "glass")
+        for kind in expected
     )
     scene, told = read(room(tmp_path, walls))
     assert len(told) == 1
     assert "radio materials are diffuse surfaces" in told[0]
-    brick = scene.materials[shape_named(scene, "brick").material]
-    assert brick.reflectance.tolist() == [0.402, 0.112, 0.087]
-    assert brick.two_sided
+    for kind, colour in expected.items():
+        material = scene.materials[shape_named(scene, kind).material]
+        np.testing.assert_allclose(material.reflectance, colour, atol=6e-4)
+        assert material.two_sided
 
 
-def test_a_sunsky_lights_the_ground_as_in_mitsuba(tmp_path: Path) -> None:
-    """Irradiances by Mitsuba 3.9.1: turbidity 3, the sun 30 degrees high."""
-    light = '<emitter type="sunsky"><vector name="sun_direction" value="0.866025, 0, 0.5"/></emitter>'
-    scene, told = read(file(tmp_path, CAMERA, FLOOR, light))
+SUNSKY = """<emitter type="sunsky">
+<vector name="sun_direction" value="{}, 0, {}"/><float name="turbidity" value="{}"/></emitter>"""
+
+
+def sunsky(turbidity: float, altitude: float) -> str:
+    radians = np.radians(altitude)
+    return SUNSKY.format(np.cos(radians), np.sin(radians), turbidity)
+
+
+@pytest.mark.parametrize(
+    ("turbidity", "altitude", "of_sky", "of_sun", "tolerances"),
+    [
+        (3, 30, (0.1444, 0.2211, 0.3415), (1.3953, 1.0977, 0.7308), (0.01, 0.02)),
+        (4, 45, (0.2185, 0.3009, 0.4548), (1.4193, 1.1614, 0.8570), (0.05, 0.06)),
+        (2.5, 22, (0.1163, 0.1848, 0.2803), (1.3377, 1.0040, 0.5956), (0.03, 0.07)),
+    ],
+)
+def test_a_sunsky_lights_the_ground_as_in_mitsuba(
+    turbidity: float,
+    altitude: float,
+    of_sky: tuple[float, ...],
+    of_sun: tuple[float, ...],
+    tolerances: tuple[float, float],
+    tmp_path: Path,
+) -> None:
+    """Irradiances by sums over the emitter of Mitsuba 3.9.1: at a node of the table here, and between its nodes."""
+    scene, told = read(file(tmp_path, CAMERA, FLOOR, sunsky(turbidity, altitude)))
     assert isinstance(scene.sky, Environment)
     assert len(told) == 1
     assert "Perez' pattern" in told[0]
-    np.testing.assert_allclose(horizontal_irradiance(scene.sky.image[..., 1]), 0.2211, rtol=0.01)
-    np.testing.assert_allclose(scene.sky.sun.irradiance, [1.39, 1.093, 0.728], rtol=0.02)
-    np.testing.assert_allclose(scene.sky.sun.direction, [np.sqrt(0.75), 0, 0.5], atol=1e-6)
-    other, _ = read(file(tmp_path, CAMERA, FLOOR, light.replace("/></", '/><float name="sun_scale" value="0"/></')))
-    assert other.sky.sun is None
+    sky = [horizontal_irradiance(scene.sky.image[..., channel]) for channel in range(3)]
+    np.testing.assert_allclose(sky, of_sky, rtol=tolerances[0])
+    np.testing.assert_allclose(scene.sky.sun.irradiance, of_sun, rtol=tolerances[1])
+    radians = np.radians(altitude)
+    np.testing.assert_allclose(scene.sky.sun.direction, [np.cos(radians), 0, np.sin(radians)], atol=1e-6)
+
+
+def test_a_sunsky_may_have_no_sun(tmp_path: Path) -> None:
+    light = sunsky(3, 30).replace("</emitter>", '<float name="sun_scale" value="0"/></emitter>')
+    assert read(file(tmp_path, CAMERA, FLOOR, light))[0].sky.sun is None
 
 
 def test_the_sun_of_a_sunsky_without_a_direction_is_that_of_its_site(tmp_path: Path) -> None:
@@ -1054,6 +1092,32 @@ def test_defaults_of_an_included_file_hold_after_it(tmp_path: Path) -> None:
     path = file(tmp_path, '<include filename="defaults.xml"/>', CAMERA.replace('"32"', '"$res"'), LAMP, FLOOR)
     assert glpath.load_scene(path).camera.resolution == (20, 24)
     assert glpath.load_scene(path, {"res": 10}).camera.resolution == (10, 24)
+
+
+def test_each_file_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also for `up`, which is the file's own parameter if it has one, and for the list of parameters."""
+    (tmp_path / "lamp.xml").write_text(f'<scene version="3.0.0">{LAMP}</scene>')
+    path = file(tmp_path, '<include filename="lamp.xml"/>', FLOOR)
+    parsed: list[str] = []
+
+    def read_counted(path: Path, limit: int) -> bytes:
+        parsed.append(Path(path).name)
+        return read_bytes(path, limit)
+
+    monkeypatch.setattr("glpath.io.mitsuba.document.read_bytes", read_counted)
+    for load in (lambda: read(path, {"up": "z"}), lambda: read(path), lambda: scene_parameters(str(path))):
+        parsed.clear()
+        load()
+        assert parsed == ["a.xml", "lamp.xml"]
+
+
+def test_up_is_the_files_own_parameter_if_it_has_one(tmp_path: Path) -> None:
+    own = '<default name="up" value="0.2"/>'
+    grey = ball('<bsdf type="diffuse"><float name="reflectance" value="$up"/></bsdf>')
+    scene, _ = read(file(tmp_path, own, grey, CAMERA, LAMP), {"up": "0.4"})
+    assert scene.materials[shape_named(scene, "ball").material].reflectance.tolist() == [0.4] * 3
+    with pytest.raises(SceneError, match=r'up is "0\.4", but must be one of: x, y, z'):
+        read(file(tmp_path, FLOOR, LAMP), {"up": "0.4"})
 
 
 @pytest.mark.parametrize("command", ["info", "validate"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -104,6 +105,8 @@ def read(path: Path) -> tuple[Scene, list[str]]:
         ("wood.png", "../textures/wood.png", True),
         ("maps/wood.png", "wood.png", True),
         ("my wood.png", "my wood.png", False),
+        ("50% oak.png", "50% oak.png", False),
+        ("50% oak.png", "C:\\models\\50% Oak.png", True),
     ],
 )
 def test_a_picture_is_found_in_another_case_or_folder(
@@ -111,7 +114,7 @@ def test_a_picture_is_found_in_another_case_or_folder(
 ) -> None:
     (tmp_path / stored).parent.mkdir(exist_ok=True)
     Image.new("RGB", (2, 2), BROWN).save(tmp_path / stored)
-    scene, messages = read(FORMATS[form](tmp_path, name))
+    scene, messages = read(FORMATS[form](tmp_path, quote(name) if form == "gltf" else name))
     assert [texture.image[0, 0, :3].tolist() for texture in scene.textures] == [list(BROWN)]
     words = f'(1): for "{name}" {stored} is read.'
     assert [message.partition("folder of the model ")[2] for message in messages] == [words] * is_moved

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.io.library import scene_parameters
+from glpath.io.up_axis import evidence_for_z
 from glpath.scene.camera import framing, upright_from_world
-from glpath.scene.model import Scene
+from glpath.scene.model import Float64, Scene, Shapes
 from tests.support.gltf_files import Gltf
 
 pytestmark = pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")
@@ -130,6 +132,21 @@ def test_the_axis_that_was_asked_for_is_up_and_the_picture_is_the_same(axis: str
     assert expected.background.ground is not None
     below = scene.background.up @ scene.background.ground
     assert below == pytest.approx(expected.background.up @ expected.background.ground, abs=1e-4)
+
+
+def test_evidence_takes_one_pass_over_the_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    city().export(tmp_path / "a.ply")
+    scene, _ = loaded(tmp_path / "a.ply", up="y")
+    passes: list[int] = []
+    triangles_of = Shapes.triangles_of
+
+    def counted(shapes: Shapes, index: int) -> Iterator[Float64]:
+        passes.append(index)
+        return triangles_of(shapes, index)
+
+    monkeypatch.setattr(Shapes, "triangles_of", counted)
+    assert evidence_for_z(scene, lying=True) == "a ground at z = 0 lies below all else"
+    assert passes == list(range(len(scene.shapes)))
 
 
 @pytest.mark.parametrize("value", ["w", "+z", "0,0,1"])

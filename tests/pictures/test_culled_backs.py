@@ -14,6 +14,7 @@ import glpath
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.io.gltf import read_gltf
+from glpath.io.gltf.primitives import is_solid
 from glpath.scene.model import Float64, Mesh, Scene
 from glpath.scene.tessellate import box_mesh
 from tests.support.gltf_files import Gltf
@@ -235,6 +236,24 @@ def test_backs_of_a_closed_opaque_mesh_are_absent_only_if_the_eye_is_inside(
 ) -> None:
     (material,) = glpath.load_scene(closed_box(tmp_path, "a.gltf", eye=eye, doubleSided=False, **given)).materials
     assert (material.two_sided, material.culled) == (False, culled)
+
+
+@pytest.mark.filterwarnings("ignore::glpath.errors.SceneWarning")
+def test_a_mesh_is_examined_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two primitives, each of which is open, and both together, which are closed."""
+    examined: list[int] = []
+
+    def counted(mesh: Mesh) -> bool:
+        examined.append(len(mesh.faces))
+        return is_solid(mesh)
+
+    monkeypatch.setattr("glpath.io.gltf.load.is_solid", counted)
+    path = closed_box(tmp_path, "a.gltf", {"holes": True}, faces=4, alphaMode="MASK", doubleSided=False)
+    assert [material.two_sided for material in glpath.load_scene(path).materials] == [True, True]
+    assert sorted(examined) == [4, 8, 12]
+    examined.clear()
+    glpath.load_scene(closed_box(tmp_path, "b.gltf", {"holes": True}, alphaMode="MASK", doubleSided=False))
+    assert examined == [12]
 
 
 def test_an_open_mesh_of_the_same_material_keeps_its_absent_backs(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from glpath.io.export.geometry import Notes, map_downwards
 from glpath.scene.geometry import Float64
-from glpath.scene.material import SLOTS, SMOOTH, Material, Texture, TextureSlot
+from glpath.scene.material import SLOTS, SMOOTH, Material, Texture, TextureSlot, metal_reflectance
 from glpath.scene.model import Scene
 from glpath.scene.slab import clearest, slab
 
@@ -226,7 +226,7 @@ class _Surface:
     def _metal(self, roughness: float, n: Float64, k: Float64) -> Plugin:
         """Metal by its index, whose reflectance at normal incidence is divided out of the colour."""
         material = self.material
-        over = 1.0 / np.maximum(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2), 1e-9)
+        over = 1.0 / np.maximum(metal_reflectance(n, k), 1e-9)
         made: Plugin = {"type": "conductor", "eta": rgb(n), "k": rgb(k), "specular_reflectance": self._colour(over)}
         return made if material.is_smooth else {**made, "type": "roughconductor", **self._alpha(roughness)}
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from glpath.io.gltf import limits
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
-from glpath.io.values import LARGEST
+from glpath.io.values import LARGEST, as_float64
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation
 
@@ -49,7 +49,7 @@ class Accessors:
             table = self.document.all("accessors")[index]
             stored = self._array(index)
             self.document.take(8 * stored.size, table.location)
-            values = stored.astype(np.float64)
+            values = as_float64(stored)
             if table.flag("normalized") and stored.dtype.kind != "f":
                 values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
             values.flags.writeable = False

@@ -297,6 +297,7 @@ class _Shapes:
         self.surfaces = surfaces
         self.primitives = Primitives(accessors)
         self.skins: dict[int, Skin] = {}
+        self.solid: dict[tuple[Mesh, ...], bool] = {}
         self.turned: dict[Mesh, Mesh] = {}
         self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # by the axis along which it has no extent
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
@@ -540,10 +541,10 @@ class _Shapes:
             clear = [group for group in groups.values() if self._is_see_through(group)]
             if not clear:
                 continue
-            if len(groups) > 1 and _is_solid(*(group.mesh for group in groups.values())):
-                clear = [group for group in groups.values() if group in clear or not _is_solid(group.mesh)]
+            if len(groups) > 1 and self._is_solid(*(group.mesh for group in groups.values())):
+                clear = [group for group in groups.values() if group in clear or not self._is_solid(group.mesh)]
             else:
-                clear = [group for group in clear if _is_solid(group.mesh)]
+                clear = [group for group in clear if self._is_solid(group.mesh)]
             for group in clear:
                 material = surfaces[group.surface].material
                 if (
@@ -582,11 +583,17 @@ class _Shapes:
             if material.two_sided or material.transmission > 0:
                 continue
             groups = [group for group in self.groups.values() if group.surface == number]
-            if not all(_is_solid(group.mesh) and not group.encloses(eyes) for group in groups):
+            if not all(self._is_solid(group.mesh) and not group.encloses(eyes) for group in groups):
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
 
+    def _is_solid(self, *meshes: Mesh) -> bool:
+        """Return the result of `_are_solid`, which each set of meshes is examined for once."""
+        if meshes not in self.solid:
+            self.solid[meshes] = _are_solid(meshes)
+        return self.solid[meshes]
 
-def _is_solid(*meshes: Mesh) -> bool:
+
+def _are_solid(meshes: Sequence[Mesh]) -> bool:
     """Return True if meshes together are closed, with their fronts outward; False if there are too many faces."""
     if sum(len(mesh.faces) for mesh in meshes) > _LONG_TEST:
         return False

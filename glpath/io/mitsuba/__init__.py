@@ -15,6 +15,7 @@ Surfaces are as in Mitsuba 3.9, its errors in blends apart; a warning names each
 Source: https://mitsuba.readthedocs.io, version 3.9.
 """
 
-from glpath.io.mitsuba.load import has_sensor, mitsuba_parameters, read_mitsuba
+from glpath.io.mitsuba.document import read_document
+from glpath.io.mitsuba.load import read_mitsuba
 
-__all__ = ["has_sensor", "mitsuba_parameters", "read_mitsuba"]
+__all__ = ["read_document", "read_mitsuba"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -76,6 +76,10 @@ class Document:
     identified: dict[str, Element]
     defaults: dict[str, str | None]
 
+    @property
+    def has_sensor(self) -> bool:
+        return any(child.tag == "sensor" for child in self.root.children)
+
     def resolved(self, element: Element, depth: int = 0) -> Element:
         """The element that a `<ref>` is to; itself of any other. Raises SceneError.
 
@@ -100,12 +104,15 @@ class Document:
         return found
 
 
-def read_document(path: Path, parameters: Mapping[str, object], *, complete: bool = True) -> Document:
+def read_document(
+    path: Path, parameters: Mapping[str, object], *, complete: bool = True, others: Collection[str] = ()
+) -> Document:
     """The document of a file. Raises SceneError, also for parameters that the file does not have.
 
     parameters : stand for the values of its `<default>`s, and for `$name` without one
     complete   : raise SceneError for a `$name` without a value and for unknown parameters; otherwise such a
                  value is empty text
+    others     : names of parameters that the file may have or not
     """
     reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
     root = reader.read(path, SourceLocation(str(path)), 0, 0)
@@ -114,7 +121,7 @@ def read_document(path: Path, parameters: Mapping[str, object], *, complete: boo
             "is the root, but a scene's is <scene>.", "Other XML of Mitsuba is included: <include filename=...>."
         )
     for name in parameters if complete else ():
-        if name not in reader.defaults:
+        if name not in reader.defaults and name not in others:
             allowed = ", ".join(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
             near = difflib.get_close_matches(name, reader.defaults, 1)
             raise SourceLocation(str(path)).error(

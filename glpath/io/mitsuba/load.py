@@ -39,12 +39,10 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     """
     location = SourceLocation(str(path))
     given = dict(parameters or {})
+    document = read_document(path, given, others=("up",))
     up: Up = "guess"
-    if "up" in given:
-        others = {name: value for name, value in given.items() if name != "up"}
-        if "up" not in mitsuba_parameters(path, others):
-            up, given = _up(given["up"], location.field("up")), others
-    document = read_document(path, given)
+    if "up" in given and "up" not in document.defaults:
+        up = _up(given["up"], location.field("up"))
     textures = Textures()
     surfaces = Surfaces(textures)
     reader, emitters, camera = Reader(surfaces, textures), Emitters(), None
@@ -103,20 +101,7 @@ def _up(value: object, location: SourceLocation) -> Up:
     return found
 
 
-def has_sensor(path: Path, given: Mapping[str, object] | None = None) -> bool:
-    """Return True if a file has a camera. Raises SceneError. `given` is as of `mitsuba_parameters`."""
-    return any(child.tag == "sensor" for child in read_document(path, given or {}, complete=False).root.children)
-
-
 def _hides_emitters(integrator: Plugin) -> bool:
     """Return True if an integrator, or one inside it, hides emitters from the camera."""
     inside = [_hides_emitters(each) for each in integrator.nested("integrator")]
     return integrator.flag("hide_emitters", False) or any(inside)
-
-
-def mitsuba_parameters(path: Path, given: Mapping[str, object] | None = None) -> dict[str, str | None]:
-    """Names and default values of a file's parameters, None for one without a `<default>`. Raises SceneError.
-
-    given : values of some of them, of which the names of included files may be made
-    """
-    return read_document(path, given or {}, complete=False).defaults

@@ -20,6 +20,7 @@ from glpath.io.meshes import read_mesh_file
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.ply_mesh import PlyMesh
 from glpath.io.stored_colours import fractions
+from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
 from glpath.system.files import read_bytes, reason_of
@@ -259,9 +260,9 @@ def _of_stream(unpack: Any, packed: bytes, version: int) -> Mesh:
         at += values.nbytes
         return values
 
-    vertices = array(number, vertex_count, 3).astype(np.float64)
-    normals = array(number, vertex_count, 3).astype(np.float64) if flags & 0x0001 else None
-    uv = array(number, vertex_count, 2).astype(np.float64) if flags & 0x0002 else None
+    vertices = as_float64(array(number, vertex_count, 3))
+    normals = as_float64(array(number, vertex_count, 3)) if flags & 0x0001 else None
+    uv = as_float64(array(number, vertex_count, 2)) if flags & 0x0002 else None
     if flags & 0x0008:
         array(number, vertex_count, 3)  # colours, of no use without a name
     faces = array("<u8" if vertex_count > 0xFFFFFFFF else "<u4", face_count, 3)

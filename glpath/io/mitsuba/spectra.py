@@ -8,6 +8,8 @@ Source: Mitsuba 3.9, `spectrum_list_to_srgb`; CIE 018:2019, tables of the 2 degr
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -80,6 +82,7 @@ def colour_of_black_body(temperature: float) -> Float64:
     return colour_of_spectrum(1e9 * metres, radiance, light=True)
 
 
+@cache
 def _curves() -> tuple[Float64, Float64, Float64]:
     """Wavelengths (N,) in nm, the observer's curves (N, 3), and D65 (N,)."""
     table = np.array(_TABLE.split(), np.float64).reshape(-1, 4)

@@ -22,7 +22,7 @@ from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
 from glpath.io.mitsuba.textures import Look, Textures, baked, bent
 from glpath.scene.directional_albedo import internal_reflectance
 from glpath.scene.geometry import Float64
-from glpath.scene.material import SMOOTH, Material
+from glpath.scene.material import SMOOTH, Material, metal_reflectance
 from glpath.scene.source_location import shown
 
 #: Fields of a `Material`.
@@ -255,7 +255,7 @@ class Surfaces:
             raise plugin.where("material").error(
                 f"is {shown(metal)}, which is not known. Allowed: {', '.join(METALS)}, none.", "Or give eta and k."
             )
-        reflected = _of_metal(*index)
+        reflected = metal_reflectance(*index)
         fields: Fields = {"two_sided": False, "metallic": 1.0, "metal_index": index, **rough}
         if texture is None:
             colour = reflected * plugin.share("specular_reflectance", 1.0)
@@ -524,11 +524,6 @@ def _stretched(along: float, across: float) -> Fields:
     """The roughness and anisotropy whose alphas these are, along the tangent and across."""
     anisotropy = float(np.sqrt(max(along - across, 0.0) / (1.0 - across))) if across < _ONE else 0.0
     return {"roughness": float(np.sqrt(across)), "anisotropy": anisotropy}
-
-
-def _of_metal(n: Float64, k: Float64) -> Float64:
-    """The reflectance of a metal at normal incidence, by its index and its absorption."""
-    return np.asarray(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2))
 
 
 _KINDS: dict[str, Callable[[Surfaces, Plugin], Fields]] = {

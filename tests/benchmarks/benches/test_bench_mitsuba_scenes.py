@@ -13,15 +13,18 @@ import glpath
 from benchmarks import mitsuba_scenes_command
 from benchmarks.benches.mitsuba_scenes import (
     SAMPLES,
+    VERDICTS,
     compare,
     difference,
     files_of,
+    first_seed,
     is_waiting,
     load,
     plugins_of,
     report,
     verdict,
 )
+from benchmarks.peers.mitsuba_file import radio_colours
 from glpath.errors import GlpathError
 from glpath.scene.model import Float64
 
@@ -81,7 +84,25 @@ def test_one_channel_that_differs_is_found() -> None:
 )
 def test_a_verdict_follows_from_the_figures(change: dict[str, Any], expected: str) -> None:
     assert verdict(CLOSE | change) == expected
+    assert expected in VERDICTS
     assert verdict({"loads": True, "warnings": []}) == "not compared"
+
+
+def test_noise_of_files_is_not_correlated() -> None:
+    """No two batches of 185 files at three counts of samples share a seed of 32 bits."""
+    starts = sorted(first_seed(f"{number}.xml", samples) for number in range(185) for samples in SAMPLES)
+    assert np.diff(starts).min() >= 8
+    assert starts[-1] + 8 < 2**32
+
+
+def test_radio_materials_have_the_colours_of_the_checkout(tmp_path: Path) -> None:
+    """Not those that glpath reads them with, so that a wrong one is a difference."""
+    folder = tmp_path / "src/sionna/rt/radio_materials"
+    folder.mkdir(parents=True)
+    (folder / "itu_material.py").write_text(
+        'class ITURadioMaterial:\n    ITU_MATERIAL_COLORS = {"brick": (0.4, 0.1, 0.2)}\n'
+    )
+    assert radio_colours(tmp_path / "src/sionna/rt/scenes/box/box.xml") == {"brick": (0.4, 0.1, 0.2)}
 
 
 def test_more_samples_are_for_files_that_are_undecided() -> None:
