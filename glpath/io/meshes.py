@@ -27,7 +27,7 @@ from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.stl import read_stl
 from glpath.io.stored_colours import colours_of_facets, linear
 from glpath.io.strokes import balls, line_radius, point_radius, rods
-from glpath.io.values import LARGEST, nearby_files, no_such_vertex
+from glpath.io.values import LARGEST, finite_rows, nearby_files, no_such_vertex, warn_of_left_out
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
@@ -99,7 +99,12 @@ def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
     made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, location)
     normals = _of_each(given_trimesh_normals(mesh), mesh, 3)
-    return made if normals is None else replace(made, normals=unit_normals(normals))
+    if normals is None:
+        return made
+    left_out: dict[str, int] = {}
+    normals = finite_rows(normals, "normals", left_out)
+    warn_of_left_out(str(location), left_out)
+    return replace(made, normals=unit_normals(normals))
 
 
 def mesh_of_arrays(

@@ -19,6 +19,7 @@ from glpath.errors import SceneError
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
 from glpath.io.text import decoded, parse_numbers, statements
+from glpath.io.values import finite_rows
 from glpath.scene.source_location import SourceLocation
 
 Float64 = NDArray[np.float64]
@@ -161,14 +162,20 @@ def read_obj(content: bytes, source: str) -> ObjFile:
 
 
 def _colours(rows: Float64) -> tuple[Float64 | None, str]:
-    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; None without. And their guess.
+    """Return the colours (V, 3) of vertices, None without, and a note if their scale had to be guessed."""
+    stored = _stored_colours(rows)
+    return fractions(stored, "f8") if stored.size else (None, "")
+
+
+def _stored_colours(rows: Float64) -> Float64:
+    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; (V, 0) without.
 
     Seven numbers are x y z r g b a, unless only the fourth is 1 for all vertices.
     """
     if rows.shape[1] < 6:
-        return None, ""
+        return rows[:, :0]
     first = 4 if rows.shape[1] >= 7 and (rows[:, 3] == 1).all() and not (rows[:, 6] == 1).all() else 3
-    return fractions(rows[:, first : first + 3], "f8")
+    return rows[:, first : first + 3]
 
 
 def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
@@ -239,12 +246,12 @@ def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> Sce
 
 def _parts(tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, source: str) -> list[Part]:
     """Return the triangles of faces with `sizes` corners each, by material. Warns of what is left out."""
-    bad_uv, bad_normals = (~np.isfinite(table).all(axis=1) for table in (tables.vt, tables.vn))
-    tables.vt[bad_uv], tables.vn[bad_normals] = 0.0, 0.0
-    others = {
-        "texture coordinates that are not finite": int(np.count_nonzero(bad_uv)),
-        "normals that are not finite": int(np.count_nonzero(bad_normals)),
-    }
+    others: dict[str, int] = {}
+    uv = finite_rows(tables.vt, "texture coordinates", others)
+    normals = finite_rows(tables.vn, "normals", others)
+    if (material_of < 0).any():  # whose faces have the colours of vertices
+        finite_rows(_stored_colours(tables.v), "colours", others)
+    tables = _Tables(tables.v, uv, normals)
     split = split_finite(source, tables.v[:, :3], corners[:, 0], sizes, others)
     triangles, materials = corners[split.triangles], material_of[split.polygons]
     if len(materials) and (materials == materials[0]).all():

@@ -71,6 +71,15 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
     return f"{kind} in {path.parent}: {', '.join(nearest) or ('none of ' + kinds if kinds else 'none')}."
 
 
+def finite_rows(values: Float64, name: str, left_out: dict[str, int]) -> Float64:
+    """Return rows (N, k) with zeros in place of those that are not finite, which `left_out` counts by name."""
+    broken = ~np.asarray(np.isfinite(values).all(axis=1))
+    if not broken.any():
+        return values
+    left_out[f"{name} that are not finite"] = int(np.count_nonzero(broken))
+    return np.where(broken[:, None], 0.0, values)
+
+
 def warn_of_left_out(source: str, counts: Mapping[str, int]) -> None:
     """Warn once of all that is left out of a file; `counts` are by names such as "normals that are not finite"."""
     listed = [f"{name} ({count:,})" for name, count in counts.items() if count]

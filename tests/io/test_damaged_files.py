@@ -175,6 +175,7 @@ DAMAGED = {
     "vt": (PLAIN.replace("vt 1 1", "vt 1 {0}"), 2.0, "texture coordinates that"),
     "unused v": (PLAIN + "v 9 {0} 9\n", 2.0, "vertices that"),
     "used v": (PLAIN.replace("v 2 0 0", "v 2 {0} 0"), 1.0, "faces with such a vertex"),
+    "colour of v": ("v 0 0 0 1 {0} 1\nv 2 0 0 1 1 1\nv 2 1 0 1 1 1\nf 1 2 3\n", 1.0, "colours that"),
 }
 
 
