@@ -72,7 +72,7 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
 
 
 def finite_rows(values: Float64, name: str, left_out: dict[str, int]) -> Float64:
-    """Return rows (N, k) with zeros in place of those that are not finite, which `left_out` counts by name."""
+    """Return rows (N, k) with zeros for those that are not finite, which `left_out` counts by name."""
     broken = ~np.asarray(np.isfinite(values).all(axis=1))
     if not broken.any():
         return values
