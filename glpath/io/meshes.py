@@ -257,8 +257,8 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     if suffix == ".obj":
         return _obj(obj.read_obj(content, str(path)), path, colours)
     if suffix == ".off":
-        positions, triangles, has_colours = read_off(content, str(path))
-        meshes = [Mesh(positions, triangles.astype(np.int32))] if len(triangles) else []
+        mesh, has_colours = read_off(content, str(path))
+        meshes = [mesh] if len(mesh.faces) else []
         return MeshFile(meshes, [-1] * len(meshes), coloured="colours" if has_colours else "")
     return _stl(content, path, colours)
 
