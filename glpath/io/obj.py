@@ -8,6 +8,7 @@ Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from typing import NamedTuple
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
-from glpath.io.text import decoded, parse_numbers, statements
+from glpath.io.text import decoded, parse_lines, parse_numbers, statements
 from glpath.io.values import finite_rows
-from glpath.scene.source_location import SourceLocation
+from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.numerals import whole
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -88,21 +90,26 @@ class _Rows:
 
     kind: str
     texts: list[str] = field(default_factory=list)
+    lines: array[int] = field(default_factory=lambda: array("q"))
     widths: set[int] = field(default_factory=set)
 
-    def append(self, values: list[str]) -> None:
+    def append(self, line: int, values: list[str]) -> None:
         if self.kind == "vt" and len(values) == 1:
             values = [*values, "0"]  # a texture of one dimension has no v
         self.texts.append(" ".join(values))
+        self.lines.append(line)
         self.widths.add(len(values))
 
-    def table(self) -> Float64:
-        """(N, W) numbers, as many of each row as all rows have. Raises ValueError."""
-        width = min(self.widths, default=3)
-        if width < (2 if self.kind == "vt" else 3):
-            raise ValueError(f"a {_NAMES[self.kind]} has {width} numbers")
+    def table(self, source: str) -> Float64:
+        """(N, W) numbers, as many of each row as all rows have. Raises SceneError."""
+        width, needed = min(self.widths, default=3), 2 if self.kind == "vt" else 3
+        if width < needed:
+            row = next(row for row, text in enumerate(self.texts) if len(text.split()) == width)
+            raise SourceLocation(source, f"line {self.lines[row]}").error(
+                f"has {width} numbers, but a {_NAMES[self.kind]} has at least {needed}."
+            )
         texts = self.texts if len(self.widths) < 2 else [" ".join(text.split()[:width]) for text in self.texts]
-        return parse_numbers(" ".join(texts)).reshape(-1, width)
+        return parse_lines(texts, self.lines, source).reshape(-1, width)
 
 
 def read_obj(content: bytes, source: str) -> ObjFile:
@@ -110,7 +117,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
 
     source : the file, for errors
 
-    Raises SceneError for an index that names nothing, and ValueError for a word that is not a number.
+    Raises SceneError, with the line, for an index that names nothing, and for a word that is not a number.
     """
     rows = {kind: _Rows(kind) for kind in _NAMES}
     face_texts: list[str] = []
@@ -122,7 +129,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     for number, words in statements(decoded(content)):
         kind, values = words[0], words[1:]
         if kind in rows:
-            rows[kind].append(values)
+            rows[kind].append(number, values)
         elif kind == "f":
             text = " ".join(values)
             if "-" in text:
@@ -139,8 +146,8 @@ def read_obj(content: bytes, source: str) -> ObjFile:
             used.append((len(sizes), materials.setdefault(" ".join(values), len(materials))))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
-    tables = _Tables(*(each.table() for each in rows.values()))
-    corners = _corners(" ".join(face_texts), sum(sizes))
+    tables = _Tables(*(each.table(source) for each in rows.values()))
+    corners = _corners(face_texts, sizes, source, content)
     _check_corners(corners, sizes, tables, source, content)
     lines = np.array(drawn, np.int64).reshape(-1, 3)
     for row, column in np.argwhere((lines[:, :2] < 1) | (lines[:, :2] > len(tables.v)))[:1]:
@@ -182,7 +189,10 @@ def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocatio
     """Return a corner, such as -1/-1/-1, with indices from 1 instead of from the last statement."""
     indices = []
     for (kind, each), word in zip(rows.items(), text.split("/"), strict=False):
-        index = int(word or 0)
+        try:
+            index = _index(word)
+        except ValueError as error:
+            raise _no_index(text, location) from error
         if index < 0 and each.texts:
             index += len(each.texts) + 1
             if index < 1:
@@ -191,13 +201,26 @@ def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocatio
     return "/".join(indices).rstrip("/")
 
 
-def _corners(text: str, count: int) -> Int64:
+def _index(word: str) -> int:
+    """Return an index of a corner; 0 without. Raises ValueError."""
+    return whole(word) if word else 0
+
+
+def _no_index(corner: str, location: SourceLocation) -> SceneError:
+    return location.error(
+        f"has the corner {shown(corner)}, but indices are whole numbers of plain digits.",
+        "Corners are v, v/vt, v//vn or v/vt/vn.",
+    )
+
+
+def _corners(texts: list[str], sizes: list[int], source: str, content: bytes) -> Int64:
     """(C, 3) indices from 0 of the position, texture coordinate and normal of each corner; -1 without.
 
-    text : corners v, v/vt, v//vn or v/vt/vn, with blanks between them
+    texts : corners v, v/vt, v//vn or v/vt/vn of each face, with blanks between them
 
-    Raises ValueError.
+    Raises SceneError.
     """
+    text, count = " ".join(texts), sum(sizes)
     corners = np.full((count, 3), -1, np.int64)
     if not count:
         return corners
@@ -214,9 +237,12 @@ def _corners(text: str, count: int) -> Int64:
             return corners
     known: dict[str, tuple[int, ...]] = {}
     words = text.split()
-    for word in words:
+    for corner, word in enumerate(words):
         if word not in known:
-            indices = [int(index or 0) - 1 for index in word.split("/")[:3]]
+            try:
+                indices = [_index(index) - 1 for index in word.split("/")[:3]]
+            except ValueError as error:
+                raise _no_index(word, _location_of_corner(corner, sizes, source, content)) from error
             known[word] = (*indices, *[-1] * (3 - len(indices)))
     corners[:] = [known[word] for word in words]
     return corners
@@ -230,11 +256,15 @@ def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: st
         wrong = (corners[:, column] >= len(table)) | (corners[:, column] < (-1 if column else 0))
         if wrong.any():
             corner = int(np.argmax(wrong))
-            face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
-            faces = (number for number, words in statements(decoded(content)) if words[0] == "f")
-            line = next(islice(faces, face, None))
-            location = SourceLocation(source, f"line {line}")
+            location = _location_of_corner(corner, sizes, source, content)
             raise _no_such(location, kind, str(corners[corner, column] + 1), len(table))
+
+
+def _location_of_corner(corner: int, sizes: list[int], source: str, content: bytes) -> SourceLocation:
+    """Return the line of the face that has a corner, counted from 0 through all faces."""
+    face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
+    faces = (number for number, words in statements(decoded(content)) if words[0] == "f")
+    return SourceLocation(source, f"line {next(islice(faces, face, None))}")
 
 
 def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> SceneError:
