@@ -39,6 +39,7 @@ class _Reader:
     location: SourceLocation
     file: MeshFile
     surfaces: list[Surface] = field(default_factory=list)
+    numbers: dict[int, int] = field(default_factory=dict)  # of surfaces, by identity
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
 
@@ -86,11 +87,10 @@ class _Reader:
         )
 
     def _index(self, surface: Surface) -> int:
-        for index, known in enumerate(self.surfaces):
-            if known is surface:
-                return index
-        self.surfaces.append(surface)
-        return len(self.surfaces) - 1
+        index = self.numbers.setdefault(id(surface), len(self.surfaces))
+        if index == len(self.surfaces):
+            self.surfaces.append(surface)
+        return index
 
     def _with_coordinates(self, surface: Surface, mesh: Mesh) -> Surface:
         """Without textures where the mesh has no coordinates for them."""

@@ -30,6 +30,8 @@ Int64 = NDArray[np.int64]
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
 _DIGITS = b"0123456789"
+# Vertices of the file for each corner of a part, up to which arrays as long as the file are faster than sorting.
+_MAX_SPARSENESS = 4
 
 
 @dataclass(frozen=True)
@@ -281,39 +283,51 @@ def _parts(tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, so
     normals = finite_rows(tables.vn, "normals", others)
     if (material_of < 0).any():  # whose faces have the colours of vertices
         finite_rows(_stored_colours(tables.v), "colours", others)
-    tables = _Tables(tables.v, uv, normals)
     split = split_finite(source, tables.v[:, :3], corners[:, 0], sizes, others)
     triangles, materials = corners[split.triangles], material_of[split.polygons]
+    colours, _ = _colours(tables.v)
+    normals = np.vstack([normals[:, :3], np.zeros(3)])
+    vertices = _Attributes(tables.v[:, :3], uv[:, :2], normals, colours)
     if len(materials) and (materials == materials[0]).all():
-        return [_part(int(materials[0]), triangles, tables)]
-    return [_part(number, triangles[materials == number], tables) for number in np.unique(materials).tolist()]
+        return [_part(int(materials[0]), triangles, vertices)]
+    order = np.argsort(materials, kind="stable")
+    numbers, starts = np.unique(materials[order], return_index=True)
+    groups = np.split(triangles[order], starts[1:])
+    return [_part(number, group, vertices) for number, group in zip(numbers.tolist(), groups, strict=False)]
 
 
-def _part(material: int, triangles: Int64, tables: _Tables) -> Part:
+class _Attributes(NamedTuple):
+    """Rows that corners index. Index -1, of a corner without a normal, is the last row, a normal of zero."""
+
+    positions: Float64
+    uv: Float64
+    normals: Float64
+    colours: Float64 | None
+
+
+def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
     """Return triangles (T, 3 corners, 3 indices) with one vertex for each distinct corner."""
     corners = triangles.reshape(-1, 3)
     has_uv, has_normals = bool((corners[:, 1] >= 0).all()), bool((corners[:, 2] >= 0).any())
-    key, is_vertex = corners[:, 0], True
-    for column in [1] * has_uv + [2] * has_normals:
+    # The arrays below that are as long as the file are worth it if the part is a good part of the file.
+    key, is_vertex = corners[:, 0], _MAX_SPARSENESS * len(corners) >= len(rows.positions)
+    for column, count in [(1, len(rows.uv))] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
         if not np.array_equal(corners[:, column], corners[:, 0]):
             _, key = np.unique(key, return_inverse=True)
-            key, is_vertex = key * (len(tables[column]) + 1) + corners[:, column] + 1, False
+            key, is_vertex = key * (count + 1) + corners[:, column] + 1, False
     if is_vertex:
-        first = np.full(len(tables.v), -1, np.int64)
+        first = np.full(len(rows.positions), -1, np.int64)
         first[key[::-1]] = np.arange(len(key))[::-1]
         is_used = first >= 0
         first, faces = first[is_used], (np.cumsum(is_used) - 1)[key]
     else:
         _, first, faces = np.unique(key, return_index=True, return_inverse=True)
     vertices = corners[first]
-    colours, _ = _colours(tables.v)
-    # The row behind the last is that of corners without a normal.
-    normals = np.vstack([tables.vn[:, :3], np.zeros(3)]) if has_normals else None
     return Part(
         material,
-        tables.v[vertices[:, 0], :3],
+        rows.positions[vertices[:, 0]],
         faces.reshape(-1, 3),
-        tables.vt[vertices[:, 1], :2] if has_uv else None,
-        None if normals is None else normals[vertices[:, 2]],
-        None if colours is None else colours[vertices[:, 0]],
+        rows.uv[vertices[:, 1]] if has_uv else None,
+        rows.normals[vertices[:, 2]] if has_normals else None,
+        None if rows.colours is None else rows.colours[vertices[:, 0]],
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from glpath import load_scene, read_image
 from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.film.film import Film
+from glpath.io.obj import read_obj
 from glpath.scene.model import Mesh, Scene
 from tests.conftest import MakeFilm
 from tests.support.damaged import bomb
@@ -282,6 +284,22 @@ def test_lines_with_too_few_numbers_are_named(tmp_path: Path, name: str, text: s
     with pytest.raises(SceneError) as error:
         load_scene(tmp_path / name)
     assert found in str(error.value)
+
+
+def test_an_obj_takes_a_time_that_grows_with_its_size_and_not_with_its_materials() -> None:
+    """Four times the materials, of two triangles each, took ten times as long."""
+
+    def seconds(materials: int) -> float:
+        rows = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvn 0 0 1\n" * materials
+        faces = (
+            f"usemtl m{i}\nf {3 * i + 1}//{i + 1} {3 * i + 2}//1 {3 * i + 3}//1\n" * 2 for i in range(materials)
+        )
+        content = (rows + "".join(faces)).encode()
+        start = time.process_time()
+        assert len(read_obj(content, "a.obj").parts) == materials
+        return time.process_time() - start
+
+    assert min(seconds(32_000) for _ in range(2)) < 6 * min(seconds(8_000) for _ in range(2))
 
 
 def test_corners_without_a_normal_have_that_of_their_face(tmp_path: Path) -> None:
