@@ -66,7 +66,7 @@ class _Reader:
                 name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
                 mesh, surface = self._plain(mesh)
                 uses_colours |= surface.material.name in ("colours", "colour")
-            mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
+            mesh = mesh.without_unused_vertices()
             if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
                 self.notes[f'"{name}", which has no area.'] = None
                 continue

@@ -161,21 +161,7 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
     """
     file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
-    meshes = file.meshes
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(faces),
-        _joined([mesh.uv for mesh in meshes]),
-        _joined([mesh.normals for mesh in meshes]),
-    )
-
-
-def _joined(parts: list[Float64 | None]) -> Float64 | None:
-    """One array of all; None where a mesh has none."""
-    there = [part for part in parts if part is not None]
-    return np.concatenate(there) if len(there) == len(parts) else None
+    return Mesh.joined(file.meshes)
 
 
 @dataclass(frozen=True)

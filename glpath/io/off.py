@@ -50,7 +50,7 @@ def read_off(content: bytes, source: str) -> tuple[Mesh, bool]:
     split = split_finite(source, mesh.vertices, corners, sizes, left_out)
     triangles = corners[split.triangles].astype(np.int32)
     mesh = Mesh(mesh.vertices, triangles, mesh.uv, mesh.normals)
-    return mesh.without_faces(np.zeros(len(triangles), np.bool_)), vertices_coloured or faces_coloured
+    return mesh.without_unused_vertices(), vertices_coloured or faces_coloured
 
 
 def _read_head(rows: Rows, source: str) -> tuple[str, int, int, Rows]:

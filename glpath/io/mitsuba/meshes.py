@@ -69,7 +69,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
         # Materials in it are not used, in Mitsuba neither.
         file = read_mesh_file(path, where, colours=False)
         stored = file.ply
-        mesh = _joined(file.meshes)
+        mesh = Mesh.joined(file.meshes)
     if mesh.uv is not None and not flips:
         mesh = replace(mesh, uv=v_downwards(mesh.uv))
     if plugin.flag("face_normals", False):
@@ -173,23 +173,6 @@ def smooth_normals(mesh: Mesh) -> Float64:
 def _v_down(mesh: Mesh) -> Mesh:
     assert mesh.uv is not None
     return replace(mesh, uv=v_downwards(mesh.uv))
-
-
-def _joined(meshes: list[Mesh]) -> Mesh:
-    """One mesh of all."""
-    if len(meshes) == 1:
-        return meshes[0]
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-
-    def of_all(values: list[Any]) -> Any:
-        return None if any(each is None for each in values) else np.concatenate(values)
-
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]),
-        of_all([mesh.uv for mesh in meshes]),
-        of_all([mesh.normals for mesh in meshes]),
-    )
 
 
 def _ply_attribute(stored: PlyMesh, attribute: str, source: str) -> Float64 | None:
