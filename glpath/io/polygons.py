@@ -145,7 +145,7 @@ def warn_of_crossing(source: str, count: int) -> None:
     """Warn of polygons of a file that cross themselves, if there are any."""
     if count:
         cause = "outlines of faces that cross themselves"
-        warn_at(source, cause, count, f"{source}: {cause}: {count:,}. Their triangles overlap or leave gaps.")
+        warn_at(source, {cause: count}, f"{source}: {cause}: {count:,}. Their triangles overlap or leave gaps.")
 
 
 def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64, int]:

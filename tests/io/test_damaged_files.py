@@ -395,3 +395,21 @@ def test_the_same_warning_of_many_shapes_is_one_with_a_count() -> None:
     assert str(warning.message).startswith("204 triangles without area were dropped in 204 locations: ")
     assert str(warning.message).count(": 1") == 4
     assert warning.filename == __file__
+
+
+def test_what_is_left_out_of_many_files_is_one_warning_for_each_cause(tmp_path: Path) -> None:
+    shapes = []
+    for number in range(6):
+        nan = "nan" if number else "1"
+        text = PLAIN.replace("f 1/1 2/2 3/3", "f 1/1/1 2/2/1 3/3/1") + f"vn {nan} 0 1\nv 9 nan 9\n"
+        (tmp_path / f"{number}.obj").write_text(text)
+        shapes.append({"type": "mesh", "file": str(tmp_path / f"{number}.obj"), "emission": {"radiance": 1}})
+    camera = {"position": [0, 0, 5], "target": [0, 0, 0]}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_scene({"camera": camera, "shapes": shapes})
+    told = sorted(str(each.message) for each in caught)
+    assert [text.partition(": ")[0] for text in told] == [
+        "5 normals that are not finite are left out in 5 locations",
+        "6 vertices that are not finite are left out in 6 locations",
+    ]

@@ -835,7 +835,7 @@ def coloured_square(folder: Path, element: str, written: str) -> Path:
         ("nan 0.1 0.2", (1, 1, 1), "colours that are negative or not finite"),
         ("inf 0.1 0.2", (1, 1, 1), "colours that are negative or not finite"),
         ("-0.5 0.1 0.2", (1, 1, 1), "colours that are negative or not finite"),
-        ("3 0.1 0.2", (1, 0.1, 0.2), "what colours have above 1"),
+        ("3 0.1 0.2", (1, 0.1, 0.2), "parts above 1 of colours"),
     ],
 )
 def test_colours_that_no_surface_has_are_counted(

@@ -416,7 +416,7 @@ def test_points_without_a_position_are_left_out_of_a_cloud(tmp_path: Path, forma
     for centre, rgb in (((0, 0, 0), (1, 0, 0)), ((1, 0, 0), (0, 1, 0)), ((0, 1, 0), (0, 0, 1))):
         near = np.linalg.norm(mesh.vertices - centre, axis=1) < 0.1
         assert np.allclose(mesh.colours[near, :3], rgb)
-    assert told[0] == "left out: points that are not finite (1)."
+    assert "left out: points that are not finite (1)." in told
     assert len(told) == 2
 
 

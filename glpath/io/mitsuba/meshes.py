@@ -201,7 +201,7 @@ def _reflectances(colours: Float64, source: str) -> Float64:
     bright = ~broken & (colours > _MAX_REFLECTANCE).any(axis=1)
     counts = {
         "colours that are negative or not finite": int(np.count_nonzero(broken)),
-        "what colours have above 1": int(np.count_nonzero(bright)),
+        "parts above 1 of colours": int(np.count_nonzero(bright)),
     }
     warn_of_left_out(source, counts)
     return np.where(broken[:, None], 1.0, np.minimum(colours, 1.0))
