@@ -1,4 +1,4 @@
-"""Files of meshes as models, OBJ with its MTL: a shape for each material, with textures and colours [trimesh]."""
+"""Files of meshes as models: a shape for each material of an OBJ and its MTL, with textures and colours."""
 
 from __future__ import annotations
 

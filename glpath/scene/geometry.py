@@ -19,7 +19,7 @@ from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
 from glpath.scene.stream import Stream
 
-#: The largest number that a GPU squares in 32 bits without overflow, far beyond sensible ones.
+#: The largest number of a scene: its square, even multiplied by 1e8, is finite in 32 bits.
 LARGEST = 1e15
 
 Float64 = NDArray[np.float64]
