@@ -9,7 +9,7 @@ import os
 import sys
 import sysconfig
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -172,19 +172,21 @@ def _is_shown(text: str, level: int) -> bool:
 
 
 #: Warnings that wait for others of the same cause, as (location, count, text) by cause; None if none are to wait.
-_waiting: ContextVar[dict[str, list[tuple[str, int, str]]] | None] = ContextVar("_waiting", default=None)
+# By cause: location and count of each warning, by its text.
+_waiting: ContextVar[dict[str, dict[str, tuple[str, int]]] | None] = ContextVar("_waiting", default=None)
 
 
-def warn_at(location: str, cause: str, count: int, text: str) -> None:
+def warn_at(location: str, counts: Mapping[str, int], text: str) -> None:
     """Warn as `warn`, or within `one_warning_per_cause` once for all locations with the same cause.
 
-    cause : what there are so many of, such as "triangles without area"
+    counts : numbers by cause, such as "triangles without area were dropped"
     """
     waiting = _waiting.get()
     if waiting is None:
         warn(text)
-    else:
-        waiting.setdefault(cause, []).append((location, count, text))
+        return
+    for cause, count in counts.items():
+        waiting.setdefault(cause, {})[text] = location, count
 
 
 @contextmanager
@@ -193,20 +195,24 @@ def one_warning_per_cause() -> Iterator[None]:
     if _waiting.get() is not None:
         yield
         return
-    waiting: dict[str, list[tuple[str, int, str]]] = {}
+    waiting: dict[str, dict[str, tuple[str, int]]] = {}
     token = _waiting.set(waiting)
     try:
         yield
     finally:
         _waiting.reset(token)
+    texts: dict[str, None] = {}  # a text of several causes comes once
     for cause, found in waiting.items():
         if len(found) == 1:
-            warn(found[0][2])
+            texts |= dict.fromkeys(found)
             continue
-        total = sum(count for _, count, _ in found)
-        listed = ", ".join(f"{location}: {count:,}" for location, count, _ in found[:_LISTED_LOCATIONS])
-        more = ", ..." if len(found) > _LISTED_LOCATIONS else ""
-        warn(f"{total:,} {cause} in {len(found):,} locations: {listed}{more}.")
+        entries = list(found.values())
+        total = sum(count for _, count in entries)
+        listed = ", ".join(f"{location}: {count:,}" for location, count in entries[:_LISTED_LOCATIONS])
+        more = ", ..." if len(entries) > _LISTED_LOCATIONS else ""
+        texts[f"{total:,} {cause} in {len(entries):,} locations: {listed}{more}."] = None
+    for text in texts:
+        warn(text)
 
 
 def _is_ours(file: str) -> bool:

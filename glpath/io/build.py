@@ -317,7 +317,7 @@ def _mesh(
 
 
 def _finished(mesh: Mesh, textured: bool, reverse: bool) -> Mesh:
-    mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
+    mesh = mesh.without_unused_vertices()
     if textured and mesh.uv is None:
         mesh = tessellate.with_projected_uv(mesh)
     return mesh.turned() if reverse else mesh

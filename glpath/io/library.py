@@ -293,7 +293,7 @@ def _without_parameters(scene: Scene, name: str, parameters: Mapping[str, object
     if parameters:
         raise SceneError(
             f"{name}: has no parameters, but was given {', '.join(parameters)}.",
-            f"Parameters (-D key=value) are for glTF files and generated scenes: {', '.join(sorted(GENERATED))}.",
+            "Parameters are for files and generated scenes. Change the scene itself, or load it from its file.",
         )
     return scene
 

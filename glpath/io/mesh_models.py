@@ -1,4 +1,4 @@
-"""Files of meshes as models, OBJ with its MTL: a shape for each material, with textures and colours [trimesh]."""
+"""Files of meshes as models: a shape for each material of an OBJ and its MTL, with textures and colours."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ class _Reader:
     location: SourceLocation
     file: MeshFile
     surfaces: list[Surface] = field(default_factory=list)
+    numbers: dict[int, int] = field(default_factory=dict)  # of surfaces, by identity
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
 
@@ -65,7 +66,7 @@ class _Reader:
                 name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
                 mesh, surface = self._plain(mesh)
                 uses_colours |= surface.material.name in ("colours", "colour")
-            mesh = mesh.without_faces(np.zeros(len(mesh.faces), np.bool_))
+            mesh = mesh.without_unused_vertices()
             if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
                 self.notes[f'"{name}", which has no area.'] = None
                 continue
@@ -87,11 +88,10 @@ class _Reader:
         )
 
     def _index(self, surface: Surface) -> int:
-        for index, known in enumerate(self.surfaces):
-            if known is surface:
-                return index
-        self.surfaces.append(surface)
-        return len(self.surfaces) - 1
+        index = self.numbers.setdefault(id(surface), len(self.surfaces))
+        if index == len(self.surfaces):
+            self.surfaces.append(surface)
+        return index
 
     def _with_coordinates(self, surface: Surface, mesh: Mesh) -> Surface:
         """Without textures where the mesh has no coordinates for them."""

@@ -27,7 +27,7 @@ from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.stl import read_stl
 from glpath.io.stored_colours import colours_of_facets, linear
 from glpath.io.strokes import balls, line_radius, point_radius, rods
-from glpath.io.values import LARGEST, nearby_files, no_such_vertex
+from glpath.io.values import LARGEST, finite_rows, nearby_files, no_such_vertex, warn_of_left_out
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
@@ -99,7 +99,12 @@ def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
     made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, location)
     normals = _of_each(given_trimesh_normals(mesh), mesh, 3)
-    return made if normals is None else replace(made, normals=unit_normals(normals))
+    if normals is None:
+        return made
+    left_out: dict[str, int] = {}
+    normals = finite_rows(normals, "normals", left_out)
+    warn_of_left_out(str(location), left_out)
+    return replace(made, normals=unit_normals(normals))
 
 
 def mesh_of_arrays(
@@ -156,21 +161,7 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
     """
     file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
-    meshes = file.meshes
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(faces),
-        _joined([mesh.uv for mesh in meshes]),
-        _joined([mesh.normals for mesh in meshes]),
-    )
-
-
-def _joined(parts: list[Float64 | None]) -> Float64 | None:
-    """One array of all; None where a mesh has none."""
-    there = [part for part in parts if part is not None]
-    return np.concatenate(there) if len(there) == len(parts) else None
+    return Mesh.joined(file.meshes)
 
 
 @dataclass(frozen=True)
@@ -252,8 +243,8 @@ def _parse(path: Path, colours: bool) -> MeshFile:
     if suffix == ".obj":
         return _obj(obj.read_obj(content, str(path)), path, colours)
     if suffix == ".off":
-        positions, triangles, has_colours = read_off(content, str(path))
-        meshes = [Mesh(positions, triangles.astype(np.int32))] if len(triangles) else []
+        mesh, has_colours = read_off(content, str(path))
+        meshes = [mesh] if len(mesh.faces) else []
         return MeshFile(meshes, [-1] * len(meshes), coloured="colours" if has_colours else "")
     return _stl(content, path, colours)
 

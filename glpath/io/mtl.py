@@ -34,6 +34,7 @@ from glpath.io.pictures import Image, Pictures, resized
 from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import read_bytes, reason_of
+from glpath.system.numerals import real
 
 #: In one material library.
 MAX_BYTES = 2**28
@@ -295,16 +296,22 @@ class _Reader:
         words = self.written.get(keyword, [])
         if not words:
             return np.full(3, default)
-        if not _is_number(words[0]):
+        if words[0].lower() in ("spectral", "xyz"):
             self.library.notes["Colours that are spectra or CIE XYZ."] = None
             return np.full(3, default)
-        values = [_number(word, default) for word in words[:3]]
+        values = [self._value(keyword, word, default) for word in words[:3]]
         colour = np.array(values if len(values) == 3 else values[:1] * 3)
         return phong.share(colour) if limited else colour
 
     def _number(self, keyword: str, default: float) -> float:
         words = self.written.get(keyword, [])
-        return _number(words[0], default) if words else default
+        return self._value(keyword, words[0], default) if words else default
+
+    def _value(self, keyword: str, word: str, default: float) -> float:
+        """Return the number of a word; the default, which is noted, for a word that is not a finite number."""
+        if not _is_number(word):
+            self.library.notes[f'"{keyword} {word[:40]}" of "{self.name}", which is not a finite number.'] = None
+        return _number(word, default)
 
     def _share(self, keyword: str, default: float) -> float:
         return float(phong.share(self._number(keyword, default)))
@@ -312,14 +319,14 @@ class _Reader:
 
 def _is_number(word: str) -> bool:
     try:
-        return bool(np.isfinite(float(word)))
+        return bool(np.isfinite(real(word)))
     except ValueError:
         return False
 
 
 def _number(word: str, default: float) -> float:
     """A number that 32 bits hold; the default for what is none."""
-    return float(np.clip(float(word), -1e15, 1e15)) if _is_number(word) else default
+    return float(np.clip(real(word), -1e15, 1e15)) if _is_number(word) else default
 
 
 def _bytes(image: Image) -> NDArray[np.uint8]:

@@ -8,6 +8,7 @@ Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from typing import NamedTuple
@@ -18,8 +19,10 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
-from glpath.io.text import decoded, parse_numbers, statements
-from glpath.scene.source_location import SourceLocation
+from glpath.io.text import decoded, parse_lines, parse_numbers, statements
+from glpath.io.values import finite_rows
+from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.numerals import whole
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -27,6 +30,8 @@ Int64 = NDArray[np.int64]
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
 _DIGITS = b"0123456789"
+# Vertices of the file for each corner of a part, up to which arrays as long as the file are faster than sorting.
+_MAX_SPARSENESS = 4
 
 
 @dataclass(frozen=True)
@@ -87,21 +92,26 @@ class _Rows:
 
     kind: str
     texts: list[str] = field(default_factory=list)
+    lines: array[int] = field(default_factory=lambda: array("q"))
     widths: set[int] = field(default_factory=set)
 
-    def append(self, values: list[str]) -> None:
+    def append(self, line: int, values: list[str]) -> None:
         if self.kind == "vt" and len(values) == 1:
             values = [*values, "0"]  # a texture of one dimension has no v
         self.texts.append(" ".join(values))
+        self.lines.append(line)
         self.widths.add(len(values))
 
-    def table(self) -> Float64:
-        """(N, W) numbers, as many of each row as all rows have. Raises ValueError."""
-        width = min(self.widths, default=3)
-        if width < (2 if self.kind == "vt" else 3):
-            raise ValueError(f"a {_NAMES[self.kind]} has {width} numbers")
+    def table(self, source: str) -> Float64:
+        """(N, W) numbers, as many of each row as all rows have. Raises SceneError."""
+        width, needed = min(self.widths, default=3), 2 if self.kind == "vt" else 3
+        if width < needed:
+            row = next(row for row, text in enumerate(self.texts) if len(text.split()) == width)
+            raise SourceLocation(source, f"line {self.lines[row]}").error(
+                f"has {width} numbers, but a {_NAMES[self.kind]} has at least {needed}."
+            )
         texts = self.texts if len(self.widths) < 2 else [" ".join(text.split()[:width]) for text in self.texts]
-        return parse_numbers(" ".join(texts)).reshape(-1, width)
+        return parse_lines(texts, self.lines, source).reshape(-1, width)
 
 
 def read_obj(content: bytes, source: str) -> ObjFile:
@@ -109,7 +119,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
 
     source : the file, for errors
 
-    Raises SceneError for an index that names nothing, and ValueError for a word that is not a number.
+    Raises SceneError, with the line, for an index that names nothing, and for a word that is not a number.
     """
     rows = {kind: _Rows(kind) for kind in _NAMES}
     face_texts: list[str] = []
@@ -121,7 +131,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     for number, words in statements(decoded(content)):
         kind, values = words[0], words[1:]
         if kind in rows:
-            rows[kind].append(values)
+            rows[kind].append(number, values)
         elif kind == "f":
             text = " ".join(values)
             if "-" in text:
@@ -138,8 +148,8 @@ def read_obj(content: bytes, source: str) -> ObjFile:
             used.append((len(sizes), materials.setdefault(" ".join(values), len(materials))))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
-    tables = _Tables(*(each.table() for each in rows.values()))
-    corners = _corners(" ".join(face_texts), sum(sizes))
+    tables = _Tables(*(each.table(source) for each in rows.values()))
+    corners = _corners(face_texts, sizes, source, content)
     _check_corners(corners, sizes, tables, source, content)
     lines = np.array(drawn, np.int64).reshape(-1, 3)
     for row, column in np.argwhere((lines[:, :2] < 1) | (lines[:, :2] > len(tables.v)))[:1]:
@@ -161,21 +171,30 @@ def read_obj(content: bytes, source: str) -> ObjFile:
 
 
 def _colours(rows: Float64) -> tuple[Float64 | None, str]:
-    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; None without. And their guess.
+    """Return the colours (V, 3) of vertices, None without, and a note if their scale had to be guessed."""
+    stored = _stored_colours(rows)
+    return fractions(stored, "f8") if stored.size else (None, "")
+
+
+def _stored_colours(rows: Float64) -> Float64:
+    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; (V, 0) without.
 
     Seven numbers are x y z r g b a, unless only the fourth is 1 for all vertices.
     """
     if rows.shape[1] < 6:
-        return None, ""
+        return rows[:, :0]
     first = 4 if rows.shape[1] >= 7 and (rows[:, 3] == 1).all() and not (rows[:, 6] == 1).all() else 3
-    return fractions(rows[:, first : first + 3], "f8")
+    return rows[:, first : first + 3]
 
 
 def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
     """Return a corner, such as -1/-1/-1, with indices from 1 instead of from the last statement."""
     indices = []
     for (kind, each), word in zip(rows.items(), text.split("/"), strict=False):
-        index = int(word or 0)
+        try:
+            index = _index(word)
+        except ValueError as error:
+            raise _no_index(text, location) from error
         if index < 0 and each.texts:
             index += len(each.texts) + 1
             if index < 1:
@@ -184,13 +203,26 @@ def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocatio
     return "/".join(indices).rstrip("/")
 
 
-def _corners(text: str, count: int) -> Int64:
+def _index(word: str) -> int:
+    """Return an index of a corner; 0 without. Raises ValueError."""
+    return whole(word) if word else 0
+
+
+def _no_index(corner: str, location: SourceLocation) -> SceneError:
+    return location.error(
+        f"has the corner {shown(corner)}, but indices are whole numbers of plain digits.",
+        "Corners are v, v/vt, v//vn or v/vt/vn.",
+    )
+
+
+def _corners(texts: list[str], sizes: list[int], source: str, content: bytes) -> Int64:
     """(C, 3) indices from 0 of the position, texture coordinate and normal of each corner; -1 without.
 
-    text : corners v, v/vt, v//vn or v/vt/vn, with blanks between them
+    texts : corners v, v/vt, v//vn or v/vt/vn of each face, with blanks between them
 
-    Raises ValueError.
+    Raises SceneError.
     """
+    text, count = " ".join(texts), sum(sizes)
     corners = np.full((count, 3), -1, np.int64)
     if not count:
         return corners
@@ -207,9 +239,12 @@ def _corners(text: str, count: int) -> Int64:
             return corners
     known: dict[str, tuple[int, ...]] = {}
     words = text.split()
-    for word in words:
+    for corner, word in enumerate(words):
         if word not in known:
-            indices = [int(index or 0) - 1 for index in word.split("/")[:3]]
+            try:
+                indices = [_index(index) - 1 for index in word.split("/")[:3]]
+            except ValueError as error:
+                raise _no_index(word, _location_of_corner(corner, sizes, source, content)) from error
             known[word] = (*indices, *[-1] * (3 - len(indices)))
     corners[:] = [known[word] for word in words]
     return corners
@@ -223,11 +258,15 @@ def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: st
         wrong = (corners[:, column] >= len(table)) | (corners[:, column] < (-1 if column else 0))
         if wrong.any():
             corner = int(np.argmax(wrong))
-            face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
-            faces = (number for number, words in statements(decoded(content)) if words[0] == "f")
-            line = next(islice(faces, face, None))
-            location = SourceLocation(source, f"line {line}")
+            location = _location_of_corner(corner, sizes, source, content)
             raise _no_such(location, kind, str(corners[corner, column] + 1), len(table))
+
+
+def _location_of_corner(corner: int, sizes: list[int], source: str, content: bytes) -> SourceLocation:
+    """Return the line of the face that has a corner, counted from 0 through all faces."""
+    face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
+    faces = (number for number, words in statements(decoded(content)) if words[0] == "f")
+    return SourceLocation(source, f"line {next(islice(faces, face, None))}")
 
 
 def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> SceneError:
@@ -239,44 +278,56 @@ def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> Sce
 
 def _parts(tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, source: str) -> list[Part]:
     """Return the triangles of faces with `sizes` corners each, by material. Warns of what is left out."""
-    bad_uv, bad_normals = (~np.isfinite(table).all(axis=1) for table in (tables.vt, tables.vn))
-    tables.vt[bad_uv], tables.vn[bad_normals] = 0.0, 0.0
-    others = {
-        "texture coordinates that are not finite": int(np.count_nonzero(bad_uv)),
-        "normals that are not finite": int(np.count_nonzero(bad_normals)),
-    }
+    others: dict[str, int] = {}
+    uv = finite_rows(tables.vt, "texture coordinates", others)
+    normals = finite_rows(tables.vn, "normals", others)
+    if (material_of < 0).any():  # whose faces have the colours of vertices
+        finite_rows(_stored_colours(tables.v), "colours", others)
     split = split_finite(source, tables.v[:, :3], corners[:, 0], sizes, others)
     triangles, materials = corners[split.triangles], material_of[split.polygons]
+    colours, _ = _colours(tables.v)
+    normals = np.vstack([normals[:, :3], np.zeros(3)])
+    vertices = _Attributes(tables.v[:, :3], uv[:, :2], normals, colours)
     if len(materials) and (materials == materials[0]).all():
-        return [_part(int(materials[0]), triangles, tables)]
-    return [_part(number, triangles[materials == number], tables) for number in np.unique(materials).tolist()]
+        return [_part(int(materials[0]), triangles, vertices)]
+    order = np.argsort(materials, kind="stable")
+    numbers, starts = np.unique(materials[order], return_index=True)
+    groups = np.split(triangles[order], starts[1:])
+    return [_part(number, group, vertices) for number, group in zip(numbers.tolist(), groups, strict=False)]
 
 
-def _part(material: int, triangles: Int64, tables: _Tables) -> Part:
+class _Attributes(NamedTuple):
+    """Rows that corners index. Index -1, of a corner without a normal, is the last row, a normal of zero."""
+
+    positions: Float64
+    uv: Float64
+    normals: Float64
+    colours: Float64 | None
+
+
+def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
     """Return triangles (T, 3 corners, 3 indices) with one vertex for each distinct corner."""
     corners = triangles.reshape(-1, 3)
     has_uv, has_normals = bool((corners[:, 1] >= 0).all()), bool((corners[:, 2] >= 0).any())
-    key, is_vertex = corners[:, 0], True
-    for column in [1] * has_uv + [2] * has_normals:
+    # The arrays below that are as long as the file are worth it if the part is a good part of the file.
+    key, is_vertex = corners[:, 0], _MAX_SPARSENESS * len(corners) >= len(rows.positions)
+    for column, count in [(1, len(rows.uv))] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
         if not np.array_equal(corners[:, column], corners[:, 0]):
             _, key = np.unique(key, return_inverse=True)
-            key, is_vertex = key * (len(tables[column]) + 1) + corners[:, column] + 1, False
+            key, is_vertex = key * (count + 1) + corners[:, column] + 1, False
     if is_vertex:
-        first = np.full(len(tables.v), -1, np.int64)
+        first = np.full(len(rows.positions), -1, np.int64)
         first[key[::-1]] = np.arange(len(key))[::-1]
         is_used = first >= 0
         first, faces = first[is_used], (np.cumsum(is_used) - 1)[key]
     else:
         _, first, faces = np.unique(key, return_index=True, return_inverse=True)
     vertices = corners[first]
-    colours, _ = _colours(tables.v)
-    # The row behind the last is that of corners without a normal.
-    normals = np.vstack([tables.vn[:, :3], np.zeros(3)]) if has_normals else None
     return Part(
         material,
-        tables.v[vertices[:, 0], :3],
+        rows.positions[vertices[:, 0]],
         faces.reshape(-1, 3),
-        tables.vt[vertices[:, 1], :2] if has_uv else None,
-        None if normals is None else normals[vertices[:, 2]],
-        None if colours is None else colours[vertices[:, 0]],
+        rows.uv[vertices[:, 1]] if has_uv else None,
+        rows.normals[vertices[:, 2]] if has_normals else None,
+        None if rows.colours is None else rows.colours[vertices[:, 0]],
     )

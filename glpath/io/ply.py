@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import struct
-import warnings
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.io.text import decoded
+from glpath.io.text import decoded, parse_numbers, with_plain_nan
 from glpath.io.values import as_float64
 
 Float64 = NDArray[np.float64]
@@ -33,9 +32,6 @@ _CODES |= {("u", size): code.upper() for (kind, size), code in _CODES.items() if
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:^|[\r\n])[ \t]*end_header[ \t]*(?=[\r\n]|$)")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
-# `-nan(ind)` of Microsoft's C library, and `1.#QNAN` and `1.#INF` of its older ones.
-_NAN = re.compile(rb"nan\([^)\s]*\)|1\.#(?:QNAN|SNAN|IND)\d*", re.IGNORECASE)
-_INFINITE = re.compile(rb"1\.#INF\d*", re.IGNORECASE)
 _TEXTURE = re.compile(r"TextureFile\s+(.*\S)")
 #: Maximum number of properties of an element.
 MAX_PROPERTIES = 4096
@@ -189,24 +185,16 @@ def read_elements(content: bytes, header: Header) -> tuple[dict[str, Element], i
 
 def _parsed(body: bytes, first_line: int) -> Float64:
     """Return the numbers of ASCII data, which begin below a line. Raises ValueError for other words."""
-    text = body.strip()
-    if b"(" in text or b"#" in text:
-        text = _INFINITE.sub(b"inf", _NAN.sub(b"nan", text))
-    if not text:
-        return np.zeros(0)
+    text = with_plain_nan(decoded(body)).replace("\r\n", "\n").replace("\r", "\n")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # older releases of numpy warn
-            return np.fromstring(text, sep=" ")
-    except (ValueError, DeprecationWarning):
-        pass
-    for number, line in enumerate(_LINE_END.split(body), start=first_line):
-        for word in _INFINITE.sub(b"inf", _NAN.sub(b"nan", line)).split():
+        return parse_numbers(text.strip())
+    except ValueError:
+        for number, line in enumerate(text.split("\n"), start=first_line):
             try:
-                float(word)
-            except ValueError:
-                raise ValueError(f'line {number} has "{decoded(word[:40])}", which is not a number') from None
-    raise ValueError("its numbers are not separated by blanks")
+                parse_numbers(line)
+            except ValueError as error:
+                raise ValueError(f"line {number} has {error}") from None
+        raise
 
 
 def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:

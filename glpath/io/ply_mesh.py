@@ -17,7 +17,7 @@ from glpath.errors import warn
 from glpath.io.ply import Element, Header, Int64, Ragged, read_elements
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions, linear
-from glpath.io.values import as_float64, no_such_vertex, warn_of_left_out
+from glpath.io.values import as_float64, finite_rows, no_such_vertex, warn_of_left_out
 from glpath.scene.geometry import Float64, Mesh, unit_normals
 from glpath.scene.source_location import SourceLocation
 
@@ -176,7 +176,7 @@ def _triangles(
     texcoord = faces.lists.get("texcoord")
     uv = None
     if texcoord is not None and np.array_equal(texcoord.counts, 2 * lists.counts) and not len(of_strips):
-        uv = _finite(as_float64(texcoord.values.reshape(-1, 2)), "texture coordinates of corners", left_out)
+        uv = finite_rows(as_float64(texcoord.values.reshape(-1, 2)), "texture coordinates of corners", left_out)
     if not faces.count and not strips.count:
         left_out = {"points that are not finite": int(np.count_nonzero(~finite)), **left_out}
         warn_of_left_out(source, left_out)
@@ -241,16 +241,7 @@ def _attribute(
 ) -> Float64 | None:
     """Return an attribute of all vertices, with zeros for those that are not finite; None without."""
     names = element.first_of(*choices)
-    return _finite(element.stacked(names), name, left_out) if names else None
-
-
-def _finite(values: Float64, name: str, left_out: dict[str, int]) -> Float64:
-    """Return rows with zeros for those that are not finite, which are counted."""
-    broken = ~np.asarray(np.isfinite(values).all(axis=1))
-    if broken.any():
-        left_out[f"{name} that are not finite"] = int(np.count_nonzero(broken))
-        values[broken] = 0.0
-    return values
+    return finite_rows(element.stacked(names), name, left_out) if names else None
 
 
 @dataclass(frozen=True)
@@ -279,9 +270,9 @@ class _Colours:
         colours = linear(values)
         if alpha in element.columns:
             colours[:, 3], _ = fractions(element.columns[alpha], element.types[alpha])
-        broken = np.count_nonzero(~np.isfinite(stored).all(axis=1))
-        if broken and self.looks:
-            self.left_out["colours that are not finite"] = int(broken)
+            stored = np.column_stack([stored, element.columns[alpha]])
+        if self.looks:
+            finite_rows(stored, "colours", self.left_out)
         if guess and self.looks:
             warn(f"{self.source}: its colours {', '.join(names)}: {guess}.")
         return colours

@@ -30,6 +30,8 @@ Int64 = NDArray[np.int64]
 _LEVEL = 1e-9
 # Of the area of a polygon: triangles that have no area, and what ears may leave out.
 _NO_AREA, _LEFT_OUT = 1e-9, 1e-3
+# Corners of a polygon whose edges are compared, each with each.
+_MAX_COMPARED = 1 << 8
 # Bands that all edges of a polygon and its holes cross together, beyond which ears are cut instead.
 _MAX_CROSSED = 40_000
 
@@ -83,10 +85,12 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
             fan = np.stack([np.zeros_like(ahead), ahead, ahead + 1], axis=1)
             local = np.broadcast_to(fan, (len(chosen), size - 2, 3))
             rings = positions[corners[starts[:, None] + np.arange(size)]]
-            others = np.flatnonzero(~_are_fans(rings))
+            are_fans, crossed = _are_fans(rings)
+            crossing += int(np.count_nonzero(crossed))
+            others = np.flatnonzero(~are_fans)
             if len(others):
-                ears, of, left_out = _ears_of_rings(rings[others])
-                crossing += int(np.count_nonzero(left_out > _LEFT_OUT))
+                ears, of, crossed = _ears_of_rings(rings[others])
+                crossing += int(np.count_nonzero(crossed))
                 triangles.append(starts[others][of, None] + ears)
                 polygons.append(chosen[others][of])
             local, starts, chosen = (np.delete(each, others, axis=0) for each in (local, starts, chosen))
@@ -141,7 +145,7 @@ def warn_of_crossing(source: str, count: int) -> None:
     """Warn of polygons of a file that cross themselves, if there are any."""
     if count:
         cause = "outlines of faces that cross themselves"
-        warn_at(source, cause, count, f"{source}: {cause}: {count:,}. Their triangles overlap or leave gaps.")
+        warn_at(source, {cause: count}, f"{source}: {cause}: {count:,}. Their triangles overlap or leave gaps.")
 
 
 def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64, int]:
@@ -150,28 +154,51 @@ def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64,
     normal = _cross(ac, bd)
     size = _dot(normal, normal)
     # Twice the areas that the diagonals leave on either side, times the length of the normal.
-    beside_ac = np.minimum(_dot(normal, _cross(ab, ac)), _dot(normal, _cross(ac, ad)))
+    halves = np.stack([_cross(ab, ac), _cross(ac, ad)], axis=1)
+    beside_ac = _dot(normal[:, None], halves).min(axis=1)
     beside_bd = np.minimum(_dot(normal, _cross(ab, ad)), _dot(normal, _cross(c - b, bd)))
     other = (beside_ac <= _NO_AREA * size) & (beside_bd > _NO_AREA * size)
-    crossed = (beside_ac < -_NO_AREA * size) & ~other
+    crossed = (beside_ac < -_NO_AREA * size) & ~other | _areas_cancel(halves, np.stack([ab, ac, ad], axis=1))
     local = np.empty((len(a), 2, 3), np.int64)
     local[:] = [[0, 1, 2], [0, 2, 3]]
     local[other] = [[0, 1, 3], [1, 2, 3]]
     return local, int(np.count_nonzero(crossed))
 
 
-def _are_fans(rings: Float64) -> NDArray[np.bool_]:
-    """(N,) bool: the fan around the first corner of a ring (N, k, 3) covers it once, or the ring has no area."""
+def _areas_cancel(doubled: Float64, spokes: Float64) -> NDArray[np.bool_]:
+    """(N,) bool: outlines enclose as much on one side as on the other, so that they cross themselves.
+
+    doubled : (N, k, 3) twice the areas of the triangles of a fan, along their normals
+    spokes  : (N, j, 3) vectors from the first corner to the others
+    """
+    whole, parts = np.linalg.norm(doubled.sum(axis=1), axis=1), np.linalg.norm(doubled, axis=2).sum(axis=1)
+    return np.asarray((whole <= _NO_AREA * parts) & ~_are_lines(doubled, spokes))
+
+
+def _are_lines(doubled: Float64, spokes: Float64) -> NDArray[np.bool_]:
+    """(N,) bool: the corners of outlines lie on a line. Arguments as of `_areas_cancel`."""
+    return np.asarray(np.linalg.norm(doubled, axis=2).sum(axis=1) <= _NO_AREA * _dot(spokes, spokes).sum(axis=1))
+
+
+def _are_fans(rings: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return for rings (N, k, 3) if the fan around the first corner is kept, and if the ring crosses itself.
+
+    The fan is kept if it covers the ring once, or if the ring has no area.
+    """
     spokes = rings[:, 1:] - rings[:, :1]
     doubled = _cross(spokes[:, :-1], spokes[:, 1:])
     normal = doubled.sum(axis=1)
     size = _dot(normal, normal)
     ahead = (_dot(doubled, normal[:, None]) > _NO_AREA * size[:, None]).all(axis=1)
-    return np.asarray(ahead | ~(size > 0) | ~np.isfinite(size))
+    cosines = _dot(spokes[:, :-1], spokes[:, 1:])
+    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)  # less than one turn
+    crossed = _areas_cancel(doubled, spokes)
+    has_no_area = _are_lines(doubled, spokes) | ~(size > 0) | ~np.isfinite(size)
+    return np.asarray(ahead & (angles < 2 * np.pi) | crossed | has_no_area), crossed
 
 
-def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, Float64]:
-    """Return corners (T, 3) and rings (T,) of the triangles of rings (N, k, 3), and the share of each left out."""
+def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
+    """Return corners (T, 3) and rings (T,) of the triangles of rings (N, k, 3), and if each ring crosses itself."""
     spokes = rings[:, 1:] - rings[:, :1]
     normals = _cross(spokes[:, :-1], spokes[:, 1:]).sum(axis=1)
     # Seen against the normal, along the axis nearest to it.
@@ -185,7 +212,28 @@ def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, Float64]:
     corners = np.concatenate(faces)
     covered = np.bincount(of, _doubled_areas(plane[of[:, None], corners]), len(rings))
     areas = np.abs(normals).max(axis=1)
-    return corners, of, np.abs(areas - covered) / np.maximum(areas, np.finfo(float).tiny)
+    crossed = np.abs(areas - covered) > _LEFT_OUT * areas
+    return corners, of, crossed | _edges_cross(plane)
+
+
+def _edges_cross(outlines: Float64) -> NDArray[np.bool_]:
+    """(N,) bool: two edges of an outline (N, k, 2) cross, and do not only touch."""
+    count, size = outlines.shape[:2]
+    if size > _MAX_COMPARED:
+        return np.zeros(count, np.bool_)
+    step = max(1, _MAX_COMPARED**2 // size**2)
+    return np.concatenate([_edges_cross_of(outlines[at : at + step]) for at in range(0, count, step)])
+
+
+def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:
+    ahead = np.roll(outlines, -1, axis=1) - outlines
+    to_others = outlines[:, None] - outlines[:, :, None]
+    # Side of edge i on which corner j lies; 0 on its line.
+    sides = ahead[:, :, None, 0] * to_others[..., 1] - ahead[:, :, None, 1] * to_others[..., 0]
+    on_line = _NO_AREA * np.ptp(outlines, axis=1).max(axis=1) ** 2
+    sides = np.where(np.abs(sides) > on_line[:, None, None], np.sign(sides), 0.0)
+    is_between = sides * np.roll(sides, -1, axis=2) < 0
+    return np.asarray((is_between & is_between.swapaxes(1, 2)).any(axis=(1, 2)))
 
 
 def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
@@ -221,11 +269,15 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
     boundary : (N, 3) corners, counter-clockwise seen from the front, as the faces are
     holes    : (M, 3) corners of each, in either order, in the plane of the boundary and within it
 
-    The missing area is not zero if rings cross each other. A polygon without area has no faces.
+    The missing area is not zero if rings cross each other or themselves. A polygon without area has no faces.
     """
     size = float(np.linalg.norm(polygon_normal(boundary)))
     if size == 0:
-        return np.zeros((0, 3)), np.zeros((0, 3), np.int32), 0.0
+        spokes = boundary[1:] - boundary[0]
+        doubled = _cross(spokes[:-1], spokes[1:])
+        is_crossed = bool(_areas_cancel(doubled[None], spokes[None])[0])
+        overlap = 0.5 * float(np.linalg.norm(doubled, axis=1).sum()) if is_crossed else 0.0
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32), -overlap
     rings = _projected([boundary, *holes])
     if not holes:
         faces = split_polygons(boundary, np.arange(len(boundary)), np.array([len(boundary)])).triangles

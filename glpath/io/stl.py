@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from glpath.errors import warn
 from glpath.io.polygons import split_finite
-from glpath.io.text import decoded, parse_numbers, with_plain_nan
+from glpath.io.text import decoded, parse_lines, parse_numbers, with_plain_nan
 from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64
+from glpath.scene.source_location import SourceLocation
 
 Int64 = NDArray[np.int64]
 
@@ -107,7 +108,7 @@ def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] 
 
 
 def _read_ascii(content: bytes, source: str) -> list[Facets]:
-    text = with_plain_nan(decoded(content)).lower().replace("\r", "\n")
+    text = with_plain_nan(decoded(content)).lower().replace("\r\n", "\n").replace("\r", "\n")
     solids, cut, facets = [], 0, 0
     for solid in _SOLID.split(text):
         parts = solid.split("vertex")[1:]
@@ -118,8 +119,11 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
         sizes = np.diff(ends, prepend=0)
         facets += len(sizes)
         if len(sizes):
-            words = [" ".join(part.split(None, 3)[:3]) for part in parts[: ends[-1]]]
-            positions = parse_numbers(" ".join(words)).reshape(-1, 3)
+            try:
+                positions = parse_numbers(" ".join(map(_first_three, parts[: ends[-1]]))).reshape(ends[-1], 3)
+            except ValueError:
+                _check_lines(text, source)
+                raise
             solids.append((positions, sizes))
     missing = len(solids) - text.count("endsolid")
     if missing > 0 or cut:
@@ -128,6 +132,21 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
     if not solids:
         return []
     return _finite_facets([positions for positions, _ in solids], [sizes for _, sizes in solids], source)
+
+
+def _first_three(text: str) -> str:
+    return " ".join(text.split(None, 3)[:3])
+
+
+def _check_lines(text: str, source: str) -> None:
+    """Raise SceneError for the first line that has a vertex without three numbers."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        for part in line.split("vertex")[1:]:
+            found = parse_lines([_first_three(part)], [number], source)
+            if len(found) < 3:
+                raise SourceLocation(source, f"line {number}").error(
+                    f"has {len(found)} numbers, but a vertex has 3: x, y and z."
+                )
 
 
 def _finite_facets(positions: list[Float64], sizes: list[Int64], source: str) -> list[Facets]:

@@ -1,7 +1,7 @@
-"""Statements of Wavefront's text formats, OBJ and MTL.
+"""Statements and numbers of text formats: OBJ, MTL, OFF, STL and PLY.
 
-They are indented, separated by tabs, continued on the next line after a backslash, followed by comments; the text
-is UTF-8, UTF-16 or, in old files, Latin-1.
+Statements are indented, separated by tabs, continued on the next line after a backslash, followed by comments. The
+text is UTF-8, UTF-16 or, in old files, Latin-1.
 """
 
 from __future__ import annotations
@@ -9,10 +9,13 @@ from __future__ import annotations
 import codecs
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+
+from glpath.scene.source_location import SourceLocation
+from glpath.system.numerals import real
 
 # `1.#QNAN` and `1.#INF` of Microsoft's old C library, in which # begins no comment, and `nan(ind)` of its new one.
 _NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\([^)\s]*\)(?!\S)", re.IGNORECASE)
@@ -53,7 +56,7 @@ def with_plain_nan(text: str) -> str:
 
 
 def parse_numbers(text: str) -> NDArray[np.float64]:
-    """Return the numbers of a text, with blanks between them. Raises ValueError for other words."""
+    """Return the numbers of a text, with blanks between them. Raises ValueError, which names another word."""
     if not text:
         return np.zeros(0)
     try:
@@ -64,11 +67,31 @@ def parse_numbers(text: str) -> NDArray[np.float64]:
         return np.array([_number(word) for word in text.split()])
 
 
+def parse_lines(texts: Iterable[str], lines: Iterable[int], source: str) -> NDArray[np.float64]:
+    """Return the numbers of texts, one text after the other. Raises SceneError, with the line, for other words.
+
+    lines  : of the file, from 1, for each text
+    source : the file
+    """
+    texts = list(texts)
+    try:
+        return parse_numbers(" ".join(texts))
+    except ValueError:
+        for text, line in zip(texts, lines, strict=True):
+            try:
+                parse_numbers(text)
+            except ValueError as error:
+                raise SourceLocation(source, f"line {line}").error(
+                    f"has {error}.", "Numbers are of plain digits, such as 12, -0.5 or 1.5e-3."
+                ) from error
+        raise
+
+
 def _number(word: str) -> float:
     try:
-        return float(word)
+        return real(word)
     except ValueError:
-        raise ValueError(f'"{word[:40]}" is not a number') from None
+        raise ValueError(f'"{word[:40]}", which is not a number') from None
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:

@@ -1,4 +1,4 @@
-"""Colours, directions and file names of a scene file: what its types cannot check, with the location."""
+"""Colours, directions, file names and numbers of scenes and meshes: what their types cannot check."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from glpath.errors import SceneError, warn
+from glpath.errors import SceneError, warn_at
 from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
-# The smallest number that a GPU squares in 32 bits without underflow.
+#: The smallest size of a scene: its square, even multiplied by 1e-7, is a normal number of 32 bits.
 SMALLEST = 1e-15
 
 
@@ -75,11 +75,24 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
     return f"{kind} in {path.parent}: {', '.join(nearest) or ('none of ' + kinds if kinds else 'none')}."
 
 
+def finite_rows(values: Float64, name: str, left_out: dict[str, int]) -> Float64:
+    """Return rows (N, k) with zeros for those that are not finite, which `left_out` counts by name."""
+    broken = ~np.asarray(np.isfinite(values).all(axis=1))
+    if not broken.any():
+        return values
+    left_out[f"{name} that are not finite"] = int(np.count_nonzero(broken))
+    return np.where(broken[:, None], 0.0, values)
+
+
 def warn_of_left_out(source: str, counts: Mapping[str, int]) -> None:
-    """Warn once of all that is left out of a file; `counts` are by names such as "normals that are not finite"."""
+    """Warn once of all that is left out of a file; `counts` are by names such as "normals that are not finite".
+
+    Several files of a scene have one warning for each name.
+    """
     listed = [f"{name} ({count:,})" for name, count in counts.items() if count]
+    causes = {f"{name} are left out": count for name, count in counts.items() if count}
     if listed:
-        warn(f"{source}: left out: {', '.join(listed)}.")
+        warn_at(source, causes, f"{source}: left out: {', '.join(listed)}.")
 
 
 def no_such_vertex(location: SourceLocation, vertex: int, count: int) -> SceneError:

@@ -25,7 +25,9 @@ from glpath.errors import SceneError, warn
 from glpath.io.sun_position import SunPosition, Times, pvlib_module, sun_of_hours
 from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
+from glpath.scene.source_location import shown
 from glpath.system.files import read_bytes, reason_of
+from glpath.system.numerals import real
 
 #: Suffixes of weather files.
 WEATHER_FILES = (".epw", ".csv")
@@ -158,6 +160,7 @@ def _is_utf8(raw: bytes) -> bool:
 def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if not text.startswith("LOCATION"):
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
+    _check_head(text, path, 6)
     table, site = _parsed(pvlib_module().iotools.read_epw, _with_hours_from_one(text, path), path)
     begin = _without_zone(table)
     return _with_lines(table, text, _EPW_HEAD), {**site, "name": site.get("city", "")}, begin
@@ -181,6 +184,7 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
             f"{path}: has no column Date (MM/DD/YYYY) in its second line, which a TMY3 file has.",
             "Other tables are not read; EnergyPlus weather has the suffix .epw.",
         )
+    _check_head(text, path, 3)
     table, site = _parsed(pvlib_module().iotools.read_tmy3, text, path, map_variables=True)
     # Its times are the ends of the hours. February has 28 days, though its year may be a leap year.
     begin = _without_zone(table) - np.timedelta64(3600, "s")
@@ -188,6 +192,18 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     alone = (month == 1) & (day == 28) & (hour == 23) & (np.append([0], day[:-1]) == 27)
     begin[alone] -= np.timedelta64(86400, "s")
     return _with_lines(table, text, _TMY3_HEAD), {**site, "name": site.get("Name", "")}, begin
+
+
+def _check_head(text: str, path: Path, first: int) -> None:
+    """Raise SceneError unless latitude, longitude, time zone and altitude are numbers, in line 1 from a word on."""
+    for word in text.partition("\n")[0].split(",")[first : first + 4]:
+        try:
+            real(word)
+        except ValueError:
+            raise SceneError(
+                f"{path}: has {shown(word.strip())} in line 1, which is not a number.",
+                "The line has the latitude, the longitude, the time zone and the altitude.",
+            ) from None
 
 
 def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:
@@ -307,10 +323,17 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
 
 def _column(table: Any, name: str, source: str) -> Float64:
     """(H,) numbers of a column. Raises SceneError."""
-    try:
-        return np.array(table[name], np.float64)
-    except (TypeError, ValueError):
-        raise SceneError(f"{source}: has something else than numbers in its column of {name}.") from None
+    column = table[name]
+    if column.dtype.kind in "fiu":
+        return np.array(column, np.float64)
+    for row, value in enumerate(column, start=1):
+        try:
+            real(str(value))
+        except ValueError:
+            raise SceneError(
+                f"{source}: has {shown(str(value))} in row {row} of {name}, which is not a number."
+            ) from None
+    return np.array([real(str(value)) for value in column])
 
 
 def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:

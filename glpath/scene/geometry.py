@@ -19,7 +19,7 @@ from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
 from glpath.scene.stream import Stream
 
-#: The largest number that a GPU squares in 32 bits without overflow, far beyond sensible ones.
+#: The largest number of a scene: its square, even multiplied by 1e8, is finite in 32 bits.
 LARGEST = 1e15
 
 Float64 = NDArray[np.float64]
@@ -57,9 +57,7 @@ class Mesh:
     @cached_property
     def used_vertices(self) -> Float64:
         """(V', 3) float64: those that are corners of a triangle; `vertices` themselves where all are."""
-        used = np.zeros(len(self.vertices), np.bool_)
-        used[self.faces] = True
-        return self.vertices if used.all() else self.vertices[used]
+        return _used_rows(self.vertices, self.faces)
 
     @property
     def of_vertices(self) -> dict[str, Float64 | None]:
@@ -73,6 +71,19 @@ class Mesh:
         return cls(
             vertices, _apart(len(vertices) // 3), None if uv is None else np.array(uv, np.float64).reshape(-1, 2)
         )
+
+    @classmethod
+    def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
+        """One mesh of several, in order; the only one itself. It has the attributes that all of them have."""
+        if len(meshes) == 1:
+            return meshes[0]
+        first = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
+        faces = [mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]
+        attributes: dict[str, Float64 | None] = {}
+        for name in meshes[0].of_vertices:
+            parts = [part for mesh in meshes if (part := getattr(mesh, name)) is not None]
+            attributes[name] = np.concatenate(parts) if len(parts) == len(meshes) else None
+        return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), **attributes)
 
     def unshared(self) -> Mesh:
         """The same with three vertices of its own for each face."""
@@ -92,13 +103,15 @@ class Mesh:
 
         dropped : (F,) bool
         """
-        faces = self.faces[~dropped] if dropped.any() else self.faces
-        used = np.zeros(len(self.vertices), np.bool_)
-        used[faces] = True
+        return (replace(self, faces=self.faces[~dropped]) if dropped.any() else self).without_unused_vertices()
+
+    def without_unused_vertices(self) -> Mesh:
+        """Without vertices that are no corner of a triangle; itself if there are none."""
+        used = _are_used(len(self.vertices), self.faces)
         if used.all():
-            return self if faces is self.faces else replace(self, faces=faces)
+            return self
         number = np.cumsum(used, dtype=np.int32) - 1
-        return replace(self._with_vertices(np.flatnonzero(used)), faces=number[faces].astype(np.int32))
+        return replace(self._with_vertices(np.flatnonzero(used)), faces=number[self.faces].astype(np.int32))
 
     def turned(self) -> Mesh:
         """With the fronts on the other side."""
@@ -233,9 +246,7 @@ class Shapes(tuple[Shape, ...]):
     @property
     def used_vertices(self) -> Float64:
         """(V', 3) float64: those of `vertices` that are corners of a triangle."""
-        used = np.zeros(len(self.vertices), np.bool_)
-        used[self.faces] = True
-        return self.vertices if used.all() else self.vertices[used]
+        return _used_rows(self.vertices, self.faces)
 
     def triangles_of(self, index: int, which: NDArray[np.bool_] | None = None) -> Iterator[Float64]:
         """(n, 3, 3) float64 corners of a shape's triangles, some at a time: never those of all instances at once.
@@ -344,6 +355,18 @@ class Shapes(tuple[Shape, ...]):
         """(T,), (S,) or (P,) int32, the index of the shape of each triangle, sphere or plane."""
         counts = [shape.count if shape.primitive == primitive else 0 for shape in self]
         return np.repeat(np.arange(len(self), dtype=np.int32), counts)
+
+
+def _are_used(vertices: int, faces: Int32) -> NDArray[np.bool_]:
+    """(V,) bool: which of so many vertices are corners of a face."""
+    used = np.zeros(vertices, np.bool_)
+    used[faces] = True
+    return used
+
+
+def _used_rows(vertices: Float64, faces: Int32) -> Float64:
+    used = _are_used(len(vertices), faces)
+    return vertices if used.all() else vertices[used]
 
 
 def _apart(faces: int) -> Int32:

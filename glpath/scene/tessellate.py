@@ -178,8 +178,7 @@ def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceL
     listed = np.flatnonzero(flat)
     warn_at(
         f'{location} ("{name}")',
-        "triangles without area were dropped",
-        len(listed),
+        {"triangles without area were dropped": len(listed)},
         f'{location} ("{name}"): dropped {len(listed)} of {len(flat)} triangles, which have no area: '
         f"{', '.join(str(i) for i in listed[:8])}{', ...' if len(listed) > 8 else ''} (counted from 0).",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from glpath import load_scene, read_image
 from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.film.film import Film
+from glpath.io.obj import read_obj
 from glpath.scene.model import Mesh, Scene
 from tests.conftest import MakeFilm
 from tests.support.damaged import bomb
@@ -175,6 +177,7 @@ DAMAGED = {
     "vt": (PLAIN.replace("vt 1 1", "vt 1 {0}"), 2.0, "texture coordinates that"),
     "unused v": (PLAIN + "v 9 {0} 9\n", 2.0, "vertices that"),
     "used v": (PLAIN.replace("v 2 0 0", "v 2 {0} 0"), 1.0, "faces with such a vertex"),
+    "colour of v": ("v 0 0 0 1 {0} 1\nv 2 0 0 1 1 1\nv 2 1 0 1 1 1\nf 1 2 3\n", 1.0, "colours that"),
 }
 
 
@@ -199,8 +202,104 @@ def test_one_number_of_an_obj_that_is_not_finite_takes_away_one_thing(
 
 def test_a_word_that_is_no_number_is_named(tmp_path: Path) -> None:
     (tmp_path / "plate.obj").write_text(PLAIN.replace("v 2 0 0", "v 2 0,5 0"))
-    with pytest.raises(SceneError, match=r'"0,5" is not a number'):
+    with pytest.raises(SceneError, match=r'line 2 has "0,5", which is not a number'):
         plate(tmp_path / "plate.obj")
+
+
+SOLID = "solid a\nfacet\nouter loop\n{0}endloop\nendfacet\nendsolid\n"
+#: Files with a word where a number belongs, and its line.
+WORDS = {
+    "v.obj": (PLAIN.replace("v 2 0 0", "v 2 {0} 0"), 2),
+    "vt.obj": (PLAIN.replace("vt 1 0", "vt {0} 0"), 6),
+    "f.obj": (PLAIN.replace("f 1/1 3/3", "f {0} 3/3"), 9),
+    "backwards.obj": (PLAIN.replace("f 1/1 3/3", "f {0} -1"), 9),
+    "v.off": ("OFF\n3 1 0\n0 0 0\n{0} 0 0\n0 1 0\n3 0 1 2\n", 4),
+    "counts.off": ("OFF\n{0} 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", 2),
+    "f.off": ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 {0} 2\n", 6),
+    "a.ply": (
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n{0} 0 0\n0 1 0\n3 0 1 2\n",
+        11,
+    ),
+    "a.stl": (
+        "solid a\nfacet\nouter loop\nvertex 0 0 0\nvertex {0} 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n",
+        5,
+    ),
+    "a.xml": (
+        '<scene version="3.0.0">\n<shape type="sphere"><float name="radius" value="{0}"/></shape></scene>',
+        2,
+    ),
+}
+
+
+@pytest.mark.parametrize("word", ["1_0", "\u0661\u0660", "ten"])
+@pytest.mark.parametrize("name", WORDS)
+def test_numbers_are_of_plain_digits_in_every_format(tmp_path: Path, name: str, word: str) -> None:
+    """Python's own `float` and `int` read 1_0, and digits of other scripts, as 10."""
+    text, line = WORDS[name]
+    (tmp_path / name).write_text(text.format(word), "utf-8")
+    with pytest.raises(SceneError, match=f"line {line}") as error:
+        load_scene(tmp_path / name)
+    assert name in str(error.value)
+    assert word in str(error.value)
+
+
+def test_numbers_of_an_mtl_are_of_plain_digits(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1_0 0 0\nNs nan\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl red\n" + PLAIN)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_scene(tmp_path / "a.obj")
+    told = " ".join(str(each.message) for each in caught)
+    assert '"kd 1_0" of "red", which is not a finite number' in told
+    assert '"ns nan" of "red", which is not a finite number' in told
+
+
+def test_numbers_of_a_file_of_a_spectrum_are_of_plain_digits(tmp_path: Path) -> None:
+    (tmp_path / "a.spd").write_text("# nm, value\n400 0.5\n\n5_00 0.6\n")
+    spectrum = '<spectrum name="reflectance" filename="a.spd"/>'
+    (tmp_path / "a.xml").write_text(
+        f'<scene version="3.0.0">\n<shape type="sphere"><bsdf type="diffuse">{spectrum}</bsdf></shape></scene>'
+    )
+    with pytest.raises(SceneError, match=r'a\.xml: line 2, .*line 4 of .*a\.spd has "5_00 0\.6"'):
+        load_scene(tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("a.obj", PLAIN.replace("v 2 0 0", "v 2 0"), "line 2 has 2 numbers, but a vertex has at least 3"),
+        ("a.obj", PLAIN.replace("f 1/1 2/2", "f 1.5 2/2"), 'line 8 has the corner "1.5"'),
+        (
+            "a.stl",
+            "solid a\nfacet\nouter loop\n"
+            + "vertex 0 0\nvertex 1 0\nvertex 0 1\n"
+            + "endloop\nendfacet\nendsolid\n",
+            "line 4 has 2 numbers, but a vertex has 3",
+        ),
+    ],
+)
+def test_lines_with_too_few_numbers_are_named(tmp_path: Path, name: str, text: str, found: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(SceneError) as error:
+        load_scene(tmp_path / name)
+    assert found in str(error.value)
+
+
+def test_an_obj_takes_a_time_that_grows_with_its_size_and_not_with_its_materials() -> None:
+    """Four times the materials, of two triangles each, took ten times as long."""
+
+    def seconds(materials: int) -> float:
+        rows = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvn 0 0 1\n" * materials
+        faces = (
+            f"usemtl m{i}\nf {3 * i + 1}//{i + 1} {3 * i + 2}//1 {3 * i + 3}//1\n" * 2 for i in range(materials)
+        )
+        content = (rows + "".join(faces)).encode()
+        start = time.process_time()
+        assert len(read_obj(content, "a.obj").parts) == materials
+        return time.process_time() - start
+
+    assert min(seconds(32_000) for _ in range(2)) < 6 * min(seconds(8_000) for _ in range(2))
 
 
 def test_corners_without_a_normal_have_that_of_their_face(tmp_path: Path) -> None:
@@ -296,3 +395,21 @@ def test_the_same_warning_of_many_shapes_is_one_with_a_count() -> None:
     assert str(warning.message).startswith("204 triangles without area were dropped in 204 locations: ")
     assert str(warning.message).count(": 1") == 4
     assert warning.filename == __file__
+
+
+def test_what_is_left_out_of_many_files_is_one_warning_for_each_cause(tmp_path: Path) -> None:
+    shapes = []
+    for number in range(6):
+        nan = "nan" if number else "1"
+        text = PLAIN.replace("f 1/1 2/2 3/3", "f 1/1/1 2/2/1 3/3/1") + f"vn {nan} 0 1\nv 9 nan 9\n"
+        (tmp_path / f"{number}.obj").write_text(text)
+        shapes.append({"type": "mesh", "file": str(tmp_path / f"{number}.obj"), "emission": {"radiance": 1}})
+    camera = {"position": [0, 0, 5], "target": [0, 0, 0]}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_scene({"camera": camera, "shapes": shapes})
+    told = sorted(str(each.message) for each in caught)
+    assert [text.partition(": ")[0] for text in told] == [
+        "5 normals that are not finite are left out in 5 locations",
+        "6 vertices that are not finite are left out in 6 locations",
+    ]

@@ -802,6 +802,85 @@ def test_colours_of_ply_elements_are_read_by_their_names(element: str, tmp_path:
         np.testing.assert_allclose(mesh.colours[mesh.faces][:, :, 0], [[0.1] * 3, [0.4] * 3])
 
 
+SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+
+def coloured_square(folder: Path, element: str, written: str) -> Path:
+    """A scene of a square whose first vertex or face has a colour, and whose others are grey."""
+    colour = "".join(f"property float color_{channel}\n" for channel in range(3))
+    of_vertex, of_face = (colour if each == element else "" for each in ("vertex", "face"))
+    colours = [written, *["0.5 0.5 0.5"] * 3]
+    (folder / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+        f"{of_vertex}element face 2\nproperty list uchar int vertex_indices\n{of_face}end_header\n"
+        + "".join(f"{x} {y} 0 {each if of_vertex else ''}\n" for (x, y), each in zip(SQUARE, colours, strict=True))
+        + "".join(
+            f"{face} {each if of_face else ''}\n"
+            for face, each in zip(("3 0 1 2", "3 0 2 3"), colours[:2], strict=True)
+        )
+    )
+    return file(
+        folder,
+        CAMERA,
+        LAMP,
+        '<shape type="ply" id="it"><string name="filename" value="a.ply"/><bsdf type="diffuse"><texture '
+        f'type="mesh_attribute" name="reflectance"><string name="name" value="{element}_color"/></texture>'
+        "</bsdf></shape>",
+    )
+
+
+@pytest.mark.parametrize("element", ["vertex", "face"])
+@pytest.mark.parametrize(
+    ("written", "used", "cause"),
+    [
+        ("nan 0.1 0.2", (1, 1, 1), "colours that are negative or not finite"),
+        ("inf 0.1 0.2", (1, 1, 1), "colours that are negative or not finite"),
+        ("-0.5 0.1 0.2", (1, 1, 1), "colours that are negative or not finite"),
+        ("3 0.1 0.2", (1, 0.1, 0.2), "parts above 1 of colours"),
+    ],
+)
+def test_colours_that_no_surface_has_are_counted(
+    element: str, written: str, used: tuple[float, ...], cause: str, tmp_path: Path
+) -> None:
+    scene, told = read(coloured_square(tmp_path, element, written))
+    assert [text for text in told if "left out" in text] == [f"{tmp_path / 'a.ply'}: left out: {cause} (1)."]
+    mesh = shape_named(scene, "it").geometry
+    colours = mesh.colours[mesh.faces][:, :, :3]
+    np.testing.assert_allclose(colours[0, 0], used)
+    np.testing.assert_allclose(colours[1, 2], 0.5)
+
+
+def test_numbers_of_serialized_meshes_that_are_not_finite_are_counted(tmp_path: Path) -> None:
+    points = np.array([*((x, y, 0) for x, y in SQUARE), (np.nan, 0, 0), (9, 9, 9)], "<f4")
+    normals = np.array([(0, 0, 2), (np.nan, 0, 0), *[(0, 0, 1)] * 4], "<f4")
+    uv = np.array([(0, np.inf), *[(0.25, 0.5)] * 5], "<f4")
+    faces = np.array([(0, 1, 2), (0, 2, 3), (0, 1, 4)], "<u4")
+    stream = struct.pack("<I", 0x1003) + b"a\0" + struct.pack("<QQ", len(points), len(faces))
+    stream += b"".join(each.tobytes() for each in (points, normals, uv, faces))
+    content = struct.pack("<HH", 0x041C, 4) + zlib.compress(stream) + struct.pack("<QI", 0, 1)
+    (tmp_path / "a.serialized").write_bytes(content)
+    shape = '<shape type="serialized" id="it"><string name="filename" value="a.serialized"/></shape>'
+    scene, told = read(file(tmp_path, CAMERA, LAMP, shape))
+    assert [text for text in told if "left out" in text] == [
+        f"{tmp_path / 'a.serialized'}: left out: vertices that are not finite (1), faces with such a vertex (1), "
+        "texture coordinates that are not finite (1), normals that are not finite (1)."
+    ]
+    mesh = shape_named(scene, "it").geometry
+    assert mesh.vertices.tolist() == [[x, y, 0] for x, y in SQUARE]
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 0, 0], [0, 0, 1], [0, 0, 1]]
+    assert np.isfinite(mesh.uv).all()
+
+
+def test_a_serialized_mesh_of_which_nothing_is_finite_is_refused(tmp_path: Path) -> None:
+    stream = struct.pack("<I", 0x1000) + b"a\0" + struct.pack("<QQ", 3, 1)
+    stream += np.full((3, 3), np.nan, "<f4").tobytes() + np.arange(3, dtype="<u4").tobytes()
+    content = struct.pack("<HH", 0x041C, 4) + zlib.compress(stream) + struct.pack("<QI", 0, 1)
+    (tmp_path / "a.serialized").write_bytes(content)
+    shape = '<shape type="serialized"><string name="filename" value="a.serialized"/></shape>'
+    with pytest.raises(SceneError, match="all of its faces have a vertex that is not finite"):
+        read(file(tmp_path, CAMERA, LAMP, shape))
+
+
 def test_textured_alphas_are_roughness_and_a_direction(tmp_path: Path) -> None:
     alphas = "".join(
         f'<texture name="{name}" type="checkerboard"><float name="color0" value="{first}"/>'

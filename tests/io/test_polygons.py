@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,81 @@ def test_faces_that_cross_themselves_are_counted_in_one_warning(tmp_path: Path) 
         aside("camera", "light"),
     ):
         load_scene(tmp_path / "a.obj")
+
+
+#: Outlines that cross themselves.
+CROSSING = {
+    "bow-tie of area 0": [(0, 0), (1, 1), (1, 0), (0, 1)],
+    "bow-tie": [(0, 0), (2, 1), (2, 0), (0, 1.5)],
+    "figure of eight of area 0": [(0, 0), (1, 1), (2, 0), (2, 1), (1, 0), (0, 1)],
+    "figure of eight": [(0, 0), (1, 0.2), (3, 1), (3, 0), (1, 0.8), (0, 1)],
+    "pentagram": [(np.cos(0.8 * np.pi * i), np.sin(0.8 * np.pi * i)) for i in range(5)],
+    "spiral": [(0, 0), *((np.cos(np.radians(100 * i)), np.sin(np.radians(100 * i))) for i in range(5))],
+}
+
+
+def has_crossing_edges(ring: np.ndarray) -> bool:
+    """Compare each two edges: the ends of each lie on both sides of the other."""
+
+    def side(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> float:
+        return float(np.sign((b - a)[0] * (point - a)[1] - (b - a)[1] * (point - a)[0]))
+
+    edges = list(zip(ring, np.roll(ring, -1, axis=0), strict=True))
+    return any(
+        side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+        for (a, b), (c, d) in combinations(edges, 2)
+    )
+
+
+@pytest.mark.parametrize("outline", CROSSING)
+@pytest.mark.parametrize("first", range(4))
+def test_an_outline_that_crosses_itself_is_counted_from_every_corner(outline: str, first: int) -> None:
+    points = np.roll(np.array(CROSSING[outline], np.float64), -first, axis=0)
+    assert has_crossing_edges(points)
+    for ring in (points, points[::-1]):
+        corners = turned(ring, 5)
+        assert split_polygons(corners, np.arange(len(ring)), np.array([len(ring)])).crossing == 1
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_only_outlines_that_cross_themselves_are_counted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(50):
+        ring = rng.uniform(size=(rng.integers(4, 7), 2))
+        split = split_polygons(turned(ring, seed), np.arange(len(ring)), np.array([len(ring)]))
+        assert split.crossing == has_crossing_edges(ring)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [(0.1 * i, 0.3 * i) for i in range(4)],
+        [(0.1 * i, 0.3 * i) for i in (0, 1, 2, 3, 1.5)],
+        [(1, 1)] * 4,
+        [(0, 0), (1, 0), (0, 1), (0, 1)],
+        [(0, 0), (1, 0), (1, 1), (0.5, 1), (0.5, 1.5), (0.5, 1), (0, 1)],
+        [(0, 0), (1, 0), (1, 1), (0.5, 1), (0.5, 0.5), (0.5, 1), (0, 1)],
+        [(0, 0), (3, 0), (3, 0), (3, 3), (0, 3), (0, 0), (1, 1), (1, 2), (2, 2), (2, 1), (1, 1)],
+    ],
+    ids=["line of 4", "line of 5", "point", "corner twice", "spike", "cut", "hole with a bridge"],
+)
+def test_outlines_that_only_touch_themselves_are_not_counted(points: list[tuple[float, float]]) -> None:
+    ring = turned(np.array(points, np.float64), 5)
+    assert split_polygons(ring, np.arange(len(ring)), np.array([len(ring)])).crossing == 0
+
+
+def test_quads_in_zigzag_order_are_counted_in_one_warning(tmp_path: Path) -> None:
+    path = written(tmp_path, "off", turned(np.array(CROSSING["bow-tie of area 0"], np.float64), 5))
+    with (
+        pytest.warns(SceneWarning, match=r"outlines of faces that cross themselves: 1\."),
+        aside("camera", "light"),
+    ):
+        load_scene(path)
+
+
+def test_a_polygon_of_area_0_that_crosses_itself_lacks_what_it_encloses() -> None:
+    bow = turned(np.array(CROSSING["bow-tie of area 0"], np.float64), 5)
+    assert triangulated(bow)[2] < -0.4
 
 
 def test_polygons_keep_their_order_and_triangles_their_polygon() -> None:

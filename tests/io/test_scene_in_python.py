@@ -183,6 +183,17 @@ def test_what_is_dropped_of_trimesh_is_said():
     assert "dropped Path3D" in str(said[0].message)
 
 
+@pytest.mark.filterwarnings("ignore:.*has no camera")
+def test_normals_of_trimesh_that_are_not_finite_are_counted():
+    box = trimesh.creation.box()
+    normals = np.array(box.vertex_normals)
+    normals[3, 0] = np.nan
+    made = trimesh.Trimesh(box.vertices, box.faces, vertex_normals=normals, process=False)
+    with pytest.warns(SceneWarning, match=r"left out: normals that are not finite \(1\)\."):
+        scene = load_scene(made)
+    assert np.isfinite(scene.shapes[0].geometry.normals).all()
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".STL"])
 def test_a_file_of_a_mesh_is_a_scene(tmp_path: Path, suffix: str):
     path = tmp_path / f"torus{suffix}"

@@ -158,7 +158,8 @@ def test_missing_hours_are_counted(
             lambda i, row: [*row[:3], "1", *row[4:]] if i == 1 else row,
             "its line 10 is of 01-01 00:00, but the hour before, in line 9,",
         ),
-        (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, "something else than numbers"),
+        (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, r'has "\?" in row 6 of dni'),
+        (lambda i, row: [*row[:14], "1_0", *row[15:]] if i == 5 else row, 'has "1_0" in row 6 of dni'),
         (lambda i, row: ["x", *row[1:]] if i == 5 else row, "is broken"),
         (lambda i, row: None, "has no hour|is broken"),
     ],
@@ -184,6 +185,7 @@ def test_other_files_are_refused(epw: Path, tmp_path: Path) -> None:
     assert "begins with LOCATION" in told("b.epw", "site Nowhere")
     assert "has no column Date (MM/DD/YYYY)" in told("c.csv", "a,b\n1,2\n")
     assert "has the latitude 147.5" in told("d.epw", None, {"latitude": "147.5"})
+    assert 'has "4_7" in line 1' in told("e.epw", None, {"latitude": "4_7"})
 
 
 def test_a_real_tmy3_file() -> None:

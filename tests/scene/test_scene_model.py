@@ -43,6 +43,31 @@ def scene(*shapes: dict, **tables: object) -> Scene:
     return scene_from_dict({"camera": CAMERA, "shapes": list(shapes), **tables})
 
 
+# --- meshes ---
+
+
+def test_meshes_are_joined_with_the_attributes_that_all_have() -> None:
+    corners = np.arange(9.0).reshape(3, 3) ** 2
+    first = Mesh(corners, np.array([[0, 1, 2]], np.int32), corners[:, :2], corners)
+    second = Mesh(corners + 1, np.array([[2, 1, 0]], np.int32), corners[:, 1:], colours=np.ones((3, 4)))
+    joined = Mesh.joined([first, second])
+    assert joined.faces.tolist() == [[0, 1, 2], [5, 4, 3]]
+    assert joined.faces.dtype == np.int32
+    np.testing.assert_array_equal(joined.vertices, np.concatenate([corners, corners + 1]))
+    np.testing.assert_array_equal(joined.uv, np.concatenate([corners[:, :2], corners[:, 1:]]))
+    assert joined.normals is joined.colours is joined.uv1 is None
+    assert Mesh.joined([first]) is first
+
+
+def test_unused_vertices_are_dropped_with_their_attributes() -> None:
+    corners = np.arange(12.0).reshape(4, 3) ** 2
+    mesh = Mesh(corners, np.array([[3, 0, 2]], np.int32), corners[:, :2])
+    smaller = mesh.without_unused_vertices()
+    np.testing.assert_array_equal(smaller.vertices[smaller.faces], corners[mesh.faces])
+    np.testing.assert_array_equal(smaller.uv, corners[[0, 2, 3], :2])
+    assert smaller.without_unused_vertices() is smaller
+
+
 # --- the digest ---
 
 

@@ -597,9 +597,7 @@ def _are_solid(meshes: Sequence[Mesh]) -> bool:
     """Return True if meshes together are closed, with their fronts outward; False if there are too many faces."""
     if sum(len(mesh.faces) for mesh in meshes) > _LONG_TEST:
         return False
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = np.concatenate([mesh.faces + at for mesh, at in zip(meshes, first[:-1], strict=True)])
-    return is_solid(Mesh(np.concatenate([mesh.vertices for mesh in meshes]), faces.astype(np.int32)))
+    return is_solid(Mesh.joined(meshes))
 
 
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:

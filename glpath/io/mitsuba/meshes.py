@@ -19,8 +19,9 @@ from glpath.io.export.geometry import v_downwards
 from glpath.io.meshes import read_mesh_file
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.ply_mesh import PlyMesh
+from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
-from glpath.io.values import as_float64
+from glpath.io.values import as_float64, finite_rows, warn_of_left_out
 from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
 from glpath.system.files import read_bytes, reason_of
@@ -40,6 +41,8 @@ _CUBE = np.array(
 ).reshape(24, 3)
 _CUBE_UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
 _CUBE_FACES = np.concatenate([np.array([(0, 1, 2), (3, 0, 2)], np.int32) + 4 * face for face in range(6)])
+# Colours up to this value are 1, but for rounding.
+_MAX_REFLECTANCE = 1.0 + 1e-6
 _SERIALIZED = 0x041C
 # Bytes that hold the flags, the name and the counts of a mesh; and to how many bytes a mesh may unfold in any case,
 # and for each byte of the file. Meshes of surfaces are packed to a half or a tenth.
@@ -66,7 +69,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
         # Materials in it are not used, in Mitsuba neither.
         file = read_mesh_file(path, where, colours=False)
         stored = file.ply
-        mesh = _joined(file.meshes)
+        mesh = Mesh.joined(file.meshes)
     if mesh.uv is not None and not flips:
         mesh = replace(mesh, uv=v_downwards(mesh.uv))
     if plugin.flag("face_normals", False):
@@ -76,7 +79,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
     if not attribute:
         return mesh
     of_faces = attribute.startswith("face_")
-    colours = None if stored is None else _ply_attribute(stored, attribute)
+    colours = None if stored is None else _ply_attribute(stored, attribute, str(path))
     if colours is None:
         element, _, stem = attribute.partition("_")
         raise where.error(
@@ -87,10 +90,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
     colours = np.concatenate([colours, np.ones((len(colours), 1))], axis=1)
     if not of_faces:
         return replace(mesh, colours=colours)
-    corners = mesh.faces.ravel()
-    apart = {name: None if each is None else each[corners] for name, each in mesh.of_vertices.items()}
-    apart["colours"] = np.repeat(colours, 3, axis=0)
-    return Mesh(mesh.vertices[corners], np.arange(len(corners), dtype=np.int32).reshape(-1, 3), **apart)
+    return replace(mesh.unshared(), colours=np.repeat(colours, 3, axis=0))
 
 
 def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:
@@ -175,29 +175,13 @@ def _v_down(mesh: Mesh) -> Mesh:
     return replace(mesh, uv=v_downwards(mesh.uv))
 
 
-def _joined(meshes: list[Mesh]) -> Mesh:
-    """One mesh of all."""
-    if len(meshes) == 1:
-        return meshes[0]
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-
-    def of_all(values: list[Any]) -> Any:
-        return None if any(each is None for each in values) else np.concatenate(values)
-
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + np.int32(start) for mesh, start in zip(meshes, first, strict=False)]),
-        of_all([mesh.uv for mesh in meshes]),
-        of_all([mesh.normals for mesh in meshes]),
-    )
-
-
-def _ply_attribute(stored: PlyMesh, attribute: str) -> Float64 | None:
+def _ply_attribute(stored: PlyMesh, attribute: str, source: str) -> Float64 | None:
     """(N, 3) of the vertices or triangles: NAME_0 to NAME_2, NAME_0 alone, or r, g and b; None without.
 
-    Integers are fractions of white in sRGB, as Mitsuba reads those of 16 bits.
+    Integers are fractions of white in sRGB, as Mitsuba reads those of 16 bits. Warns of colours below 0 or above 1.
 
     attribute : vertex_NAME or face_NAME
+    source    : the file, for warnings
     """
     element, _, stem = attribute.lower().partition("_")
     rows = stored.faces if element == "face" else stored.vertices
@@ -206,8 +190,21 @@ def _ply_attribute(stored: PlyMesh, attribute: str) -> Float64 | None:
     names = rows.first_of(*of_colour, (f"{stem}_0", f"{stem}_1", f"{stem}_2"), (f"{stem}_0",) * 3)
     if not names or (numbers < 0).any():
         return None
-    values, kind = rows.stacked(names)[numbers], rows.types[names[0]]
-    return values if kind[0] == "f" else decode_srgb(fractions(values, kind)[0])
+    values, kind = rows.stacked(names), rows.types[names[0]]
+    colours = _reflectances(values, source) if kind[0] == "f" else decode_srgb(fractions(values, kind)[0])
+    return colours[numbers]
+
+
+def _reflectances(colours: Float64, source: str) -> Float64:
+    """Return colours (N, 3) of 0 to 1. Those that are negative or not finite become white. Warns of them."""
+    broken = ~np.asarray((np.isfinite(colours) & (colours >= 0)).all(axis=1))
+    bright = ~broken & (colours > _MAX_REFLECTANCE).any(axis=1)
+    counts = {
+        "colours that are negative or not finite": int(np.count_nonzero(broken)),
+        "parts above 1 of colours": int(np.count_nonzero(bright)),
+    }
+    warn_of_left_out(source, counts)
+    return np.where(broken[:, None], 1.0, np.minimum(colours, 1.0))
 
 
 def _serialized(plugin: Plugin, path: Path) -> Mesh:
@@ -226,7 +223,7 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
         kind, _ = struct.unpack("<HH", content[start : start + 4])
         if kind != _SERIALIZED:
             raise ValueError("it does not begin as one")
-        return _of_stream(zlib.decompressobj(), content[start + 4 :], version)
+        return _of_stream(zlib.decompressobj(), content[start + 4 :], version, str(path))
     except (OSError, ValueError, struct.error, zlib.error, IndexError) as error:
         raise where.error(
             f"names {path}, which cannot be read as meshes of Mitsuba: {reason_of(error)}.",
@@ -234,10 +231,11 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
         ) from error
 
 
-def _of_stream(unpack: Any, packed: bytes, version: int) -> Mesh:
+def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
     """The mesh of a packed stream: flags, name, counts, then arrays one after the other.
 
     unpack : decompressor of zlib; no more is unpacked than the counts ask for
+    source : the file, for warnings
     """
     data = unpack.decompress(packed, _SERIALIZED_HEAD)
     (flags,) = struct.unpack("<I", data[:4])
@@ -268,5 +266,16 @@ def _of_stream(unpack: Any, packed: bytes, version: int) -> Mesh:
     faces = array("<u8" if vertex_count > 0xFFFFFFFF else "<u4", face_count, 3)
     if not face_count or faces.max() >= vertex_count:
         raise ValueError("its faces name vertices that it does not have")
-    flat = None if normals is None or flags & 0x0010 else unit_normals(normals)
-    return Mesh(vertices, faces.astype(np.int32), uv, flat)
+    return _finite(Mesh(vertices, faces.astype(np.int32), uv, None if flags & 0x0010 else normals), source)
+
+
+def _finite(mesh: Mesh, source: str) -> Mesh:
+    """Return a mesh with unit normals, without what is not finite. Warns of it."""
+    left_out: dict[str, int] = {}
+    uv = None if mesh.uv is None else finite_rows(mesh.uv, "texture coordinates", left_out)
+    normals = None if mesh.normals is None else unit_normals(finite_rows(mesh.normals, "normals", left_out))
+    corners = mesh.faces.ravel()
+    split = split_finite(source, mesh.vertices, corners, np.full(len(mesh.faces), 3), left_out)
+    if not len(split.triangles):
+        raise ValueError("all of its faces have a vertex that is not finite")
+    return replace(mesh, faces=corners[split.triangles], uv=uv, normals=normals)

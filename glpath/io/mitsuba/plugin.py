@@ -14,6 +14,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes
+from glpath.system.numerals import real
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
@@ -143,7 +144,7 @@ class Plugin:
         """Numbers of a text, apart by commas or spaces; at least one. Raises SceneError."""
         text = self.text(name)
         try:
-            values = [float(word) for word in text.replace(",", " ").split()]
+            values = [real(word) for word in text.replace(",", " ").split()]
         except ValueError:
             values = []
         if not values:
@@ -247,19 +248,28 @@ def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
             lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
         except OSError as error:
             raise element.location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
-        rows = [line.replace(",", " ").split() for line in lines]
-        pairs = [row for row in rows if row and not row[0].startswith("#")]
+        rows = [(f"line {number} of {path}", line) for number, line in enumerate(lines, start=1)]
+        pairs = [
+            (where, line.replace(",", " ").split()) for where, line in rows if line.strip()[:1] not in ("", "#")
+        ]
     else:
-        pairs = [pair.split(":") for pair in element.attribute("value").replace(",", " ").split()]
-    try:
-        wavelengths, values = zip(*((float(first), float(second)) for first, second in pairs), strict=True)
-    except ValueError as error:
-        raise element.location.error(
-            "is a spectrum that is not read. Allowed: pairs of a wavelength in nm and a value.",
-            'For example value="400:0.3, 550:0.5, 700:0.4".',
-        ) from error
+        pairs = [("it", pair.split(":")) for pair in element.attribute("value").replace(",", " ").split()]
+    wavelengths, values = [], []
+    for where, words in pairs:
+        try:
+            wavelength, value = map(real, words)
+        except ValueError as error:
+            raise element.location.error(
+                f"is a spectrum that is not read: {where} has {shown(' '.join(words))}. Allowed: pairs of a "
+                "wavelength in nm and a value.",
+                'For example value="400:0.3, 550:0.5, 700:0.4".',
+            ) from error
+        wavelengths.append(wavelength)
+        values.append(value)
+    if not pairs:
+        raise element.location.error("has no pair of a wavelength in nm and a value.")
     _check_wavelengths(wavelengths, values, element.location)
-    return list(wavelengths), list(values)
+    return wavelengths, values
 
 
 def _check_wavelengths(wavelengths: Sequence[float], values: Sequence[float], location: SourceLocation) -> None:
@@ -281,7 +291,7 @@ def _numbers(element: Element, attribute: str, counts: Sequence[int]) -> list[fl
     """Numbers of an attribute, apart by commas or spaces. Raises SceneError."""
     text = element.attribute(attribute)
     try:
-        values = [float(word) for word in text.replace(",", " ").split()]
+        values = [real(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
         raise element.location.error(
             f"has {attribute}={shown(text)}, but must have {' or '.join(map(str, counts))} number(s)."

@@ -146,7 +146,7 @@ class Reader:
             )
             if key not in self._meshes:
                 made = meshes.read_file(plugin, _FILES[plugin.kind], attribute=attribute)
-                self._meshes[key] = made.without_faces(np.zeros(len(made.faces), np.bool_))
+                self._meshes[key] = made.without_unused_vertices()
         else:
             if attribute:
                 raise plugin.location.error(f"has no attributes, but its surface asks for {attribute}.")
