@@ -78,8 +78,8 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
         if size == 3:
             local = np.broadcast_to(np.arange(3), (len(chosen), 1, 3))
         elif size == 4:
-            local, crossed = _split_quads(*(positions[corners[starts + i]] for i in range(4)))
-            crossing += crossed
+            local, quads_crossing = _split_quads(*(positions[corners[starts + i]] for i in range(4)))
+            crossing += quads_crossing
         else:
             ahead = np.arange(1, size - 1)
             fan = np.stack([np.zeros_like(ahead), ahead, ahead + 1], axis=1)

@@ -114,7 +114,7 @@ class BiasCheck:
         if bias is None:
             # An unknown bias may be large.
             unbiased = plan.without_bias()
-            if self._in_time(unbiased) is not None:
+            if unbiased is not None and self._in_time(unbiased) is not None:
                 return unbiased, self._replaced(engine, unbiased)
             if self._is_cut_short or unbiased is not None:
                 name = self.scene.source or self.scene.name

@@ -167,7 +167,7 @@ def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArra
     """(h, w, 3) of a file; grey, with a warning, if it does not exist. Raises SceneError for other faults."""
     if not os.path.exists(path):
         text = f"{location} names the picture {path}, which does not exist: grey stands in for it."
-        warn_at(str(location), "pictures that do not exist, for which grey stands in,", 1, text)
+        warn_at(str(location), {"pictures that do not exist, for which grey stands in,": 1}, text)
         return np.full((1, 1, 3), _GREY, np.uint8)
     if path.suffix.lower() not in FORMATS:
         try:
