@@ -34,8 +34,7 @@ class Grid:
         return cls(lower - (pad + 1) * step, step, pad)
 
     def steps(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.uint32]:
-        """Return (M, 3) boxes rounded outwards: lower corners in the low 16 bits, upper corners in the high
-        bits."""
+        """Return (M, 3) boxes rounded outwards: lower corners in the low 16 bits, upper ones in the high bits."""
         low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
         high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
         return np.asarray(low | high << np.uint32(16))

@@ -51,7 +51,10 @@ def uniform_name(name: str) -> str:
 
 
 def image_texels(line: str) -> str:
-    """Return the line with texels as images; both shaders of a program must not share a name of two types."""
+    """Rename texels that are read as images.
+
+    A name must not be an image in the fragment shader and a sampler in the vertex shader.
+    """
     texels = _TEXELS.match(line)
     return f"#define {texels['name']} {texels['name']}{_IMAGE}\n{line}" if texels else line
 
