@@ -52,7 +52,7 @@ class CollectingContext(NamingContext):
     holder: int | None
     _this_thread = staticmethod(threading.get_ident)  # modules are gone when the last objects are deleted
 
-    @property  # its declared type lacks None
+    @property  # type: ignore[override]  # its declared type lacks None
     def gc_mode(self) -> str | None:
         if self._gc_mode is None:
             return None

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Cast = Literal["bvh", "path-buffer"]
 
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
-# Options that apply to one way of casting rays only.
+# Options that apply to only one method of casting rays.
 _OF_BVH = ("guide", "branches")
 _OF_PATH_BUFFER = (
     "directions",
