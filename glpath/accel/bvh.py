@@ -272,8 +272,8 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
     return left
 
 
-# The functions below take an array and the index of a box in it instead of the box, because a view costs as much as
-# its use. Boxes may have 32 bits; computations use 64.
+# The functions below take an array and the index of a box instead of the box, because a view costs as much as its
+# use. Boxes may have 32 bits; computations use 64.
 
 
 @inner_kernel

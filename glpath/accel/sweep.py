@@ -1,7 +1,7 @@
 """BVH without compiled code, for up to some thousands of boxes: importing numba alone takes longer.
 
-It is built from the top by the surface area heuristic, over all splits between two items in the order of their
-centroids along each axis, with one item a leaf.
+It is built from the top by the surface area heuristic, with one item a leaf. The heuristic tests all splits between
+two items in the order of their centroids along each axis.
 
 Cost:     some 50 microseconds an item.
 Source:   MacDonald & Booth 1990, Heuristics for ray tracing using space subdivision.

@@ -119,8 +119,8 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
 def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) -> CellRectangles:
     """Return the cells of a cube-buffer whose rays can hit each triangle of (T, 3, 3).
 
-    The rectangle on a face bounds each edge, clipped by the four planes through the light and the face's edges, and
-    the corners of the face that the triangle covers.
+    The rectangle on a face bounds each edge, clipped by the four planes through the light and the face's edges. It
+    also bounds the corners of the face that the triangle covers.
     """
     parts = []
     index = np.arange(len(triangles))

@@ -3,7 +3,7 @@
 They cover every direction: `SphereShadowBuffer` by the sphere of latitude and longitude of TB, `CubeShadowBuffer`
 by a cube, which wastes no cells at poles. An entry is the nearest primitive along the ray of its cell, its t, and
 its tangent plane there. The buffer is filled object by object. The cells in which an object can be visible are
-bounded (`light_bounds`), each of these rays is intersected exactly, and the depth test keeps the nearest hit.
+bounded (`light_bounds`). Each of their rays is intersected exactly, and the depth test keeps the nearest hit.
 `shadow/point_shadow.glsl` looks the entries up. A spot is a point light with a cone. A directional light has no
 such buffer: it has no origin of directions, and an orthographic buffer has no finite size in a scene with an
 infinite ground. Its shadows take rays.

@@ -13,9 +13,9 @@ of two calls:
     with open_context() as context: ...    # waits its turn, and releases the context at the end
     context = get_context()                # for manual drawing: this thread keeps it until `leave`, or its end
 
-Renders use the first call: once to create the engine, then for each step of half a second, so that a live view can
-draw during a render in another thread. Between the frames of `render_frames`, and outside of all calls, the context
-is free. Only one render at a time uses the device (`rendering`), because each fills its memory.
+Renders use the first call: once to create the engine, then for each step of half a second. So a live view can draw
+during a render in another thread. Between the frames of `render_frames`, and outside of all calls, the context is
+free. Only one render at a time uses the device (`rendering`), because each fills its memory.
 
 The second call is for single-threaded programs and for exploring. It waits for running renders. Afterwards other
 threads that request the context are refused, because they might wait forever. In a notebook they wait for the end
@@ -275,8 +275,8 @@ def open_context(
 
     Raises
     ------
-    ContextError : no such backend or device, no OpenGL 4.3, software although a GPU is required, a device other
-                   than the current one of this process, or a forked process; in `with`: another thread keeps the
+    ContextError : no such backend or device, no OpenGL 4.3, or software although a GPU is required. Also a device
+                   other than this process's current one, or a forked process. In `with`: another thread keeps the
                    context
     """
     global _context

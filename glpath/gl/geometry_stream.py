@@ -1,10 +1,9 @@
 """Streamed triangles on the device: drawn chunk by chunk in every pass, within a memory budget.
 
-A scan draws the resident triangles first, and then the chunks that its view can see, in the order of their numbers,
-into the same buffers. A z-buffer needs no scene in memory [PB 2.2], nor does a T-buffer [TB VI]. While a chunk is
-on the device, the shading data of the triangles that a buffer now names are copied into records, one for each
-texel. If a later chunk hides a triangle, its record is overwritten. So each scan reads each chunk once and looks up
-nothing afterwards.
+A scan draws the resident triangles first, and then the visible chunks, in the order of their numbers, into the same
+buffers. A z-buffer needs no scene in memory [PB 2.2], nor does a T-buffer [TB VI]. While a chunk is on the device,
+shading data of triangles that a buffer now names are copied into records, one for each texel. If a later chunk
+hides a triangle, its record is overwritten. So each scan reads each chunk once and looks up nothing afterwards.
 
 Chunks stay on the device as far as the budget allows; the others share one more slot.
 

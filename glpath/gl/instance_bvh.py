@@ -1,9 +1,9 @@
 """Two-level BVH of a scene with instances: a tree for each instanced mesh, and one over instances and triangles.
 
 All trees have the format of `ray_bvh`, in one table of slots, the world's tree first. In the world's tree, an
-instance has a slot among the nodes, with the map to its mesh's space and the root group of the mesh's tree. A ray
-recognises it because it has no children. The trees of meshes share one grid of steps, because all meshes have about
-the same size in their spaces (`glpath.scene.instances`). Compiled code builds the trees.
+instance has a slot among the nodes. The slot holds the map to the mesh's space and the root group of the mesh's
+tree. A ray recognises it because it has no children. The trees of meshes share one grid of steps, because all
+meshes have about the same size in their spaces (`glpath.scene.instances`). Compiled code builds the trees.
 
 Cost:     64 bytes an instance, in addition to the trees.
 Poor at:  instances whose boxes overlap, because a ray enters all of these.

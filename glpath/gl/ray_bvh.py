@@ -3,7 +3,7 @@
 The tree has up to four children a node. Boxes are in 16-bit steps of the scene's box. Each node stores the order in
 which rays of each octant of directions visit its children. A leaf holds one item: a triangle, or two that form a
 parallelogram. Nodes and items lie in slots of the same size. The children of a node are four adjacent slots, a
-group, so a ray keeps a group's number and a bit for each child that it has still to visit.
+group. So a ray keeps a group's number and a bit for each unvisited child.
 
 Cost:     some 100 bytes a triangle. Building takes half a second for 20,000 triangles; for many, compiled code
           takes a second for two million on two cores.

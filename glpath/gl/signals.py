@@ -1,9 +1,9 @@
 """Delay of Ctrl-C in code that it must not interrupt: it waits until a function has ended.
 
-Python handles signals at the start of a function, so a signal can interrupt an `__exit__` written in Python before
-its first line, and its resource is then never released. C libraries that call Python may crash if a signal
-interrupts the callback. Here handlers wait for the end of such a function. They act in the main thread, the only
-one that gets signals.
+Python handles signals at the start of a function. So a signal can interrupt an `__exit__` written in Python before
+its first line, and the resource is never released. C libraries that call Python may crash if a signal interrupts
+the callback. Here handlers wait for the end of such a function. They act in the main thread, the only one that gets
+signals.
 """
 
 from __future__ import annotations

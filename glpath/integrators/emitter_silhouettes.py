@@ -1,6 +1,6 @@
 """Emitter silhouette antialiasing: each path set samples the pixels at an emitter's edge at several points.
 
-An emitter is a hundred times as bright as the surfaces that it lights, and each set samples its edge at the same
+An emitter is a hundred times as bright as the surfaces that it lights. Each set samples its edge at the same
 position in all pixels. In a denoised image this is most of the remaining error. Eight more rays for these few
 pixels cost very little. Illumination by emitters is not affected.
 

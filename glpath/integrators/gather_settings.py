@@ -151,7 +151,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """Return the vertex from which on roulette ends paths: those by mirrors and glass, and those in gaps."""
+        """Return the vertex from which on roulette ends paths by mirrors and glass, and paths in gaps."""
         return ROULETTE_OF_GATHER
 
     def lookup_uniforms(self) -> dict[str, object]:

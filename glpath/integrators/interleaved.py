@@ -1,8 +1,8 @@
 """Four images of every second pixel across and down, each with its own path sets, combined into one.
 
-The paths of a set share their directions and a light sample, so the error of a set is smooth over the image, and a
-denoiser takes it for image content. If neighbouring pixels belong to different sets, the error becomes noise, which
-a denoiser removes.
+The paths of a set share their directions and a light sample. The error of a set is therefore smooth over the image,
+and a denoiser takes it for image content. If neighbouring pixels belong to different sets, the error becomes noise,
+which a denoiser removes.
 
 Cost:    each of the four scans the scene, so work per triangle is done four times, work per pixel once.
 Source:  Keller & Heidrich 2001, Interleaved Sampling.

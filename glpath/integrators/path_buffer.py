@@ -3,9 +3,9 @@
 The frame is `PathBufferTracer.trace_path_set`; `path_buffer_stages` lists the differences from the paper.
 
 Poor at: highlights (directions are shared, not chosen by the surface; sharp highlights are refused); scenes that
-are lit only through small openings; emitters that nearly touch a surface, whose 1/r^2 is unbounded at the last
-vertex, because no sampled direction complements the light sample there; paths at very different scales (a far
-horizon), which crowd into few cells.
+are lit only through small openings; paths at very different scales (a far horizon), which crowd into few cells.
+Also emitters that nearly touch a surface: their 1/r^2 is unbounded at the last vertex, where no sampled direction
+complements the light sample.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A gather's error is nearly all that of its first bounce: most directions lead to
 solution contains that information. Neighbouring elements with a common normal share a guide: the root mean square
 of their incident radiance in each of 16 x 16 cells of directions, equal under the cosine. A constant is added to
 all cells, so that no light unknown to the guide gets a low probability. A path's two random numbers are warped down
-a tree of the cells, which keeps much of their uniformity, and its weight is divided by the density. Fronts of
+a tree of the cells, which keeps much of their uniformity. The path's weight is divided by the density. Fronts of
 triangles have guides, backs have none.
 
 Cost:     340 bytes a guide, at most 2048 guides; eight rays for each pixel of the image to build them, at least

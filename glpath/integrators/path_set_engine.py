@@ -214,7 +214,7 @@ class PathSetEngine(Engine):
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """The kind of sensor that programs and passes are made for."""
+        """Return the kind of sensor that programs and passes are made for."""
         moving = self.scene.moving is not None
         return (*sensor.kind, sensor.shutter if moving else None)
 

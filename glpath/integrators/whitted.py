@@ -5,9 +5,9 @@ frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorith
 rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, which its section VI
 proposes. All share the routines of intersection and shading.
 
-Additions to the paper: emitting shapes, and the sky if there is no ambient light, give light samples to a path set,
-shared by all pixels as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are visible and cast
-shadows, but are not reflected, because a reflected ray needs all of them in memory.
+Additions to the paper: a path set has light samples of emitting shapes, and of the sky if there is no ambient
+light. All pixels share them, as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are visible
+and cast shadows, but are not reflected, because a reflected ray needs all of them in memory.
 
 Poor at: indirect light (one number, `ambient`); refraction; soft shadows from few path sets, which are sums of hard
 shadows.

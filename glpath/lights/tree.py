@@ -1,9 +1,10 @@
 """BVH over the lights of a scene, which selects one for a position by a bound of its contribution.
 
 A node stores a ball about its lights, a cone of their axes, the angle beyond that cone in which they emit, and
-their strength. At a node, a child is selected by an upper bound of its irradiance at the position: strength divided
-by the squared distance, times the cosines of the smallest angles to an axis and to the position's normal. Lights
-that cannot reach the position are never selected. `shaders/lights/light_tree.glsl` does the same on the device.
+their strength. At a node, a child is selected by an upper bound of its irradiance at the position. The bound is
+strength over squared distance, times two cosines: of the smallest angle to an axis, and to the position's normal.
+Lights that cannot reach the position are never selected. `shaders/lights/light_tree.glsl` does the same on the
+device.
 
 The tree contains lights with a position: each side of an emitting triangle, points and spots, also those with a
 profile. It excludes distant lights and lights without falloff.

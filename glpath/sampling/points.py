@@ -1,9 +1,9 @@
 """Sample points of a path set, which depend only on a counter (seed, path set, use).
 
 All paths of a set share their directions and their light sample [PB 3.1, 3.3], so a set needs only few numbers,
-computed on the CPU. By default they are one point of an Owen-scrambled Sobol sequence, whose error falls almost as
-1/n instead of 1/sqrt(n). The first direction, if its bounce has only one, is a point of an extensible lattice
-instead. `random` gives independent uniform numbers, as in the paper.
+from the CPU. By default they are one point of an Owen-scrambled Sobol sequence, whose error falls almost as 1/n
+instead of 1/sqrt(n). The first direction, if its bounce has only one, is a point of an extensible lattice instead.
+`random` gives independent uniform numbers, as in the paper.
 
 Poor at: many dimensions. Later pairs of a Sobol sequence are no better than random for fewer than some thousand
 sets.

@@ -199,8 +199,8 @@ class PointSensor:
         """Create the sensor of points.
 
         positions       : (H, W, 3), or (S, H, W, 3), of which each path set takes table int(u S). u is the first of
-                          the two numbers that position a camera's rays in its pixels, so that the S points of a
-                          texel are sampled evenly, independently of directions
+                          the two numbers that position a camera's rays in its pixels. So the S points of a texel
+                          are sampled evenly, independently of directions
         normals         : (H, W, 3) or (S, H, W, 3), unit
         valid           : (H, W) bool; by default all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
