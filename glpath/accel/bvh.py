@@ -1,8 +1,8 @@
-"""Bounding volume hierarchy (BVH): what a ray or a shaft need not look at, found by a few box tests.
+"""Bounding volume hierarchy (BVH): a few box tests exclude most geometry for a ray or a shaft.
 
-Built top down by the surface area heuristic over bins of centroids [Wald 2007], compiled by numba; no GL. For the
-cones of rays of the ray tracer on the GPU and for the shafts of radiosity on the CPU; in threads for the rays of
-paths, whose trees may be of millions of triangles.
+It is built from the top by the surface area heuristic over bins of centroids [Wald 2007], compiled by numba,
+without GL. It serves rays of the ray tracer on the GPU and shafts of radiosity on the CPU. For the rays of paths,
+whose trees may have millions of triangles, it is built in threads.
 
 Cost:     half a second for a million boxes on one core, a millisecond for a few hundred.
 Poor at:  boxes that all overlap each other, such as the long diagonal slivers of a triangulated disc.
@@ -29,24 +29,25 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
 BINS = 16
-#: Testing the boxes of two children, in units of testing one item of a leaf.
+#: Cost of testing the boxes of two children, relative to testing one item of a leaf.
 NODE_COST = 2.0
-# A thread builds the whole tree over fewer boxes; of more it makes one node, and others may share what is below.
+# Number of boxes below which a thread builds the whole tree; for more it makes one node, and other threads may
+# share the subtrees.
 _ALONE = 1 << 14
-# Trees for each thread, so that none waits long for the last.
+# Number of subtrees for each thread, so that none waits long for the last.
 _SHARES = 8
 
 
 def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
-    """A binary tree over boxes, the same one every time.
+    """Build a binary tree over boxes, deterministically.
 
     Parameters
     ----------
-    lower, upper : (N, 3) corners of the items' boxes, finite; they may be flat, points, or equal to each other
-    leaf_size    : most items in a leaf. Fewer stand there where splitting pays; 1 gives every item a leaf of its
-                   own, whose box is the item's
+    lower, upper : (N, 3) corners of the items' boxes, finite; boxes may be flat, points, or equal to each other
+    leaf_size    : maximum number of items in a leaf. Leaves have fewer if splitting pays; 1 gives every item its
+                   own leaf, whose box is the item's
 
-    Raises UsageError where the boxes are not finite or inside out.
+    Raises UsageError if boxes are not finite or have lower > upper.
     """
     low, high = checked_boxes(lower, upper)
     if leaf_size < 1:
@@ -58,19 +59,19 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
 
 
 def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
-    """The tree of `build_bvh` with an item a leaf, made by several threads; the same one whatever their number.
+    """Build the tree of `build_bvh` with one item a leaf, in threads; their number does not change the result.
 
     boxes   : (N, 6) float32 or float64, lower and upper corners, finite and in order, which is not checked. They
-              are left in the order of the tree
-    threads : None for as many as there are cores
+              are reordered like the tree
+    threads : number of threads; None for the number of cores
 
-    The nodes' boxes have the type of `boxes`: 32 bits where memory counts. Each of the first nodes is made by a
-    single thread, so that more than some eight gain little.
+    The nodes' boxes have the type of `boxes`: 32 bits save memory. A single thread makes each of the first nodes,
+    so that more than some eight threads gain little.
     """
     threads = core_count() if threads is None else threads
     count = len(boxes)
     tree = Tree.empty(count, boxes.dtype)
-    # The tree below a range of n items has 2 n - 1 nodes: where each is to stand is known before it is made.
+    # The tree over a range of n items has 2 n - 1 nodes, so its position is known before it is built.
     alone = max(_ALONE, count // (_SHARES * threads))
 
     def build(begin: int, end: int, node: int) -> list[tuple[int, int, int]]:
@@ -92,7 +93,7 @@ def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
 
 
 def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]:
-    """Corners as (N, 3) float64 each. Raises UsageError for another form, NaN, infinities, and boxes inside out."""
+    """Return corners as (N, 3) float64. Raises UsageError for wrong shapes, NaN, infinities, and lower > upper."""
     low = np.ascontiguousarray(lower, np.float64)
     high = np.ascontiguousarray(upper, np.float64)
     if low.ndim != 2 or low.shape[1] != 3 or low.shape != high.shape:
@@ -109,10 +110,10 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
 
 @kernel
 def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: ignore[no-untyped-def]
-    """Fill the nodes of all ranges, depth first, from `node` on; return the number of the one after them. Permutes
-    `boxes` along with the tree's order, so that each range lies together.
+    """Fill the nodes of all ranges, depth first, from `node` on; return the number of the next node.
 
-    With an item a leaf, those halves of the range that have more than `alone` items are left over for others.
+    Permutes `boxes` along with the tree's order, so that each range is contiguous. With one item a leaf, halves
+    with more than `alone` items are left over for other threads.
     """
     skip, first, count = tree.skip, tree.first, tree.items
     pending, centres, halves, left_over = work.pending, work.centres, work.halves, work.left_over
@@ -134,7 +135,7 @@ def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: igno
             continue
         middle = _split(boxes, begin, end, leaf_size, tree, node, work, waiting)
         first[node] = begin
-        skip[node] = node + 2 * (end - begin) - 1  # with an item a leaf
+        skip[node] = node + 2 * (end - begin) - 1  # for one item a leaf
         if middle == begin:
             count[node] = end - begin
         else:
@@ -152,14 +153,14 @@ def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: igno
 
 
 class _Workspace(NamedTuple):
-    """Room to build in.
+    """Working memory of the build.
 
-    pending      : (N + 2, 2), ranges yet to come; they are disjoint, so never more than items
-    centres      : (N + 2, 6), of each a box around the centroids
-    halves       : (2, 6), the same of the two that a range was split into
-    bins, filled : (3 BINS, 6) boxes and (3 BINS,) how many items are in each, by axis
-    right_cost   : (BINS,) of what lies to the right of each
-    around       : (1, 6), a box around what was passed
+    pending      : (N + 2, 2), ranges still to build; they are disjoint, so never more than items
+    centres      : (N + 2, 6), box around the centroids of each range
+    halves       : (2, 6), boxes around the centroids of the two parts of a split range
+    bins, filled : (3 BINS, 6) boxes and (3 BINS,) number of items in each bin, by axis
+    right_cost   : (BINS,) cost of the bins from each one to the right
+    around       : (1, 6), box around the bins visited so far
     left_over    : (2, 3), begin, end and node of ranges that were not built; zeros for none
     """
 
@@ -174,7 +175,7 @@ class _Workspace(NamedTuple):
 
     @classmethod
     def of(cls, items: int, dtype: DTypeLike) -> _Workspace:
-        """For ranges of so many items, with boxes of a type."""
+        """Allocate for ranges of `items` items, with boxes of type `dtype`."""
         return cls(
             np.empty((items + 2, 2), np.int64),
             np.empty((items + 2, 6)),
@@ -189,9 +190,9 @@ class _Workspace(NamedTuple):
 
 @kernel_part
 def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[no-untyped-def]
-    """Write the range's box, part its items in two and return where the second begins; `begin` for a leaf.
+    """Write the range's box, split its items, and return the begin of the second part; `begin` for a leaf.
 
-    at : of the box around its centroids
+    at : index of the box around the range's centroids
     """
     nodes, order = tree.boxes, tree.order
     bins, filled, right_cost, around = work.bins, work.filled, work.right_cost, work.around
@@ -214,7 +215,7 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
         if extent2 > 0:
             _fill(bins, filled, 2 * BINS + _bin(boxes, i, 2, low2, extent2), boxes, i)
 
-    # Cost is area times items; boxes in a line have no area at all, and then balance decides.
+    # Cost is area times items; boxes in a line have no area, and then balance decides.
     best, best_lopsided, best_axis, best_bin = np.inf, n, -1, 0
     for k in range(3):
         if not (extent0 if k == 0 else (extent1 if k == 1 else extent2)) > 0:
@@ -229,7 +230,7 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
         _clear(around, 0)
         items = 0
         for b in range(1, BINS):
-            if filled[of_axis + b - 1] == 0:  # the same two halves as the last
+            if filled[of_axis + b - 1] == 0:  # the same two parts as before
                 continue
             items += filled[of_axis + b - 1]
             if items == n:
@@ -249,7 +250,7 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
     whole = _area(nodes, node)
     if n <= leaf_size and (best_axis < 0 or n * whole <= NODE_COST * whole + best):
         return begin
-    if best_axis < 0:  # all centroids are one
+    if best_axis < 0:  # all centroids coincide
         for j in range(6):
             halves[0, j], halves[1, j] = centres[at, j], centres[at, j]
         return begin + n // 2
@@ -271,8 +272,8 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
     return left
 
 
-# Below, an array and the index of a box in it instead of the box: making a view costs as much as its use. Boxes may
-# be of 32 bits; what is computed with them is of 64.
+# The functions below take an array and the index of a box instead of the box, because a view costs as much as its
+# use. Boxes may have 32 bits; computations use 64.
 
 
 @inner_kernel
@@ -314,7 +315,7 @@ def _enclose_centre(centres, i, boxes, j):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _area(boxes, i):  # type: ignore[no-untyped-def]
-    """Half of the surface; of a box that encloses something."""
+    """Return half of the surface area of a nonempty box."""
     x = np.float64(boxes[i, 3]) - boxes[i, 0]
     y = np.float64(boxes[i, 4]) - boxes[i, 1]
     z = np.float64(boxes[i, 5]) - boxes[i, 2]

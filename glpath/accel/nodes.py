@@ -1,4 +1,4 @@
-"""The nodes of a bounding volume hierarchy (BVH), of any builder."""
+"""Nodes of a bounding volume hierarchy (BVH), from any builder."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Bvh:
-    """A tree of axis-aligned boxes over N items, as flat arrays of M nodes in depth-first order.
+    """Tree of axis-aligned boxes over N items, as flat arrays of M nodes in depth-first order.
 
-    lower, upper : (M, 3) float64, or float32 where a builder was given such: corners of each node's box; node 0 is
+    lower, upper : (M, 3) float64, or float32 if the builder got such boxes: corners of each node's box; node 0 is
                    the root
-    skip         : (M,) int32, the node that follows this one's whole subtree; M after the last
-    first        : (M,) int32, where the node's items begin in `order`
-    count        : (M,) int32, items of a leaf; 0 for an inner node
+    skip         : (M,) int32, the node after the node's whole subtree; M after the last
+    first        : (M,) int32, start of the node's items in `order`
+    count        : (M,) int32, number of items of a leaf; 0 for an inner node
     order        : (N,) int32, a permutation of the items: a leaf is order[first : first + count], and the items
-                   below any node are order[first[node] : first[skip[node]]] (to the end where skip[node] is M)
+                   below any node are order[first[node] : first[skip[node]]] (to the end if skip[node] is M)
 
     Without items there are no nodes. The children of an inner node are node + 1, skip[node + 1] and so on, while
-    below skip[node]; the builders give two. A traversal needs no stack: begin at 0; after a node whose box is hit
-    go to node + 1, else to skip[node]; end at M. For a leaf, skip is node + 1.
+    below skip[node]; the builders give two. A traversal needs no stack. It begins at 0, continues at node + 1 after
+    a node whose box is hit, otherwise at skip[node], and ends at M. For a leaf, skip is node + 1.
     """
 
     lower: Float64
@@ -41,13 +41,16 @@ class Bvh:
 
     @property
     def depth(self) -> int:
-        """Levels of the tree: 1 for a leaf alone, 0 without items. A stack of the second children needs no more."""
-        # The subtrees that a node lies in: all that have begun, less those that have ended.
+        """Number of levels: 1 for a single leaf, 0 without items.
+
+        A stack of the second children needs no more entries.
+        """
+        # Depth of a node: the number of subtrees that have begun, minus those that have ended.
         ended = np.cumsum(np.bincount(self.skip, minlength=len(self) + 1)[: len(self)])
         return int((np.arange(1, len(self) + 1) - ended).max(initial=0))
 
     def children(self, node: int) -> list[int]:
-        """The nodes directly below one; none for a leaf."""
+        """Return the child nodes of a node; none for a leaf."""
         found = []
         child = node + 1
         while child < self.skip[node]:
@@ -56,7 +59,7 @@ class Bvh:
         return found
 
     def items(self, node: int) -> Int32:
-        """(n,) int32, all items below a node."""
+        """Return (n,) int32, all items below a node."""
         end = self.skip[node]
         return self.order[self.first[node] : self.first[end] if end < len(self) else len(self.order)]
 
@@ -64,7 +67,7 @@ class Bvh:
 class Tree(NamedTuple):
     """A `Bvh` for the kernels: boxes (M, 6), lower and upper corner, and its other arrays.
 
-    items : its `count`
+    items : `count` of the `Bvh`
     """
 
     boxes: Float64
@@ -80,13 +83,13 @@ class Tree(NamedTuple):
 
     @classmethod
     def empty(cls, items: int, dtype: DTypeLike = np.float64) -> Tree:
-        """Room for the nodes over so many items, of which inner ones have two children or more."""
+        """Allocate the nodes over `items` items, if inner nodes have at least two children."""
         nodes = max(2 * items - 1, 0)
         skip, first, count = (np.empty(nodes, np.int32) for _ in range(3))
         return cls(np.empty((nodes, 6), dtype), skip, first, count, np.arange(items, dtype=np.int32))
 
     def bvh(self, size: int) -> Bvh:
-        """The first `size` nodes: parts of these arrays where that is all of them, else copies."""
+        """Return a `Bvh` of the first `size` nodes: views of these arrays if `size` is all of them, or copies."""
         if size == len(self.skip):
             return Bvh(self.boxes[:, :3], self.boxes[:, 3:], self.skip, self.first, self.items, self.order)
         lower, upper = self.boxes[:size, :3].copy(), self.boxes[:size, 3:].copy()

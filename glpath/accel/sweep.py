@@ -1,7 +1,7 @@
-"""A BVH without compiled code, for up to some thousands of boxes: numba alone takes longer to import.
+"""BVH without compiled code, for up to some thousands of boxes: importing numba alone takes longer.
 
-Top down by the surface area heuristic, over all splits between two items in the order of their centroids along each
-axis; one item a leaf.
+It is built from the top by the surface area heuristic, with one item a leaf. The heuristic tests all splits between
+two items in the order of their centroids along each axis.
 
 Cost:     some 50 microseconds an item.
 Source:   MacDonald & Booth 1990, Heuristics for ray tracing using space subdivision.
@@ -16,18 +16,18 @@ from glpath.accel.nodes import Bvh
 
 Float64 = NDArray[np.float64]
 
-#: Boxes up to which it is sooner done than numba's import and the binned build.
+#: Number of boxes up to which it is faster than numba's import and the binned build.
 SWEPT = 8192
 
 
 def sweep_bvh(lower: Float64, upper: Float64) -> Bvh:
-    """A binary tree over boxes (N, 3), finite, one a leaf, as `glpath.accel.bvh.build_bvh` describes it."""
+    """Build a binary tree over finite boxes (N, 3), one a leaf, as described in `glpath.accel.bvh.build_bvh`."""
     n = len(lower)
     max_nodes = max(2 * n - 1, 0)
     nodes = np.empty((max_nodes, 6))
     skip, first, count = np.empty(max_nodes, np.int32), np.empty(max_nodes, np.int32), np.zeros(max_nodes, np.int32)
     order = np.arange(n, dtype=np.int32)
-    boxes = np.concatenate([lower, -np.asarray(upper)], axis=1)  # of both corners a minimum
+    boxes = np.concatenate([lower, -np.asarray(upper)], axis=1)  # so that both corners are minima
     centroid = 0.5 * (lower + upper)
     pending = [(0, n)] if n else []
     size = 0
@@ -47,7 +47,7 @@ def sweep_bvh(lower: Float64, upper: Float64) -> Bvh:
 
 
 def _sweep(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centroid: Float64) -> int:
-    """Sort the range along the best axis; return where its second part begins."""
+    """Sort the range along the best axis; return the begin of its second part."""
     items = order[begin:end]
     sorted_along = items[np.argsort(centroid[items], axis=0, kind="stable")]  # (n, 3)
     of_sorted = boxes[sorted_along]  # (n, 3, 6)
@@ -57,14 +57,14 @@ def _sweep(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centr
     cost = before * parts + after * parts[::-1]
     if cost.any():
         split, axis = divmod(int(np.argmin(cost)), 3)
-    else:  # boxes without an area, in a line or at one point: balance decides
+    else:  # boxes without area, in a line or at one point: balance decides
         split, axis = len(items) // 2 - 1, int(np.argmax(np.ptp(centroid[items], axis=0)))
     order[begin:end] = sorted_along[:, axis]
     return begin + split + 1
 
 
 def _part(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centroid: Float64) -> int:
-    """As `_sweep`, of two items, half of all ranges: the cost is the same along all axes."""
+    """Split two items like `_sweep`; half of all ranges have two, and the cost is the same along all axes."""
     a, b = order[begin:end]
     apart = centroid[b] - centroid[a]
     axis = 0 if _half_area(boxes[order[begin:end]]).any() else int(np.argmax(np.abs(apart)))
@@ -74,7 +74,7 @@ def _part(order: NDArray[np.int32], begin: int, end: int, boxes: Float64, centro
 
 
 def _half_area(boxes: Float64) -> Float64:
-    """Of boxes (..., 6), a lower corner and minus the upper one."""
+    """Return half of the surface area of boxes (..., 6), given as lower corner and negated upper corner."""
     extent = -boxes[..., 3:] - boxes[..., :3]
     x, y, z = extent[..., 0], extent[..., 1], extent[..., 2]
     return np.asarray(x * y + y * z + z * x)

@@ -1,13 +1,13 @@
-"""A tree of up to four children a node, made of a binary one: a ray asks four boxes at a time.
+"""Tree of up to four children a node, made from a binary one: a ray tests four boxes at a time.
 
-Which nodes of the binary tree remain is found from the leaves up, by dynamic programming: those whose areas have
-the least sum, so that a random ray visits the fewest. All nodes of a level are treated at once, so no compiled code
-is needed.
+Dynamic programming from the leaves up selects the nodes of the binary tree that remain: those with the minimum sum
+of areas, so that a random ray visits the fewest. All nodes of a level are processed at once, so no compiled code is
+needed.
 
 Cost:     about a second for a million boxes.
-Poor at:  trees as deep as they have leaves, whose levels have a node each.
+Poor at:  trees as deep as their number of leaves, whose levels have one node each.
 Source:   Wald, Benthin & Boulos 2008, Getting rid of packets; Ylitie, Karras & Laine 2017, Efficient incoherent ray
-          traversal on GPUs through compressed wide BVHs, for the least cost.
+          traversal on GPUs through compressed wide BVHs, for the minimum cost.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from glpath.system.time_limit import check_time
 Int64 = NDArray[np.int64]
 Integers = NDArray[np.int64] | NDArray[np.int32]
 
-#: Children of a node at most.
+#: Maximum number of children of a node.
 WIDTH = 4
 
 
 @dataclass(frozen=True)
 class WideBvh:
-    """The nodes of a binary tree that are left, and who is whose child.
+    """Remaining nodes of a binary tree, and their children.
 
-    tree     : the binary tree, an item a leaf
-    children : (W, 4) int64, of each wide node the binary nodes that are its children, -1 for none; depth first, so
-               that parents come before their children. The first one is the root; of a tree that is a single leaf
-               it has this leaf as its child. Without items there are none
-    roots    : (W,) of each wide node the binary one that it was
-    stack    : how often a ray can leave siblings for later between the root and a leaf: at nodes with two inner
-               children or more, where it visits the children of one of them first
+    tree     : the binary tree, one item a leaf
+    children : (W, 4) int64, binary nodes that are the children of each wide node, -1 for none; depth first, so that
+               parents come before their children. The first is the root; if the tree is a single leaf, the root has
+               this leaf as its child. Empty without items
+    roots    : (W,) binary node of each wide node
+    stack    : maximum number of times that a ray postpones siblings between the root and a leaf: at nodes with at
+               least two inner children, of which it visits one first
     """
 
     tree: Bvh
@@ -51,41 +51,44 @@ class WideBvh:
 
     @cached_property
     def is_leaf(self) -> NDArray[np.bool_]:
-        """(W, 4), of the children."""
+        """Flags (W, 4) of the children, True for leaves."""
         return self.present & (self.tree.count[self.children] > 0)
 
     @cached_property
     def is_inner(self) -> NDArray[np.bool_]:
-        """(W, 4), of the children: wide nodes themselves."""
+        """Flags (W, 4) of the children, True for wide nodes."""
         return self.present & ~self.is_leaf
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
-        """(W, 4): there is a child."""
+        """Flags (W, 4), True if the child exists."""
         return np.asarray(self.children >= 0)
 
     @cached_property
     def number(self) -> NDArray[np.int32]:
-        """(M,): the wide node that a binary one has become, -1 for what is none."""
+        """Wide node (M,) of each binary node, -1 if it has none."""
         number = np.full(len(self.tree), -1, np.int32)
         number[self.roots] = np.arange(len(self), dtype=np.int32)
         return number
 
     def order(self, octant: int) -> Int64:
-        """(W, 4): the children as a ray meets them that runs against axis k where bit k of `octant` is set."""
+        """Return (W, 4) the children in the order in which a ray hits them.
+
+        octant : bit k is set if the ray's direction is negative along axis k
+        """
         order = depth_first(self.tree, octant)
         return np.argsort(np.where(self.present, order[self.children], len(self.tree)), axis=1, kind="stable")
 
 
 def collapse(tree: Bvh) -> WideBvh:
-    """The wide tree of a binary one that has an item a leaf."""
+    """Return the wide tree of a binary one with one item a leaf."""
     if not len(tree):
         return WideBvh(tree, np.zeros((0, WIDTH), np.int64), np.zeros(0, np.int64), 0)
     inner = tree.count == 0
     if not inner[0]:
         return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]), np.zeros(1, np.int64), 0)
     parts = _min_cost_parts(tree)
-    # Of a node's four lanes those from one on belong to a subtree, up to as many as it may be divided into.
+    # The lanes from a subtree's first one on belong to it, up to the number of parts that it may be divided into.
     roots, later = [np.zeros(1, np.int64)], np.zeros(1, np.int64)
     found = []
     stack = 0
@@ -104,19 +107,19 @@ def collapse(tree: Bvh) -> WideBvh:
 
 
 def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:
-    """(M, 5): into how many of k subtrees, at most, the left child of a node is divided where the cost is least.
+    """Return (M, 5): the number of parts of a node's left child, if up to k parts replace the node.
 
-    Column 0 is for a node that remains, all of whose four children it has; columns 2 to 4 for one that up to k
-    subtrees replace, -1 where k are no better than k - 1.
+    The numbers have minimum cost. Column 0 is for a node that remains and has all four children. Columns 2 to 4 are
+    for a node that up to k subtrees replace, -1 if k are no better than k - 1.
     """
     extent = tree.upper - tree.lower
     area = extent[:, 0] * extent[:, 1] + extent[:, 1] * extent[:, 2] + extent[:, 2] * extent[:, 0]
-    min_cost = np.zeros((len(tree), WIDTH))  # areas of what remains below, with up to 1, 2, 3, 4 subtrees
+    min_cost = np.zeros((len(tree), WIDTH))  # areas of the remaining nodes below, with up to 1, 2, 3, 4 subtrees
     parts = np.zeros((len(tree), WIDTH + 1), np.int8)
     for level in reversed(_levels(tree)):
         check_time("building the BVH")
         left, right = min_cost[level + 1], min_cost[tree.skip[level + 1]]
-        # by (parts of the left one, node)
+        # by (parts of the left child, node)
         splits = [
             np.stack([left[:, i - 1] + right[:, k - i - 1] for i in range(1, k)]) for k in range(2, WIDTH + 1)
         ]
@@ -132,7 +135,7 @@ def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:
 
 
 def _divided(tree: Bvh, roots: Int64, parts: NDArray[np.int8]) -> Int64:
-    """(n, 4): the subtrees that are the children of the wide nodes `roots`, -1 where no further one pays."""
+    """Return (n, 4) subtrees that are the children of the wide nodes `roots`, -1 if no further child pays."""
     node = np.full((len(roots), WIDTH), -1, np.int64)
     budget = np.zeros((len(roots), WIDTH), np.int64)
     row = np.arange(len(roots))
@@ -143,7 +146,7 @@ def _divided(tree: Bvh, roots: Int64, parts: NDArray[np.int8]) -> Int64:
 
     divide(row, np.zeros(len(roots), np.int64), roots, parts[roots, 0].astype(np.int64), np.full(len(roots), WIDTH))
     for _ in range(WIDTH - 2):
-        # Only so many subtrees as pay.
+        # Reduce the budget to the number of subtrees that pays.
         for _ in range(WIDTH - 1):
             inner = (node >= 0) & (budget > 1)
             budget[inner & (tree.count[node] > 0)] = 1
@@ -156,7 +159,7 @@ def _divided(tree: Bvh, roots: Int64, parts: NDArray[np.int8]) -> Int64:
 
 
 def _levels(tree: Bvh) -> list[Int64]:
-    """The inner nodes of each level, from the root down."""
+    """Return the inner nodes of each level, from the root down."""
     levels = []
     level = np.flatnonzero(tree.count[:1] == 0)
     while len(level):
@@ -167,10 +170,11 @@ def _levels(tree: Bvh) -> list[Int64]:
 
 
 def depth_first(tree: Bvh, octant: int) -> Int64:
-    """(M,): the number of each node, depth first, where of two children the one comes first that a direction of
-    these signs hits first: by the axis along which they are furthest apart.
+    """Return (M,) the depth-first number of each node, with the child first that directions of an octant hit first.
 
-    octant : bit k set: component k of the direction is negative
+    Children are ordered by the axis along which their centres are farthest apart.
+
+    octant : bit k is set if component k of the direction is negative
     """
     number = np.zeros(len(tree), np.int64)
     size = tree.skip.astype(np.int64) - np.arange(len(tree))

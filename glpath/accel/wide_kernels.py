@@ -1,4 +1,4 @@
-"""What `glpath.accel.wide` does, compiled by numba, in the same numbers: for so many boxes that this pays.
+"""Compiled version (numba) of `glpath.accel.wide` with identical results, for large numbers of boxes.
 
 Cost:     a quarter of a second for a million boxes, on one core; 20 bytes a box beside the trees.
 """
@@ -16,9 +16,9 @@ from glpath.system.kernels import inner_kernel, kernel
 
 
 class Nodes(NamedTuple):
-    """The arrays of a `Bvh` for kernels, as they are, where `glpath.accel.nodes.Tree` has a copy of its boxes.
+    """Arrays of a `Bvh` for kernels, without copies; `glpath.accel.nodes.Tree` copies its boxes.
 
-    items : its `count`
+    items : `count` of the `Bvh`
     """
 
     lower: NDArray[Any]
@@ -30,18 +30,18 @@ class Nodes(NamedTuple):
 
     @classmethod
     def of(cls, tree: Bvh) -> Nodes:
-        """The nodes of a tree."""
+        """Return the nodes of a tree."""
         return cls(tree.lower, tree.upper, tree.skip, tree.first, tree.count, tree.order)
 
 
 def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
-    """As `glpath.accel.wide.collapse`, of a tree of two items or more, with numbers of 32 bits.
+    """Return the wide tree of at least two items like `glpath.accel.wide.collapse`, with 32-bit numbers.
 
-    node_cost : of each node beside its area, for fewer nodes of more children
+    node_cost : constant cost of each node in addition to its area, for fewer nodes with more children
     """
     items = len(tree.order)
     assert len(tree) == 2 * items - 1 > 1, "an item a leaf, and two"
-    # Pages of memory that nothing is written to are never had.
+    # Memory pages without writes are never allocated.
     parts, roots = np.zeros((items, WIDTH + 1), np.int8), np.empty(items, np.int32)
     children = np.empty((items, WIDTH), np.int32)
     nodes = Nodes.of(tree)
@@ -51,7 +51,7 @@ def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
 
 
 def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
-    """(W, 8): by octant of directions, `WideBvh.order` with two bits a child, the first in the lowest."""
+    """Return (W, 8) `WideBvh.order` by octant, with two bits a child, the first child in the lowest bits."""
     orders, splits = np.empty((len(wide), 8), np.uint8), np.empty((WIDTH - 1, 4), np.int64)
     _octant_orders(Nodes.of(wide.tree), wide.children, wide.roots, orders, splits)
     return orders
@@ -59,7 +59,7 @@ def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
 
 @kernel
 def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-def]
-    """Fill parts (N, 5), of the inner nodes alone; costs: of subtrees whose parents are yet to come, a stack."""
+    """Fill parts (N, 5) of the inner nodes. costs: stack of the costs of subtrees whose parents follow."""
     lower, upper, skip, first, count = tree.lower, tree.upper, tree.skip, tree.first, tree.items
     top = 0
     for node in range(len(skip) - 1, -1, -1):
@@ -68,7 +68,7 @@ def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-d
                 costs[top, k] = 0.0
             top += 1
             continue
-        # The left subtree came last.
+        # The left subtree was pushed last.
         left, right = top - 1, top - 2
         inner = node - first[node]
         x = np.float64(upper[node, 0]) - lower[node, 0]
@@ -105,7 +105,7 @@ def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-d
 def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped-def]
     """Fill children (W, 4) and roots (W,), depth first; return W and `WideBvh.stack`.
 
-    pending : nodes that are yet to come, and how many groups wait while a ray is there
+    pending : nodes still to process, and the number of groups that a ray has postponed there
     """
     skip, first, count = tree.skip, tree.first, tree.items
     pending[0, 0], pending[0, 1] = 0, 0
@@ -138,7 +138,7 @@ def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped
 def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no-untyped-def]
     """Put a subtree of a wide node, in up to `budget` parts, into its lanes from `lane` on."""
     skip, first, count = tree.skip, tree.first, tree.items
-    # Up to three parts: the left one of two, the right one, and this once more for the larger of both.
+    # At most three parts: the left one of two, the right one, and a repetition for the larger of both.
     for _ in range(WIDTH):
         if count[node]:
             budget = 1
@@ -153,7 +153,7 @@ def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no
             children[wide, lane] = left
             node, budget, lane = right, budget - 1, lane + 1
         else:
-            # Of three parts two are the left one's: its right one is a single one.
+            # Two of three parts belong to the left child; the right child is a single part.
             children[wide, lane + part] = right
             node, budget = left, part
 
@@ -162,12 +162,12 @@ def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no
 def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-untyped-def]
     """Fill orders (W, 8).
 
-    roots  : (W,) the binary node of each wide one
-    splits : (3, 4) room for the nodes between a wide one and its children
+    roots  : (W,) binary node of each wide node
+    splits : (3, 4) working memory for the nodes between a wide node and its children
     """
     lower, upper, skip = tree.lower, tree.upper, tree.skip
     for wide in range(len(roots)):
-        # All words begin with the order of the binary tree; a node that is swapped exchanges the children below it.
+        # All words begin with the order of the binary tree; a swapped node exchanges the children below it.
         word, found = 0, 0
         for lane in range(WIDTH):
             if children[wide, lane] >= 0:
@@ -178,7 +178,7 @@ def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-un
             if children[wide, lane] < 0:
                 word |= lane << (2 * absent)
                 absent += 1
-        # Nodes and which of the children, from where to where, are below them; parents come first.
+        # Each entry is a node with the range of children below it; parents come first.
         splits[0, 0], splits[0, 1], splits[0, 2] = roots[wide], 0, found
         count, i = 1, 0
         while i < count:
@@ -206,7 +206,7 @@ def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-un
 
 @inner_kernel
 def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
-    """The axis along which the middles of two nodes are furthest apart, and how far the second is along it."""
+    """Return the axis along which the centres of two nodes are farthest apart, and the offset of the second."""
     axis, far = 0, 0.0
     for k in range(3):
         apart = 0.5 * (np.float64(lower[right, k]) + upper[right, k])
@@ -218,8 +218,10 @@ def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _exchange(orders, wide, axis, negative, begin, middle, end):  # type: ignore[no-untyped-def]
-    """Exchange children `begin` to `middle` with `middle` to `end` in the words of those octants whose directions
-    hit the second ones first, which lie before the first ones along the axis where `negative`."""
+    """Exchange children `begin` to `middle` with `middle` to `end` in words of octants that hit these first.
+
+    The second group lies before the first along the axis if `negative`.
+    """
     first, second = 2 * (middle - begin), 2 * (end - middle)
     mask = (1 << first + second) - 1
     for octant in range(8):

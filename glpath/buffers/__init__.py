@@ -1,7 +1,7 @@
-"""The papers' structures, each usable alone.
+"""Data structures of the papers, each usable alone.
 
 Each takes the OpenGL context and a scene on the device, `glpath.gl.get_context` and `glpath.gl.DeviceScene`, and is
-loaded when it is first used.
+imported at its first use.
 """
 
 from __future__ import annotations

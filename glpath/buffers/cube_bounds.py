@@ -1,4 +1,4 @@
-"""Cells of a cube-buffer: rectangles on its six faces; see `light_bounds`."""
+"""Cells of a cube-buffer as rectangles on its six faces; see `light_bounds`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FACES = 6
 
 
 def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: int) -> CellRectangles:
-    """The cells of a cube-buffer whose rays meet each plane of (P, 3, 4)."""
+    """Return the cells of a cube-buffer whose rays hit each plane of (P, 3, 4)."""
     parts = [NOTHING]
     y = np.tan(((np.arange(side) + 0.5) / side - 0.5) * np.pi / 2)
     for index, world in enumerate(towards(world_from_plane, light)):
@@ -47,7 +47,10 @@ def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: i
 
 
 def to_face(face: int, d: Float64) -> Float64:
-    """(..., 3) in the frame of a cube's face, as point_shadow_map.glsl has it: across, across and along."""
+    """Return vectors (..., 3) in the frame of a cube's face, as in point_shadow_map.glsl.
+
+    The first two axes lie in the face, the third is the face's normal.
+    """
     axis = face // 2
     f = np.roll(d, -1 - axis, axis=-1).copy()
     f[..., 2] *= -1.0 if face & 1 else 1.0
@@ -55,7 +58,7 @@ def to_face(face: int, d: Float64) -> Float64:
 
 
 def _face_cells(low: Float64, high: Float64, side: int) -> tuple[Int64, Int64]:
-    """From angles (N, 2) across a face to cells within it."""
+    """Convert angles (N, 2) across a face to cells of the face."""
     first, last = cells_between(
         ((low - MARGIN) * 2 / np.pi + 0.5) * side, ((high + MARGIN) * 2 / np.pi + 0.5) * side
     )
@@ -63,9 +66,10 @@ def _face_cells(low: Float64, high: Float64, side: int) -> tuple[Int64, Int64]:
 
 
 def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
-    """The cells of a cube-buffer whose rays lie in each cap.
+    """Return the cells of a cube-buffer whose rays lie in each cap.
 
-    Across a face, a cap is seen between two planes that touch it and hold the other axis (Mara & McGuire 2013).
+    Across a face, the extent of a cap lies between two planes that touch it and contain the other axis (Mara &
+    McGuire 2013).
     """
     parts = []
     index = np.arange(len(caps.angle))
@@ -78,7 +82,7 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
         half = np.where(
             radius[:, None] < distance - 1e-12,
             np.arcsin(np.minimum(radius[:, None] / np.maximum(distance, TINY), 1.0)),
-            2 * np.pi,  # the axis across lies in the cap
+            2 * np.pi,  # the other axis lies in the cap
         )
         low, high = np.maximum(middle - half, -np.pi / 4), np.minimum(middle + half, np.pi / 4)
         missed = np.any(low > high + MARGIN, axis=1)
@@ -90,14 +94,17 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
     cosine = np.cos(np.minimum(caps.angle + MARGIN, np.pi / 2))
 
     def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Inside, the square of a direction's product with the axis is large enough: a quadratic, along a row."""
+        """Return the first and last column inside the cap, along a row.
+
+        Inside, the square of a direction's product with the axis is large enough, which gives a quadratic equation.
+        """
         i = rectangles.primitive[which]
         a, square = axes_of_face[face, i], cosine[i] ** 2
         y = np.tan(((row + 0.5) / side - 0.5) * np.pi / 2)
         along = a[:, 1] * y + a[:, 2]
         p, q, r = a[:, 0] ** 2 - square, a[:, 0] * along, along**2 - square * (1 + y * y)
         inside = q * q - p * r
-        # An ellipse; the other conics are rare, and keep their rectangles. As is a row that just touches.
+        # Ellipses only; the other conics are rare and keep their rectangles, like rows that just touch.
         ellipse = (p < -1e-6) & (inside > -1e-9)
         root = np.sqrt(np.maximum(inside, 0.0)) + MARGIN
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -110,10 +117,10 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
 
 
 def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) -> CellRectangles:
-    """The cells of a cube-buffer whose rays can meet each triangle of (T, 3, 3).
+    """Return the cells of a cube-buffer whose rays can hit each triangle of (T, 3, 3).
 
-    On a face lie what is left of each edge, cut off by the four planes through the light and the face's edges, and
-    those corners of the face that the triangle covers; the rectangle is around these.
+    The rectangle on a face bounds each edge, clipped by the four planes through the light and the face's edges. It
+    also bounds the corners of the face that the triangle covers.
     """
     parts = []
     index = np.arange(len(triangles))
@@ -124,7 +131,7 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
     for face in range(FACES):
         d = to_face(face, world)
         heights = d @ planes.T  # (T, corner, plane): inside where >= 0
-        # Most triangles lie outside of one of the planes.
+        # Most triangles lie outside one of the planes.
         near = np.flatnonzero(~np.any(np.all(heights < -MARGIN, axis=1), axis=1))
         d, heights = d[near], heights[near]
         low, high = np.full((len(near), 2), np.inf), np.full((len(near), 2), -np.inf)
@@ -141,7 +148,7 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
                 z = p[:, 2:]
                 with np.errstate(divide="ignore", invalid="ignore"):
                     q = np.where(z > 1e-12, p[:, :2] / z, np.nan)
-                # At the light itself every direction is possible.
+                # For a point at the light itself, every direction is possible.
                 q_low, q_high = np.where(np.isnan(q), -1.0, q), np.where(np.isnan(q), 1.0, q)
                 low = np.where(gone[:, None], low, np.minimum(low, q_low))
                 high = np.where(gone[:, None], high, np.maximum(high, q_high))
@@ -150,7 +157,7 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
             side_of = normals @ corner
             tolerance = 1e-9
             covered = np.all(side_of >= -tolerance, axis=1) | np.all(side_of <= tolerance, axis=1)
-            # Not where the corner's opposite is what the triangle covers.
+            # Exclude triangles that cover the opposite direction of the corner.
             covered &= np.any(d @ corner > 0, axis=1)
             low = np.where(covered[:, None], np.minimum(low, corner[:2]), low)
             high = np.where(covered[:, None], np.maximum(high, corner[:2]), high)
@@ -164,7 +171,7 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
     edges_of_face = np.stack([to_face(face, edges) for face in range(FACES)])
 
     def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Each edge's plane cuts the row once."""
+        """Return the first and last column inside the triangle; each edge's plane intersects the row once."""
         y = np.tan(((row + 0.5) / side - 0.5) * np.pi / 2)
         begin, end = np.full(len(which), -1.0), np.full(len(which), 1.0)
         for edge in range(3):

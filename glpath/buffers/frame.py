@@ -1,4 +1,4 @@
-"""Frames about a direction: the axes along which the columns and rows of a buffer run."""
+"""Frames about a direction: axes of the columns and rows of a buffer."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ _ROLLS = np.linspace(0.0, np.pi / 2, 32, endpoint=False)
 
 
 def frame_about(direction: Float64, roll: float = 0.0) -> tuple[Float64, Float64]:
-    """Unit vectors (u, v), each (3,), that make a right-handed frame with a unit direction (3,).
+    """Return unit vectors (u, v), each (3,), that form a right-handed frame with a unit direction (3,).
 
-    `roll` turns them about it, radians. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+    `roll` rotates them about the direction, radians. Source: Duff et al. 2017, Building an Orthonormal Basis,
+    Revisited.
     """
     d = direction
     sign = np.copysign(1.0, d[2])
@@ -26,9 +27,9 @@ def frame_about(direction: Float64, roll: float = 0.0) -> tuple[Float64, Float64
 
 
 def tight_frame(direction: Float64, points: Float64) -> tuple[Float64, Float64]:
-    """The frame about a direction in which the rectangle around (N, 3) points is small.
+    """Return the frame about a direction in which the bounding rectangle of (N, 3) points is small.
 
-    A path-buffer's cells then lie where paths are: in a box-like scene, half of those lost to crowding are saved.
+    A path-buffer's cells then lie where paths are; in a box-like scene, this halves the losses by crowding.
     """
     x, y = frame_about(direction)
     px, py = points @ x, points @ y

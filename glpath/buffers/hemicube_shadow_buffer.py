@@ -1,12 +1,12 @@
-"""The shadow-buffer of a path set's light sample [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
+"""Shadow-buffer of a path set's light sample [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
 
-Five faces in one atlas, filled by one instanced draw; or the full cube, for lights that shine to all sides. It
-holds triangle numbers. `lights/direct.glsl` looks them up and meets the triangle's plane, so no depth bias is
-needed, and at a silhouette meets the next texel's triangle exactly. What is left is the error where three surfaces
-meet within a texel, which averages out as the light sample and the hemicube's roll change from set to set.
+It has five faces in one atlas, filled by one instanced draw, or a full cube for lights that emit in all directions.
+It holds triangle numbers. `lights/direct.glsl` looks them up and intersects the triangle's plane, so no depth bias
+is needed. At a silhouette it intersects the next texel's triangle exactly. The remaining error, where three
+surfaces fall into one texel, averages out because the light sample and the hemicube's roll change from set to set.
 
-Cost:     five vertices' worth of the scene per corner, and 3 R^2 texels.
-Poor at:  scenes where detail finer than a texel (90 degrees / R near a face's middle) throws shadows.
+Cost:     five transformations of each vertex of the scene, and 3 R^2 texels.
+Poor at:  scenes in which details finer than a texel (90 degrees / R near a face's centre) cast shadows.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from glpath.gl.program_parts import ProgramParts
 
 @dataclass(frozen=True)
 class HemicubeFrame:
-    """Where a hemicube stands.
+    """Position and orientation of a hemicube.
 
-    position  : (3,) of the light sample
+    position  : (3,) position of the light sample
     axes      : (3, 3) unit: tangent, bitangent and normal; the top face looks along the normal
-    one_sided : the light sample shines to the side of the normal alone, and may lie on a surface
-    uniforms  : of hemicube.glsl
+    one_sided : True if the light sample emits only to the side of the normal, and may lie on a surface
+    uniforms  : uniforms of hemicube.glsl
     """
 
     position: NDArray[np.float64]
@@ -44,18 +44,18 @@ class HemicubeFrame:
 
 
 class HemicubeShadowBuffer(Owner):
-    """The triangles that a light sample sees.
+    """Triangles that are visible from a light sample.
 
     Parameters
     ----------
     resolution : R, texels along a side of the top face; the atlas is 2 R x 1.5 R. Even.
-    full       : six faces R x R, in an atlas of 3 R x 2 R, for points that shine to all sides as well
+    full       : True for six faces R x R, in an atlas of 3 R x 2 R, for points that emit in all directions
 
     Attributes
     ----------
     texture : R32UI, triangle number + 1, 0 for none
-    textures : for a program that includes direct.glsl, by the names there: it, and records of streamed triangles
-    defines : for a program that includes hemicube.glsl
+    textures : the texture, and records of streamed triangles, by their names in direct.glsl
+    defines : defines for a program that includes hemicube.glsl
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene, resolution: int, full: bool = False) -> None:
@@ -103,7 +103,7 @@ class HemicubeShadowBuffer(Owner):
     def frame(
         self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
     ) -> HemicubeFrame:
-        """The frame of a light sample; `roll` (radians) turns the cube about the normal."""
+        """Return the frame of a light sample; `roll` (radians) rotates the cube about the normal."""
         assert one_sided or self.defines, "a light to all sides takes a full cube"
         tangent, bitangent = frame_about(normal, roll)
         radius = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
@@ -121,10 +121,10 @@ class HemicubeShadowBuffer(Owner):
     def scan(
         self, frame: HemicubeFrame, faces: int | None = None, uniforms: Mapping[str, object] | None = None
     ) -> None:
-        """Scan convert the scene as the light sample sees it.
+        """Scan convert the scene from the light sample.
 
-        faces    : only the first so many: 1 above, 5 the sides too; all the buffer has by default
-        uniforms : more of them, of stochastically transparent surfaces
+        faces    : number of faces to draw: 1 for the top, 5 with the sides; all faces by default
+        uniforms : additional uniforms of stochastically transparent surfaces
         """
         count = faces or (6 if self.defines else 5)
         given = {**self.scene.uniforms, **frame.uniforms, **(uniforms or {})}
@@ -135,13 +135,13 @@ class HemicubeShadowBuffer(Owner):
             self._streamed.run(given, seen, faces=of_faces)
 
     def _sees(self, frame: HemicubeFrame, face: int) -> NDArray[np.bool_]:
-        """Which chunks reach into what a face sees."""
+        """Return (N,) bool: True for chunks that may be visible from a face."""
         stream = self.scene.stream
         assert stream is not None, "who streams"
         t, b, n = frame.axes
         axis = (n, t, -t, b, -b, -n)[face]
         sides = [side for side in (t, b, n) if abs(side @ axis) < 0.5]
-        # By a degree more than its quarter of the circle, for the rounding of the device.
+        # One degree beyond the face's quarter of the circle, for the rounding of the device.
         normals = [axis, *(1.02 * axis + sign * side for side in sides for sign in (1.0, -1.0))]
         if frame.one_sided:
             normals.append(n)

@@ -1,16 +1,16 @@
-"""Which cells of a point light's shadow-buffer an object can be seen in: rectangles that miss none [TB III.E].
+"""Conservative bounds of objects in a point light's shadow-buffer: rectangles of cells that miss no hit [TB III.E].
 
-The paper shoots "all the rays from the light source which can possibly intersect" an object, and does not say how
-they are found. Here an object's outline on the sphere of directions is bounded: a sphere's by a cap (its cone of
-tangents), a triangle's by its corners and by how high the great arcs between them bulge. Rectangles of the buffer
-follow: of latitude and longitude (`sphere_bounds`), or of the faces of a cube (`cube_bounds`); large ones are cut
-into bands of rows. A plane takes
-half of all directions, which are found row by row. The exact test comes after, ray by ray.
+The paper shoots "all the rays from the light source which can possibly intersect" an object, and does not explain
+how to find them. Here an object's outline on the sphere of directions is bounded. A sphere is bounded by a cap (its
+cone of tangents), a triangle by its corners and the bulge of the great arcs between them. The results are
+rectangles of the buffer, in latitude and longitude (`sphere_bounds`) or on the faces of a cube (`cube_bounds`).
+Large rectangles are divided into bands of rows. A plane covers half of all directions, which are found row by row.
+The exact test comes later, ray by ray.
 
-All in float64 on the CPU, vectorised over primitives. The light may stand inside an object, or on it.
+All is float64 on the CPU, vectorised over primitives. The light may lie inside an object, or on it.
 
 Cost:     about a microsecond per primitive and face; for a plane, per row.
-Poor at:  long thin ellipsoids, which are bounded as the sphere around them, and slanted slivers.
+Poor at:  long thin ellipsoids, which are bounded by their bounding sphere, and slanted slivers.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from glpath.system.kernels import kernel
 
 Int64 = NDArray[np.int64]
 
-#: Radians that a bound is grown by: the shader's angles (angles.glsl) and the rounding of its rays stay below.
+#: Padding of a bound, radians: more than the error of the shader's angles (angles.glsl) and of its rays.
 MARGIN = 1e-5
-#: Rectangles of so many cells are cut into bands, of about so many cells, and up to so many. To draw a rectangle
-#: costs as much as to shoot some hundred rays.
+#: Number of cells from which rectangles are divided into bands, approximate cells of a band, and maximum number of
+#: bands. Drawing a rectangle costs as much as some hundred rays.
 _LARGE, _BAND_CELLS, _BANDS = 1500, 300, 24
 TINY = 1e-300
 
 
 class CellRectangles(NamedTuple):
-    """Rectangles of cells, each of one primitive on one face; none is empty, and none reaches over an edge.
+    """Rectangles of cells, each for one primitive on one face; none is empty, and none crosses an edge.
 
     primitive : (N,) int64, number within its kind
     face      : (N,) int64, 0 for the sphere
     first     : (N, 2) int64, column and row of the first cell
-    last      : (N, 2) int64, of the last cell, itself included
+    last      : (N, 2) int64, column and row of the last cell, inclusive
     """
 
     primitive: Int64
@@ -50,7 +50,7 @@ class CellRectangles(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """How many cells there are in all: as many rays are shot."""
+        """Number of all cells, which is the number of rays."""
         width, height = (self.last - self.first + 1).T
         return int(np.dot(width, height))
 
@@ -59,7 +59,7 @@ class Caps(NamedTuple):
     """Caps on the sphere of directions.
 
     axis  : (N, 3) unit
-    angle : (N,) radians, half of the opening; pi where every direction belongs to it
+    angle : (N,) radians, half of the opening; pi if the cap contains every direction
     """
 
     axis: Float64
@@ -67,19 +67,19 @@ class Caps(NamedTuple):
 
 
 class Spheres(NamedTuple):
-    """centre (S, 3) and radius (S,)."""
+    """Spheres by centre (S, 3) and radius (S,)."""
 
     centre: Float64
     radius: Float64
 
 
 def spheres_around(world_from_unit: Float64) -> Spheres:
-    """The spheres around spheres and ellipsoids (S, 3, 4): wherever the light is, so worth keeping."""
+    """Return the bounding spheres of spheres and ellipsoids (S, 3, 4), which do not depend on the light."""
     return Spheres(world_from_unit[:, :, 3], _longest_radius(world_from_unit[:, :, :3]))
 
 
 def sphere_caps(spheres: Spheres, light: Float64) -> Caps:
-    """The caps that spheres fill as seen from `light` (3,)."""
+    """Return the caps that spheres cover from `light` (3,)."""
     caps = Caps(np.empty((len(spheres.radius), 3)), np.empty(len(spheres.radius)))
     _caps(spheres.centre, spheres.radius, light, caps.axis, caps.angle)
     return caps
@@ -97,10 +97,10 @@ def _caps(centre: Float64, radius: Float64, light: Float64, axis: Float64, angle
 
 
 def _longest_radius(axes: Float64) -> Float64:
-    """(S,) the largest distance from the centre, of ellipsoids whose axes' ends are the columns of (S, 3, 3)."""
+    """Return (S,) maximum radii of ellipsoids whose half axes are the columns of (S, 3, 3)."""
     products = axes.transpose(0, 2, 1) @ axes
     square = products[:, 0, 0]
-    # A round one's columns are perpendicular and as long as each other; a decomposition takes far longer.
+    # The columns of a round one are perpendicular and equally long; a decomposition takes far longer.
     difference = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2), initial=0.0)
     uneven = difference > 1e-12 * square
     radius = np.sqrt(square) * (1.0 + 1e-12)
@@ -110,11 +110,11 @@ def _longest_radius(axes: Float64) -> Float64:
 
 
 def cells_between(low: Float64, high: Float64) -> tuple[Int64, Int64]:
-    """The cells whose centres lie in [low, high], in cells; last < first where there is none."""
+    """Return the range of cells whose centres lie in [low, high], in cells; last < first for an empty range."""
     return np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
 
 
-#: No rectangle at all.
+#: Empty list of rectangles.
 NOTHING = CellRectangles(
     np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64)
 )
@@ -132,9 +132,10 @@ def without_empty(primitive: Int64, face: Int64, first: Int64, last: Int64) -> C
 def in_bands(
     whole: CellRectangles, span: Callable[[Int64, Int64, Int64], tuple[Float64, Float64]]
 ) -> CellRectangles:
-    """Large rectangles cut into bands of rows, each as wide as its object is there.
+    """Divide large rectangles into bands of rows, each as wide as its object in those rows.
 
-    span : of (N,) indices of rectangles, their faces and rows: the first and last column, real numbers
+    span : function of (N,) indices of rectangles, their faces and rows, which returns the first and last column as
+           real numbers
     """
     height = whole.last[:, 1] - whole.first[:, 1] + 1
     cells = height * (whole.last[:, 0] - whole.first[:, 0] + 1)
@@ -164,9 +165,10 @@ def in_bands(
 
 
 def edge_planes(d: Float64) -> Float64:
-    """(T, 3, 3) unit normals of the planes through the light and each edge of triangles with corners (T, 3, 3).
+    """Return (T, 3, 3) unit normals of the planes through the light and each edge of triangles (T, 3, 3).
 
-    Directions inside have positive products with all three. Zeros where the light is in the triangle's plane.
+    Directions inside have positive products with all three. The normals are zero if the light is in the triangle's
+    plane.
     """
     d = d / np.maximum(np.linalg.norm(d, axis=2, keepdims=True), TINY)
     normal = np.cross(d, np.roll(d, -1, axis=1))
@@ -177,9 +179,9 @@ def edge_planes(d: Float64) -> Float64:
 
 
 def towards(world_from_plane: Float64, light: Float64) -> Float64:
-    """(P, 3): unit normals of planes (P, 3, 4), of the side that a light (3,) looks at them from, turned around.
+    """Return (P, 3) unit normals of planes (P, 3, 4), pointing away from a light (3,).
 
-    Directions that meet the plane are less than a right angle from it.
+    Directions that hit the plane are less than a right angle from its normal.
     """
     normal = world_from_plane[:, :, 2]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -188,7 +190,7 @@ def towards(world_from_plane: Float64, light: Float64) -> Float64:
 
 
 def rectangles_of_rows(face: int, primitive: int, first: Int64, last: Int64) -> CellRectangles:
-    """Rectangles from the first and last columns (rows,) of every row; equal neighbours become one."""
+    """Return rectangles from the first and last columns (rows,) of every row; equal neighbours are merged."""
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(first) != 0) | (np.diff(last) != 0)]))
     ends = np.concatenate([starts[1:], [len(first)]]) - 1
     low = np.stack([first[starts], starts], axis=1)

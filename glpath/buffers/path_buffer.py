@@ -1,19 +1,19 @@
-"""Path-buffer: the z-buffer with a near value per pixel [PB 2].
+"""Path-buffer: z-buffer with a near value per pixel [PB 2].
 
 One scan conversion of the scene along a direction finds, for every origin in the buffer, the nearest surface beyond
-it. Many parallel rays are cast by one draw of the scene, wherever they start.
+it. One draw of the scene casts many parallel rays, from arbitrary origins.
 
-What is done otherwise than in the paper:
+Differences from the paper:
 
 - *Sub-pixel positions.* The paper starts a ray at the centre of the nearest pixel. Here the fragment shader tests
-  coverage and depth at the ray's own position in the cell, and triangles are grown to every cell they touch, so the
-  answer is that of a ray caster whatever the size of the buffer: no acne, no seams, no leaks at edges.
+  coverage and depth at the ray's own position in the cell, and triangles are enlarged to every cell they touch. The
+  result equals that of a ray caster for any buffer size: no acne, no seams, no leaks at edges.
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
-- *Small triangles.* Where triangles touch few cells each, a compute shader takes them, see `gl.small_triangles`.
-- *Four rays a cell.* Rays that fall into one cell take further layers, the channels of a texel. What is left over
-  loses the collision, without bias: the four survivors stand for all of the cell [PB appendix B].
+- *Small triangles.* If triangles touch few cells each, a compute shader scans them, see `gl.small_triangles`.
+- *Four rays a cell.* Rays in the same cell use further layers, the channels of a texel. Additional rays lose the
+  collision, without bias: the four survivors represent all rays of the cell [PB appendix B].
 
-Cost:     one draw of the scene per direction, whatever the number of origins; a few maps over origins and cells.
+Cost:     one draw of the scene per direction for any number of origins; a few passes over origins and cells.
 Poor at:  few origins in a large scene; origins that crowd into few cells.
 Limits:   2**20 origins a scan.
 """
@@ -40,12 +40,12 @@ from glpath.gl.small_triangles import SmallTriangles, TriangleList, empty_words
 from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << NUMBER_BITS
-#: Triangle numbers of up to this many bits share a float with the depth, which has all that are left. Beyond, depth
-#: would have too few levels, and the scene is scanned twice.
+#: Maximum bits of a triangle number that shares a float with the depth, which gets the remaining bits. With more,
+#: depth would have too few levels, so the scene is scanned twice.
 MAX_PACKED_BITS = 17
-# Bits that a triangle's number gets.
+# Possible numbers of bits for a triangle's number.
 _ID_BITS = (8, 11, 14, 15, 16, MAX_PACKED_BITS)
-#: With at most so many cells a triangle, most triangles touch few, and a compute shader takes those.
+#: Maximum cells per triangle for the compute shader: most triangles then touch few cells.
 SPLIT_CELLS = 16
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
@@ -53,11 +53,11 @@ _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 @dataclass(frozen=True)
 class ScanView:
-    """The views of one scan.
+    """Views of one scan.
 
-    directions : one or two (3,) unit, of paths with sign +1; at most as many as the buffer has views
-    jitter    : (2,) in [0, 1), where the grid starts, in cells
-    seed      : decides who wins the collisions in a crowded cell
+    directions : one or two (3,) unit directions, for paths with sign +1; at most as many as the buffer has views
+    jitter    : (2,) in [0, 1), offset of the grid, in cells
+    seed      : seed that decides the collisions in a crowded cell
     """
 
     directions: tuple[NDArray[np.float64], ...]
@@ -67,10 +67,10 @@ class ScanView:
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan: the input of `scan_scene` and of the passes that read its result.
+    """Scan: input of `scan_scene` and of the passes that read its result.
 
-    frames   : of each view the axes u and v of its cells, two of (3,)
-    uniforms : of shaders that include path_view.glsl, ray_record.glsl or path_result.glsl
+    frames   : axes u and v of the cells of each view, two of (3,)
+    uniforms : uniforms of shaders that include path_view.glsl, ray_record.glsl or path_result.glsl
     """
 
     frames: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
@@ -78,10 +78,10 @@ class Scan:
 
 
 class Hits(NamedTuple):
-    """The hits of rays.
+    """Hits of rays.
 
-    triangle : (N,) int32, number of the triangle, -1 where nothing is hit
-    t        : (N,) float64, distance along the ray, inf where nothing is hit
+    triangle : (N,) int32, number of the triangle, -1 for a miss
+    t        : (N,) float64, distance along the ray, inf for a miss
     """
 
     triangle: NDArray[np.int32]
@@ -89,11 +89,11 @@ class Hits(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """The buffer's contents after a scan; up to four rays a cell, row 0 at the top.
+    """Contents of the buffer after a scan; up to four rays a cell, row 0 at the top.
 
-    z0       : (rows, columns, 4) float32, where each ray starts: scene units along the direction from the scene's
-               centre; NaN where there is no ray
-    triangle : (rows, columns, 4) int32, number of the triangle that it found, -1 for none
+    z0       : (rows, columns, 4) float32, start of each ray: scene units along the direction from the scene's
+               centre; NaN for no ray
+    triangle : (rows, columns, 4) int32, number of the triangle that the ray hit, -1 for none
     t        : (rows, columns, 4) float32, distance along the ray, inf for none
     """
 
@@ -103,11 +103,11 @@ class Cells(NamedTuple):
 
 
 class _Stage(NamedTuple):
-    """A scan of the scene.
+    """Passes of a scan of the scene.
 
-    small    : takes the small triangles and lists the others; None where there are few
-    drawn    : those that are listed, or all
-    streamed : then the streamed ones
+    small    : pass that scans the small triangles and lists the others; None if there are few
+    drawn    : draw of the listed triangles, or of all
+    streamed : pass for the streamed triangles, which follow
     """
 
     small: SmallTriangles | None
@@ -121,18 +121,18 @@ class PathBuffer(Owner):
     Parameters
     ----------
     gl    : the context
-    scene : what is scanned
+    scene : scene to scan
     paths : (columns, rows) of the path states; columns * rows <= 2**20
-    cells : (columns, rows) of each view; by default as many in all as paths
+    cells : (columns, rows) of each view; by default, all views together have as many cells as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
-    records : where the streamed triangles that paths have found are kept, see `GeometryStream.records`
-    skips_near : paths meet no simpler shape (`DeviceScene`, deviations) nearer than `skipped_share` of `scan_scene`
-                 times what it deviates
-    occlusion : scans find whether anything is hit, not what
+    records : table for the streamed triangles that paths hit, see `GeometryStream.records`
+    skips_near : True if paths ignore simplified shapes (`DeviceScene`, deviations) nearer than their deviation
+                 times `skipped_share` of `scan_scene`
+    occlusion : True if scans find only whether anything is hit
 
-    `cast` is the simple interface, from arrays to arrays. A caller whose path states are on the device calls
-    `scan_positions` and `scan_scene`, and reads the result in a shader of its own that includes `path_result.glsl`,
-    with `textures` and the uniforms of the scan that `scan_positions` returned.
+    `cast` is the simple interface, from arrays to arrays. A caller with path states on the device calls
+    `scan_positions` and `scan_scene`. It reads the result in its own shader that includes `path_result.glsl`, with
+    `textures` and the uniforms of the scan that `scan_positions` returned.
     """
 
     def __init__(
@@ -157,13 +157,14 @@ class PathBuffer(Owner):
         share = views**-0.5
         cells = cells or (max(1, round(share * paths[0])), max(1, round(share * paths[1])))
         self.views = views
-        # The views of a scan lie side by side in one buffer; the only one has it all.
+        # The views of a scan lie side by side in one buffer; a single view uses all of it.
         self.cells = cells = (views * cells[0], cells[1])
         count = cells[0] * cells[1]
         self._stream = scene.stream
         triangles = scene.triangle_count + (self._stream.count if self._stream is not None else 0)
         bits = (triangles - 1).bit_length()
-        # In steps, so that most small scenes share their programs, which take longer to compile than to run.
+        # In steps, so that most small scenes share their programs, whose compilation takes longer than their
+        # execution.
         self.id_bits = next((step for step in _ID_BITS if step >= bits), bits)
         self.occlusion = occlusion
         self.packed = self.id_bits <= MAX_PACKED_BITS and not occlusion
@@ -173,7 +174,7 @@ class PathBuffer(Owner):
         if occlusion:
             self.defines["OCCLUSION"] = 1
         elif self.packed:
-            # The largest word stays below NOTHING_FOUND; 64 levels are left for the rounding of the product.
+            # The largest word stays below NOTHING_FOUND; 64 levels are reserved for the rounding of the product.
             self.defines |= {
                 "PACKED": 1,
                 "ID_BITS": self.id_bits,
@@ -187,14 +188,14 @@ class PathBuffer(Owner):
         self._z0 = self._texture(cells, "f4")
         self._position = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
-        # Wide, as llvmpipe shares work in tiles of 64 x 64 texels.
+        # Wide, because llvmpipe distributes work in tiles of 64 x 64 texels.
         self._grid_size = (min(128, paths[0]), min(8, paths[1]))
         self._grids = [self._texture(self._grid_size, "f4") for _ in range(views)]
         self._bounds = self._texture((views, 1), "f4")
 
         self._textures = textures = {
             **scene.textures,
-            "path_position": self._found,  # until the first scan brings its own
+            "path_position": self._found,  # placeholder until the first scan
             "path_grid_0": self._grids[0],
             "path_grid_1": self._grids[-1],
             "path_bounds": self._bounds,
@@ -272,7 +273,7 @@ class PathBuffer(Owner):
         empty: float,
         records: moderngl.Texture | None = None,
     ) -> _Stage:
-        """A scan into a texture that is empty before."""
+        """Create the passes of a scan into a texture that is cleared first."""
         gl, scene, clear = self.gl, self.scene, (empty,) * 4
         shaders = "path_buffer/path_scan.vert", "path_buffer/path_scan.frag"
         parts = ProgramParts(
@@ -327,7 +328,7 @@ class PathBuffer(Owner):
         assert 1 <= views <= self.views, f"{views} directions for {self.views} views"
         frames = tuple(tight_frame(d, self.scene.box) for d in view.directions)
         if self._epoch == 0:
-            # Heads of another epoch are of no meaning; when the epochs run out, start over.
+            # Heads of other epochs are ignored; after the last epoch, the heads are cleared.
             self._epoch = _EPOCHS
             self._heads.write(bytes(4 * self.cells[0] * self.cells[1]))
         self._epoch -= 1
@@ -352,9 +353,9 @@ class PathBuffer(Owner):
         return float(self.cells[0] // views), float(self.cells[1])
 
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> Scan:
-        """ScanConvertPositions [PB table 4]: z0 of every live path.
+        """Compute z0 of every live path: ScanConvertPositions [PB table 4].
 
-        position : RGBA32F of `paths` texels: world space; in w its direction code, see direction_code.glsl
+        position : RGBA32F of `paths` texels: world space position; w is the direction code, see direction_code.glsl
         """
         scan = self._begin(view)
         uniforms = scan.uniforms
@@ -369,12 +370,12 @@ class PathBuffer(Owner):
         return scan
 
     def any_paths(self) -> bool:
-        """Was any path alive in the last `scan_positions`? Waits for the device."""
+        """Return True if any path was alive in the last `scan_positions`. Waits for the device."""
         bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4)
         return bool(np.any(bounds[:, 0] <= -bounds[:, 2]))
 
     def scan_scene(self, scan: Scan, skipped_share: float = 0.0) -> None:
-        """ScanConvertScene [PB table 5]: the nearest surface beyond z0.
+        """Find the nearest surface beyond z0 of each path: ScanConvertScene [PB table 5].
 
         skipped_share : see `skips_near`
         """
@@ -389,7 +390,7 @@ class PathBuffer(Owner):
                 stage.streamed.run(uniforms, seen, instances=views)
 
     def _chunks_in_view(self, scan: Scan) -> NDArray[np.bool_]:
-        """Which chunks lie before or behind any cell of the views, as wide as a cell around them."""
+        """Return (N,) bool: True for chunks in front of or behind any cell of the views, plus a cell of margin."""
         assert self._stream is not None, "who streams"
         cells = np.array(self._view_cells(len(scan.frames)))
         bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4).astype(np.float64)
@@ -398,7 +399,7 @@ class PathBuffer(Owner):
         for view, (u, v) in enumerate(scan.frames):
             low, high = bounds[view, :2], -bounds[view, 2:]
             if not (low <= high).all():
-                continue  # no path looks there
+                continue  # no path uses this view
             margin = (high - low) / cells + 1e-5 * self.scene.radius
             planes = np.stack([u, v, -u, -v])
             offsets = np.concatenate([low - margin, -high - margin])
@@ -406,7 +407,7 @@ class PathBuffer(Owner):
         return seen
 
     def cast(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Hits:
-        """The nearest surface beyond each origin, exactly: what lost a collision is cast again.
+        """Return the exact nearest surface beyond each origin; rays that lost a collision are cast again.
 
         Parameters
         ----------
@@ -414,8 +415,8 @@ class PathBuffer(Owner):
         direction : (3,), need not be unit
         sign      : (N,) +1 to look along the direction (default), -1 against it
 
-        A surface nearer than about 2e-6 of the scene's diameter (or, for a steep one, than its depth over 1e-4 of a
-        cell) counts as the one that the ray starts on.
+        A surface nearer than about 2e-6 of the scene's diameter counts as the start surface of the ray. A steep
+        surface does so if it is nearer than its depth over 1e-4 of a cell.
 
         Example
         -------
@@ -445,7 +446,7 @@ class PathBuffer(Owner):
         return Hits(triangle, t)
 
     def blocked(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> NDArray[np.bool_]:
-        """(N,): whether there is any surface beyond each origin; as `cast`, of a buffer with `occlusion`."""
+        """Return (N,) bool: True if any surface lies beyond the origin; like `cast`, but with `occlusion`."""
         if not self.occlusion:
             raise UsageError(
                 "path-buffer: blocked is of a buffer that finds only whether anything is hit",
@@ -456,7 +457,10 @@ class PathBuffer(Owner):
     def _answers(
         self, start: NDArray[np.float64], d: NDArray[np.float64], sign: NDArray[np.float64]
     ) -> NDArray[np.int32]:
-        """(N,): the triangle of each ray, 0 for any with `occlusion`, PATH_MISSED; what lost is scanned again."""
+        """Return (N,) the triangle of each ray, 0 for any hit with `occlusion`, or PATH_MISSED.
+
+        Rays that lost a collision are scanned again.
+        """
         n = len(start)
         triangle = np.full(n, PATH_MISSED, np.int32)
         open_ = np.flatnonzero(sign)
@@ -479,9 +483,9 @@ class PathBuffer(Owner):
         return triangle
 
     def scan(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Cells:
-        """One scan of the same rays as in `cast`, to look at: what then lies in the buffer.
+        """Scan the rays of `cast` once, and return the contents of the buffer for inspection.
 
-        Rays that lost a collision in their cell are not in it.
+        Rays that lost a collision in their cell are missing.
         """
         if self.occlusion:
             raise UsageError(
@@ -520,7 +524,7 @@ class PathBuffer(Owner):
     def _rays(
         self, name: str, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Origins (N, 3), unit direction (3,), signs (N,). Raises UsageError."""
+        """Return checked origins (N, 3), unit direction (3,) and signs (N,). Raises UsageError."""
         start = np.asarray(origins, np.float64).reshape(-1, 3)
         n = len(start)
         columns, rows = self.paths
@@ -557,7 +561,7 @@ class PathBuffer(Owner):
 
 
 def _depth_of_level(level: NDArray[np.uint32], levels: int) -> NDArray[np.float32]:
-    """The inverse of scan_word.glsl: scene diameters."""
+    """Return depth in scene diameters, the inverse of scan_word.glsl."""
     first, last = np.array([DEPTH_BASE, 1.0 + DEPTH_BASE], np.float32).view(np.uint32).astype(np.int64)
     bits = first + (level.astype(np.float64) + 0.5) * ((last - first) / levels)
     depth: NDArray[np.float32] = bits.astype(np.uint32).view(np.float32) - np.float32(DEPTH_BASE)

@@ -1,16 +1,16 @@
-"""Shadow-buffers of punctual lights: what a light sees, looked up instead of shooting shadow rays [TB III].
+"""Shadow-buffers of punctual lights: visibility from a light, looked up instead of shooting shadow rays [TB III].
 
-They see in every direction: `SphereShadowBuffer` by the sphere of latitude and longitude of TB, `CubeShadowBuffer`
-by a cube, which has no poles to waste cells on. An entry is the nearest primitive along the ray of its cell, its t,
-and the plane that touches it there. Filled object by object: the cells in which an object can be seen are bounded
-(`light_bounds`), and each of these rays is intersected exactly, with what is nearer kept by the depth test. Looked
-up by `shadow/point_shadow.glsl`. A spot is a point light with a cone. A directional light has no such buffer: it
-has no point from which directions differ, and the orthographic one that it would need has no size in a
-scene with an endless ground; its shadows take rays.
+They cover every direction: `SphereShadowBuffer` by the sphere of latitude and longitude of TB, `CubeShadowBuffer`
+by a cube, which wastes no cells at poles. An entry is the nearest primitive along the ray of its cell, its t, and
+its tangent plane there. The buffer is filled object by object. The cells in which an object can be visible are
+bounded (`light_bounds`). Each of their rays is intersected exactly, and the depth test keeps the nearest hit.
+`shadow/point_shadow.glsl` looks the entries up. A spot is a point light with a cone. A directional light has no
+such buffer: it has no origin of directions, and an orthographic buffer has no finite size in a scene with an
+infinite ground. Its shadows take rays.
 
-Cost:     as many intersection tests as cells lie in objects' bounds; 20 bytes a cell. Nothing for a new view.
-Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame, as they are bounded
-          on the CPU; several lights over streamed triangles, each of which reads them all.
+Cost:     an intersection test for each cell in an object's bound; 20 bytes a cell. A new view costs nothing.
+Poor at:  shadows finer than a cell; more than some ten thousand objects that move each frame, because the CPU
+          bounds them; several lights over streamed triangles, each of which reads them all.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
 
-#: In the order of their numbers, see `DeviceScene`.
+#: Kinds of primitives in the order of their numbers, see `DeviceScene`.
 KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 _RECTANGLES_WIDTH = 4096
-#: Rectangles up to so many cells wide and high are drawn as points, where the device has such.
+#: Maximum width and height in cells of rectangles that are drawn as points, if the device has such points.
 _POINT = 8
-#: Of a chunk of streamed triangles so many are bounded at once, as each takes a kilobyte then.
+#: Number of streamed triangles that are bounded at once, because each takes a kilobyte meanwhile.
 _TRIANGLES = 4096
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
 class Entries(NamedTuple):
-    """The hits of the rays of a buffer's cells.
+    """Hits of the rays of a buffer's cells.
 
     primitive : (faces, rows, columns) int32, number of the primitive, -1 for none
     t         : (faces, rows, columns) float32, distance from the light, inf for none
@@ -67,23 +67,23 @@ class Entries(NamedTuple):
 
 
 class PointShadowBuffer(Owner, ABC):
-    """Depths seen from punctual lights in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
+    """Depths from punctual lights in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
 
-    All lights share one texture, a tile for each, so that a shader can loop over them.
+    All lights share one texture, with a tile for each, so that a shader can loop over them.
 
     Parameters
     ----------
     gl      : the context
-    objects : what throws shadows
+    objects : scene that casts shadows
     cells   : (columns, rows) of a face
     faces   : (columns, rows) of faces in a tile
-    lights  : how many lights there is room for
+    lights  : maximum number of lights
 
     Attributes
     ----------
-    objects            : may be replaced, by the same ones somewhere else say; then all lights have to be filled
-    textures           : for a program that includes point_shadow.glsl
-    intersection_tests : made by all fills so far
+    objects            : may be replaced, for example after objects moved; then all lights must be filled again
+    textures           : textures for a program that includes point_shadow.glsl
+    intersection_tests : number of tests of all fills so far
     """
 
     shape = ""
@@ -126,19 +126,19 @@ class PointShadowBuffer(Owner, ABC):
         self._positions.filter = _NEAREST
         self.textures = {"shadow_buffer": self._entries, "shadow_lights": self._positions}
         self._keys: list[tuple[object, ...] | None] = [None] * lights
-        self._spheres: tuple[str, Spheres] | None = None  # those around round objects, and of which geometry
+        self._spheres: tuple[str, Spheres] | None = None  # digest of the geometry, and its bounding spheres
         self.intersection_tests = 0
-        self._passes: list[Pass] = []  # of each kind: rectangles, and points
+        self._passes: list[Pass] = []  # for each kind: one for rectangles, one for points
         self._defines: dict[str, object] = {"SHADOW_CUBE": 1} if self.shape == "cube" else {}
         for kind in KINDS:
             self._passes += self._pair(kind, target, objects.defines)
         self._passes[0].clear = (0.0, 0.0, 0.0, 0.0)
-        self._of_chunks: list[Pass] = []  # of streamed triangles
+        self._of_chunks: list[Pass] = []  # for streamed triangles
         if objects.stream is not None:
             self._of_chunks = self._pair("triangle", target, of_chunks(objects.defines))
 
     def _pair(self, kind: str, target: moderngl.Framebuffer, defines: Mapping[str, object]) -> list[Pass]:
-        """The passes of a kind: of rectangles, and of points. defines: of the scene."""
+        """Return the two passes of a kind, for rectangles and points. defines: those of the scene."""
         program = load_program(
             self.gl,
             vertex="shadow/point_shadow_fill.vert",
@@ -176,7 +176,7 @@ class PointShadowBuffer(Owner, ABC):
     def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles: ...
 
     def _rectangles(self, light: Float64) -> list[CellRectangles]:
-        """Where the primitives of each kind can be seen from a light (3,)."""
+        """Return the cells in which primitives of each kind can be visible from a light (3,)."""
         scene, numbers = self.objects.scene, self.objects.numbering
         if self._spheres is None or self._spheres[0] != self.objects.geometry_digest:
             self._spheres = self.objects.geometry_digest, spheres_around(scene.spheres[numbers.spheres])
@@ -198,23 +198,23 @@ class PointShadowBuffer(Owner, ABC):
         return texture
 
     def key(self, light: int = 0) -> tuple[object, ...] | None:
-        """What the light's buffer was filled with; None before."""
+        """Return the key of the contents of a light's buffer; None before the first fill."""
         return self._keys[light]
 
     def forget(self) -> None:
-        """Fill every light's buffer anew the next time, whatever it holds: to time the filling."""
+        """Mark every light's buffer as unfilled, to measure the time of filling."""
         self._keys = [None] * len(self._keys)
 
     def fill(self, position: ArrayLike, light: int = 0) -> bool:
-        """Fill the buffer of a light at `position` (3,) [TB III.E], unless it holds just that.
+        """Fill the buffer of a light at `position` (3,) [TB III.E], unless its contents are current.
 
-        Returns whether it had to be filled.
+        Returns True if it was filled.
         """
         at = np.asarray(position, np.float64)
         key = (*at.tolist(), self.objects.geometry_digest)
         if self._keys[light] == key:
             return False
-        # The rays start where the device has the light.
+        # Rays start at the light's position on the device.
         at = at.astype(np.float32).astype(np.float64)
         column, row = light % self._across, light // self._across
         self._positions.write(np.array([*at, 0.0], np.float32).tobytes(), viewport=(column, row, 1, 1))
@@ -244,7 +244,7 @@ class PointShadowBuffer(Owner, ABC):
         textures: Mapping[str, moderngl.Texture],
         uniforms: Mapping[str, object],
     ) -> None:
-        """Shoot at primitives in the cells in which they can be seen; first: number of the first of them."""
+        """Shoot at primitives in the cells in which they can be visible. first: number of the first primitive."""
         self.intersection_tests += found.cells
         rows = np.empty((len(found.primitive), 4), np.uint32)
         rows[:, 0] = found.first[:, 0] | found.first[:, 1] << 16
@@ -260,7 +260,7 @@ class PointShadowBuffer(Owner, ABC):
                 stage.run({**uniforms, "as_points": stage.points})
 
     def _shoot_at_chunks(self, light: Float64, uniforms: Mapping[str, object]) -> None:
-        """Shoot at the streamed triangles, chunk after chunk [TB VI]. All of them: a light sees to all sides."""
+        """Shoot at all streamed triangles, chunk after chunk [TB VI], because a light covers all directions."""
         stream = self.objects.stream
         if stream is None:
             return
@@ -270,18 +270,18 @@ class PointShadowBuffer(Owner, ABC):
             for start in range(0, len(triangles), _TRIANGLES):
                 found = self._of_triangles(triangles[start : start + _TRIANGLES], light)
                 self._shoot(self._of_chunks, found, first + start, textures, {**uniforms, **own})
-            del triangles  # or it would be there while the next chunk is read
+            del triangles  # free it before the next chunk is read
 
     @property
     def uniforms(self) -> dict[str, object]:
-        """For a program that includes point_shadow.glsl."""
+        """Uniforms for a program that includes point_shadow.glsl."""
         return {
             "shadow_cells": (float(self.cells[0]), float(self.cells[1])),
             "shadow_tiles_across": self._across,
         }
 
     def defines(self, test: ShadowTest = "distance", taps: int = 1) -> dict[str, object]:
-        """For a program that includes point_shadow.glsl: a lookup's rule, and the cells across of its filter."""
+        """Return the defines of a program that includes point_shadow.glsl: test, and filter width in cells."""
         if not 1 <= taps <= min(MAX_TAPS, *self.cells):
             raise UsageError(
                 f"shadow filter of {taps} taps in a buffer of {self.cells[1]} x {self.cells[0]} cells; "
@@ -292,7 +292,7 @@ class PointShadowBuffer(Owner, ABC):
         return self._defines | chosen | ({"SHADOW_IDENTITY": 1} if test == "identity" else {})
 
     def read(self, light: int = 0) -> Entries:
-        """The entries of a light's buffer as arrays. Waits for the device."""
+        """Return the entries of a light's buffer as arrays. Waits for the device."""
         columns, rows = self.cells
         across, up = self.faces
         x, y = light % self._across * self.tile[0], light // self._across * self.tile[1]
@@ -316,11 +316,11 @@ class PointShadowBuffer(Owner, ABC):
         test: ShadowTest = "distance",
         taps: int = 1,
     ) -> NDArray[np.float32]:
-        """The share of a light that reaches points on surfaces, from arrays to arrays.
+        """Return the fraction of a light that reaches points on surfaces, from arrays to arrays.
 
-        positions : (N, 3) world
-        normals   : (N, 3) unit, of either side
-        objects   : (N,) the object (index of the shape) that each belongs to
+        positions : (N, 3) world space
+        normals   : (N, 3) unit, on either side
+        objects   : (N,) object of each point (index of the shape)
 
         Returns (N,) float32 in [0, 1].
         """
@@ -345,11 +345,11 @@ class PointShadowBuffer(Owner, ABC):
 
 
 class SphereShadowBuffer(PointShadowBuffer):
-    """The shadow-buffer of TB III.C: entries over latitude and longitude about world's z axis.
+    """Shadow-buffer of TB III.C: entries over latitude and longitude about the world's z axis.
 
-    rows, columns : of entries, each half a turn / rows high; TB uses 400 x 800
+    rows, columns : size in entries; each is pi / rows high; TB uses 400 x 800
 
-    Poor at:  directions near the poles, where many cells share little.
+    Poor at:  directions near the poles, where many cells cover a small solid angle.
     """
 
     shape = "sphere"
@@ -370,10 +370,10 @@ class SphereShadowBuffer(PointShadowBuffer):
 
 
 class CubeShadowBuffer(PointShadowBuffer):
-    """A shadow-buffer of six faces about the light, side x side entries each, along the world's axes.
+    """Shadow-buffer of six faces about the light, side x side entries each, along the world's axes.
 
-    Cells are equal steps of angle across a face, so all are of about one size, as the sphere's are only around its
-    equator. Needs 3/4 of the cells for the same largest one.
+    Cells are equal steps of angle across a face, so all have about the same size; the sphere's cells do so only
+    around its equator. It needs 3/4 of the cells for the same maximum cell size.
     """
 
     shape = "cube"

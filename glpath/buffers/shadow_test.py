@@ -1,11 +1,12 @@
-"""How a shadow-buffer is looked up, as words and numbers alone: for modules that only handle options."""
+"""Options of shadow-buffer look-ups as words and numbers, for modules that only handle options."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-#: "distance" meets the tangent plane of what was seen; "identity", the paper's, asks for the same object [TB III].
+#: Shadow test: "distance" intersects the tangent plane of the entry; "identity", the paper's, compares objects [TB
+#: III].
 ShadowTest = Literal["distance", "identity"]
 
-#: Cells across that a filtered lookup may ask, at most.
+#: Maximum width of a filtered look-up, in cells.
 MAX_TAPS = 15

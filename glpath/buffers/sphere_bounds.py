@@ -1,4 +1,4 @@
-"""Cells of a sphere-buffer: rectangles of latitude and longitude; see `light_bounds`."""
+"""Cells of a sphere-buffer as rectangles of latitude and longitude; see `light_bounds`."""
 
 from __future__ import annotations
 
@@ -33,16 +33,17 @@ def _ranges_to_cells(
     primitive: Int64,
     cells: Int64,
 ) -> int:
-    """Each range of angles' number, and its first column and row and its last ones; none is empty.
+    """Fill the primitive and the cells of each nonempty range of angles; return the number of ranges.
 
-    Longitudes may be up to a turn wide and anywhere; what reaches over the seam is split, its second part last.
-    Fills primitive (2 N,) and cells (2 N, 4), and returns how many there are.
+    Cells are the first column and row and the last column and row. Longitudes may be up to a turn wide and
+    anywhere; a range over the seam is split, with its second part last. Arrays are primitive (2 N,) and cells (2 N,
+    4).
     """
     count = len(south)
     found = 0
     for part in range(2):
         for i in range(count):
-            # A margin of longitude is wider than one of latitude towards the poles.
+            # Towards the poles, a margin of longitude is wider than one of latitude.
             nearest_pole = min(max(abs(south[i]), abs(north[i])), np.pi / 2)
             margin = MARGIN / max(np.cos(nearest_pole), MARGIN)
             row_first = max(int(np.ceil(((south[i] - MARGIN) / np.pi + 0.5) * rows - 0.5)), 0)
@@ -78,7 +79,7 @@ def _latitude_longitude(
 
 @kernel
 def _cap_ranges(axis: Float64, angle: Float64, latitude: Float64, middle: Float64, half: Float64) -> None:
-    """Fill of each cap the latitude and longitude of its axis, and by how much its longitudes differ from that."""
+    """Fill the latitude and longitude of each cap's axis, and half of its range of longitudes."""
     for i in range(len(angle)):
         x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
         level = np.sqrt(x * x + y * y)
@@ -91,7 +92,7 @@ def _cap_ranges(axis: Float64, angle: Float64, latitude: Float64, middle: Float6
 
 
 def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectangles:
-    """The cells of a sphere-buffer whose rays lie in each cap."""
+    """Return the cells of a sphere-buffer whose rays lie in each cap."""
     axis, angle = caps
     latitude, middle, half = (np.empty(len(angle)) for _ in range(3))
     _cap_ranges(axis, angle, latitude, middle, half)
@@ -100,16 +101,19 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
     rectangles = _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)
 
     def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """A row is inside where the cosine of its longitude less the cap's is large enough."""
+        """Return the first and last column inside the cap, along a row.
+
+        A column is inside if the cosine of its longitude minus the cap's is large enough.
+        """
         i = rectangles.primitive[which]
         theta = ((row + 0.5) / rows - 0.5) * np.pi
-        # The margin in the cosine is a margin of angle, and of its square where the sine is small.
+        # The margin is one of angle; for a small sine, the cosine changes by its square.
         min_cosine = np.cos(angle[i]) - MARGIN * np.sin(angle[i]) - MARGIN**2 - np.sin(theta) * np.sin(latitude[i])
         width = np.arccos(np.clip(min_cosine / np.maximum(np.cos(theta) * np.cos(latitude[i]), TINY), -1.0, 1.0))
         width = np.where(angle[i] < np.pi / 2, width + MARGIN, np.inf)
         range_middle = (rectangles.first[which, 0] + rectangles.last[which, 0] + 1) * np.pi / columns
         at = middle[i] + 2 * np.pi * np.round((range_middle - middle[i]) / (2 * np.pi))
-        # Where the range meets the arc at both its ends, all of it stays.
+        # If the range overlaps the arc at both its ends, all of the range is kept.
         extent = (rectangles.last[which, 0] - rectangles.first[which, 0] + 1) * np.pi / columns
         width = np.where(np.abs(at - range_middle) + width + extent < 2 * np.pi, width, np.inf)
         return (at - width) / (2 * np.pi) * columns - 0.5, (at + width) / (2 * np.pi) * columns - 0.5
@@ -118,7 +122,7 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
 
 
 def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int, columns: int) -> CellRectangles:
-    """The cells of a sphere-buffer whose rays can meet each triangle of (T, 3, 3)."""
+    """Return the cells of a sphere-buffer whose rays can hit each triangle of (T, 3, 3)."""
     if not len(triangles):
         return NOTHING
     d = triangles - light
@@ -128,7 +132,8 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     latitude = np.arctan2(d[:, :, 2], np.hypot(d[:, :, 0], d[:, :, 1]))
     south, north = latitude.min(axis=1), latitude.max(axis=1)
     following = np.roll(d, -1, axis=1)
-    # The arc between two corners bulges to the latitude of its great circle's highest point, where that lies on it.
+    # The arc between two corners bulges to the latitude of its great circle's highest point, if that lies on the
+    # arc.
     normal = np.cross(d, following)
     size = np.linalg.norm(normal, axis=2)
     unit = normal / np.maximum(size, TINY)[:, :, None]
@@ -141,15 +146,15 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     north = np.maximum(north, np.where((from_here > slack) & (from_next > slack), top, -np.pi / 2).max(axis=1))
     south = np.minimum(south, np.where((from_here < -slack) & (from_next < -slack), -top, np.pi / 2).min(axis=1))
 
-    # Longitudes run in one direction along an arc, and less than half a turn. Around the triangle they come back
-    # to where they began, unless a pole is inside.
+    # Longitudes change monotonically along an arc, by less than half a turn. Around the triangle they return to the
+    # start, unless a pole is inside.
     phi = np.arctan2(d[:, :, 1], d[:, :, 0])
     step = np.roll(phi, -1, axis=1) - phi
     step -= 2 * np.pi * np.round(step / (2 * np.pi))
     around = np.abs(step.sum(axis=1)) > 1.0
     walk = np.stack([np.zeros(len(phi)), step[:, 0], step[:, 0] + step[:, 1]], axis=1)
     west, east = phi[:, 0] + walk.min(axis=1), phi[:, 0] + walk.max(axis=1)
-    # Close to a pole, or to the light in the triangle's own plane, the direction of an arc is uncertain.
+    # Close to a pole, or if the light is close to the triangle's plane, the direction of an arc is uncertain.
     unsure = np.any(np.abs(step) > np.pi - 1e-4, axis=1) | np.any(length < 1e-9 * scale[:, None], axis=1)
     unsure |= np.any(np.hypot(d[:, :, 0], d[:, :, 1]) < MARGIN, axis=1)
     volume = np.einsum("ij,ij->i", normal[:, 0], d[:, 2])
@@ -164,7 +169,10 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     planes = edge_planes(triangles - light)
 
     def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Each edge's plane cuts an arc out of the row. One that the range meets at both its ends is left out."""
+        """Return the first and last column inside the triangle, along a row.
+
+        Each edge's plane gives an arc of the row. An arc that overlaps the range at both ends is ignored.
+        """
         low = (rectangles.first[which, 0] + 0.5) / columns * 2 * np.pi
         high = (rectangles.last[which, 0] + 0.5) / columns * 2 * np.pi
         begin, end = np.full(len(which), -np.inf), np.full(len(which), np.inf)
@@ -187,7 +195,7 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
 def sphere_rectangles_of_planes(
     world_from_plane: Float64, light: Float64, rows: int, columns: int
 ) -> CellRectangles:
-    """The cells of a sphere-buffer whose rays meet each plane of (P, 3, 4)."""
+    """Return the cells of a sphere-buffer whose rays hit each plane of (P, 3, 4)."""
     parts = [NOTHING]
     theta = ((np.arange(rows) + 0.5) / rows - 0.5) * np.pi
     for index, n in enumerate(towards(world_from_plane, light)):

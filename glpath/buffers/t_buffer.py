@@ -1,17 +1,18 @@
 """Primary visibility, as (object, t) for every pixel: by the classical algorithm, and by the T-buffer [TB II].
 
-Both shoot the ray through every pixel with the same routines (`scene/object_intersect.glsl`), so they hold the
-same bits; they differ in which rays they shoot. The T-buffer takes object by object and shoots the rays that may
-hit it: those of the pixels in a conservative projection. Two methods find the pixels of an object:
+Both shoot the ray through every pixel with the same routines (`scene/object_intersect.glsl`), so their results are
+bit-identical; they differ in the rays that they shoot. The T-buffer takes object by object and shoots the rays that
+may hit it: those of the pixels in a conservative projection. Two methods find the pixels of an object:
 
-- *Drawn*: the rasteriser finds the pixels, the depth test is the rule t' < t. A round sphere is a point of so many
-  pixels, a large one several: where vertices are the cost, as in llvmpipe, one does for six.
-- *Small*: an object of few pixels is one invocation of a compute shader that goes through them. Setting up a
-  triangle costs a rasteriser as much as many rays, in Mesa's llvmpipe in one thread; a million small triangles are
-  six times as fast so.
+- *Drawn*: the rasteriser finds the pixels, and the depth test implements t' < t. A round sphere is a point of
+  several pixels, a large one several points. If vertices dominate the cost, as in llvmpipe, one vertex replaces
+  six.
+- *Small*: one invocation of a compute shader loops over an object's few pixels. Setting up a triangle costs a
+  rasteriser as much as many rays, in Mesa's llvmpipe in one thread. A million small triangles are six times as fast
+  with this method.
 
-Streamed triangles come after all others, chunk after chunk, into the same buffer: an object is needed only while
-rays are shot at it, so a scene need not fit into memory [TB VI].
+Streamed triangles follow all others, chunk after chunk, into the same buffers. An object is needed only while rays
+are shot at it, so a scene need not fit into memory [TB VI].
 
 Source of the second: Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
 """
@@ -41,15 +42,15 @@ from glpath.scene.model import Camera
 Uniforms = Mapping[str, object]
 
 
-# From this many primitives on, small ones are taken by the compute shader; it costs a few passes over all pixels.
+# Number of primitives from which the compute shader takes the small ones; it costs a few passes over all pixels.
 SPLIT_FROM = 32768
 
-_GROUP = 64  # of t_buffer_small.comp
+_GROUP = 64  # group size of t_buffer_small.comp
 _WIDEST = 1 << 15  # groups across, below every device's limit
-# Pixels along a point: larger ones would shoot at more pixels only to leave them out; on a device that does not
-# draw points of a few pixels, rectangles cost less.
+# Maximum and minimum point size in pixels. Larger points would shoot at more pixels only to discard them. On a
+# device whose points are smaller than the minimum, rectangles cost less.
 _SQUARE, _SMALLEST_SQUARE = 32, 8
-# The states of a small primitive's number in its pixel; the smaller, the surer.
+# GLSL constants for the reliability of a small primitive's number in its pixel; smaller values are more reliable.
 _SURENESS = """
 #define GROUP {group}
 const uint NUMBER = 0x3fffffffu;
@@ -58,22 +59,22 @@ const uint NEARLY_EXACT = 0x40000000u;  // as nearly as programs agree
 const uint HIT = 0x80000000u;           // the ray meets it
 const uint NOTHING = 0xffffffffu;
 """
-_SQUARES_WIDTH = 1024  # texels, of the table
+_SQUARES_WIDTH = 1024  # texels in a row of the table
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
 class EyeBuffer(Owner, ABC):
-    """(object, t) for every pixel of a window.
+    """Buffer of (object, t) for every pixel of a window.
 
     Parameters
     ----------
     size        : (width, height) of the window, pixels
-    count_tests : count intersection tests, exactly; slower
+    count_tests : True to count intersection tests exactly; slower
 
     Attributes
     ----------
     texture : RG32UI, row 0 at the bottom: number of the nearest primitive + 1, 0 for none; bits of its t, scene
-              units. Of primitives at the same t it is the one with the lowest number
+              units. At equal t the lowest number wins
     """
 
     def __init__(
@@ -91,10 +92,10 @@ class EyeBuffer(Owner, ABC):
 
     @abstractmethod
     def fill(self, eye: Uniforms) -> None:
-        """Find what every ray meets first; `eye` comes from `gl.camera.eye_uniforms`."""
+        """Find the first hit of every ray; `eye` comes from `gl.camera.eye_uniforms`."""
 
     def fill_from(self, camera: Camera) -> None:
-        """Find what the rays through the middles of a camera's pixels meet first; as many pixels as the window."""
+        """Find the first hits of rays through a camera's pixel centres; its resolution is the window's size."""
         if camera.resolution != self.size:
             raise UsageError(
                 f"buffer of {self.size[0]} x {self.size[1]} pixels: a camera of "
@@ -104,14 +105,14 @@ class EyeBuffer(Owner, ABC):
         self.fill(eye_uniforms(camera))
 
     def read(self) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """(h, w) int32 primitive, -1 for none, and (h, w) float32 t, inf for none; row 0 at the top."""
+        """Return (h, w) int32 primitive, -1 for none, and (h, w) float32 t, inf for none; row 0 at the top."""
         width, height = self.size
         found = np.frombuffer(self.texture.read(), np.uint32).reshape(height, width, 2)[::-1]
         primitive = found[..., 0].astype(np.int32) - 1
         return primitive, np.where(primitive < 0, np.float32(np.inf), found[..., 1].view(np.float32))
 
     def take_tests(self) -> int:
-        """Intersection tests since the last call: pairs of a ray and a primitive."""
+        """Return the number of intersection tests (ray-primitive pairs) since the last call."""
         if self._tests is None:
             return 0
         self.gl.memory_barrier()
@@ -134,7 +135,10 @@ class EyeBuffer(Owner, ABC):
         compute: str = "",
         streamed: bool = False,
     ) -> Program:
-        """streamed: of what the scene's texture of floats has a chunk of streamed triangles for."""
+        """Load a program.
+
+        streamed : True if the scene's float texture holds a chunk of streamed triangles
+        """
         scene = of_chunks(self._defines) if streamed else self._defines
         return load_program(
             self.gl,
@@ -176,24 +180,24 @@ class ClassicEye(EyeBuffer):
         count, width, height = self.objects.count, *self.size
         share = max(1, passes.TESTS_PER_DRAW // (width * height))
         for begin in range(0, max(count, 1), share):
-            # In order, so that of equal t the lowest number stays.
+            # In order, so that at equal t the lowest number wins.
             self._pass.clear = (0.0, 0.0, 0.0, 0.0) if begin == 0 else None
             self._pass.run(uniforms | {"begin": begin, "end": min(begin + share, count)})
             if share < count:
-                self.gl.finish()  # a watchdog counts what a device was given at once
+                self.gl.finish()  # a watchdog counts all queued work as one task
 
 
 class TBuffer(EyeBuffer):
-    """The T-buffer: every primitive against the rays that may hit it [TB II].
+    """T-buffer: every primitive against the rays that may hit it [TB II].
 
     Parameters
     ----------
-    split_from : with at least so many primitives, small ones are taken by the compute shader
-    records    : where the streamed triangles that pixels see are kept, see `GeometryStream.records`
+    split_from : number of primitives from which the compute shader takes the small ones
+    records    : table for the streamed triangles that pixels see, see `GeometryStream.records`
 
-    Cost:     the pixels that primitives cover, one above the other; about 0.1 µs a small primitive in llvmpipe.
-    Poor at:  many large primitives behind each other. One that reaches through the plane of the eye within the view
-              is shot at by every pixel.
+    Cost:     the pixels that primitives cover, including hidden ones; about 0.1 µs a small primitive in llvmpipe.
+    Poor at:  many large primitives behind each other. A primitive that crosses the plane of the eye within the view
+              takes a test in every pixel.
     """
 
     def __init__(
@@ -255,7 +259,7 @@ class TBuffer(EyeBuffer):
             self._small.shoot(uniforms)
         if self._squares:
             self._squares.bound(eye)
-            spheres = self._draws[0][0]  # they have the first numbers
+            spheres = self._draws[0][0]  # spheres have the first numbers
             spheres.vertices = self._squares.count
             spheres.textures = self.objects.textures | {"squares": self._squares.texture}
             uniforms["square_side"] = self._squares.side
@@ -270,26 +274,26 @@ class TBuffer(EyeBuffer):
 
 
 class _Squares:
-    """Round spheres as squares of pixels, in the order of their numbers, so that of equal t the lowest stays.
+    """Round spheres as squares of pixels, in the order of their numbers, so that at equal t the lowest wins.
 
-    How many squares cover a sphere is bounded here, generously; where they lie, and whether there is anything in
-    them, the vertex shader finds.
+    The number of squares that cover a sphere is bounded here, generously. The vertex shader finds their positions,
+    and discards empty ones.
 
     texture : RG32UI, see t_buffer.vert
-    count   : of squares
-    side    : of the largest, pixels
+    count   : number of squares
+    side    : side of the largest square, pixels
     """
 
     def __init__(self, objects: DeviceScene, size: tuple[int, int]) -> None:
         scene, numbers = objects.scene, objects.numbering
-        # As the device has them, so that rounding cannot part the two bounds.
+        # Rounded as on the device, so that rounding cannot separate the two bounds.
         spheres = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]].astype(np.float32).astype(np.float64)
         self._parallel = scene.camera.projection == "orthographic"
         self._centres = spheres[:, :, 3]
         self._radii = np.linalg.norm(spheres[:, :, 0], axis=1)
         self._gl = objects.gl
         self._size = size
-        # A point is clipped by its centre: with squares no wider than the window each has a centre inside it.
+        # A point is clipped by its centre; if squares are no wider than the window, each has its centre inside.
         self.side = min(_SQUARE, largest_point(objects.gl), *size)
         self.count = 0
         self.texture = self._table(len(spheres))
@@ -300,7 +304,7 @@ class _Squares:
         return texture
 
     def bound(self, eye: Uniforms) -> None:
-        """Cover the spheres as this camera sees them."""
+        """Cover the spheres with squares for this camera."""
         position, forward = (
             np.asarray(eye[key], np.float32).astype(float) for key in ("eye_position", "eye_forward")
         )
@@ -310,7 +314,7 @@ class _Squares:
         tangent = np.sqrt(np.maximum(np.einsum("ij,ij->i", to_centre, to_centre) - radius**2, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
             extent = 2.0 * focal * radius * tangent / square
-        # The image of a sphere that nears the plane of the eye has no bounds.
+        # The image of a sphere near the plane of the eye is unbounded.
         bounded = depth > 1.01 * radius
         if self._parallel:
             extent, bounded = 2.0 * focal * radius, np.ones(len(radius), np.bool_)
@@ -332,11 +336,11 @@ class _Squares:
 
 
 class _LargePrimitives:
-    """Draws the primitives of one kind, in the order of their numbers.
+    """Data to draw the large primitives of one kind, in the order of their numbers.
 
-    marks    : a bit of each primitive
-    elements : the vertices of those that are marked, for t_buffer.vert, which may read no storage buffer
-    command  : that draws them
+    marks    : a bit for each primitive
+    elements : vertices of the marked primitives, for t_buffer.vert, which may read no storage buffer
+    command  : indirect command that draws them
     """
 
     def __init__(self, gl: moderngl.Context, count: int, vertices: int) -> None:
@@ -347,11 +351,11 @@ class _LargePrimitives:
 
 
 class _SmallKind:
-    """The compute shader's part of one kind of primitives: shoots at the small ones, and lists the others.
+    """Compute shader's part of one kind of primitives: it shoots at the small ones, and lists the others.
 
-    count    : so many at most
-    words    : of all pixels, min t and lowest number
-    streamed : the triangles of a chunk, whose texture is among `textures` then
+    count    : maximum number of primitives
+    words    : minimum t and lowest number of all pixels
+    streamed : True for triangles of a chunk, whose texture is then among `textures`
     """
 
     def __init__(
@@ -382,13 +386,13 @@ class _SmallKind:
         )
 
     def find_min_t(self, uniforms: Uniforms, numbers: range) -> None:
-        """Find the least t of each pixel, and list the large ones."""
+        """Find the minimum t of each pixel, and list the large primitives."""
         self._run(self._first, uniforms, numbers)
         words = -(-len(numbers) // 32)
         self._lister.run(dict(uniforms) | {"words": words, "vertices": self.large.vertices}, (1, 1))
 
     def find_number(self, uniforms: Uniforms, numbers: range) -> None:
-        """Find the lowest number of those that have it."""
+        """Find the lowest number among the primitives with the minimum t."""
         self._run(self._second, uniforms, numbers)
 
     def _run(self, stage: Dispatch, uniforms: Uniforms, numbers: range) -> None:
@@ -398,10 +402,10 @@ class _SmallKind:
 
 
 class _SmallPrimitives:
-    """The compute shader's part of a T-buffer.
+    """Compute shader's part of a T-buffer.
 
-    words : of all pixels, the least t so far, and the lowest number of those that have it
-    kinds : what shoots at the small ones of each kind
+    words : minimum t so far of all pixels, and the lowest number among the primitives with that t
+    kinds : stages for the small primitives of each kind
     """
 
     def __init__(self, buffer: TBuffer, drawn: moderngl.Texture) -> None:
@@ -426,7 +430,7 @@ class _SmallPrimitives:
         )
 
     def shoot(self, uniforms: Uniforms) -> None:
-        """Shoot at the small ones, and list the others."""
+        """Shoot at the small primitives, and list the others."""
         for words in self.words:
             self._gl.copy_buffer(words, self._empty)
         for kind, numbers in self._numbers.items():
@@ -435,16 +439,16 @@ class _SmallPrimitives:
             self.kinds[kind].find_number(uniforms, numbers)
 
     def merge(self, uniforms: Uniforms) -> None:
-        """Into the buffer's texture: the nearer of what was drawn and the small ones."""
+        """Merge the drawn and the small primitives into the buffer's texture by distance."""
         self._merge.run(uniforms)
 
 
 class _StreamedTriangles:
-    """The streamed triangles' part of a T-buffer: chunk after chunk, after all resident primitives [TB VI].
+    """Streamed triangles' part of a T-buffer: chunk after chunk, after all resident primitives [TB VI].
 
-    target  : of what is drawn
-    small   : the compute shader's part; None where all are drawn
-    records : where the triangles that pixels see are kept; None for nowhere
+    target  : framebuffer of the draws
+    small   : compute shader's part; None if all primitives are drawn
+    records : table for the triangles that pixels see; None for no records
     """
 
     def __init__(
@@ -486,8 +490,7 @@ class _StreamedTriangles:
             self._record = RecordPass("t-buffer", stream, parts, Kept(records, buffer.texture))
 
     def run(self, uniforms: Uniforms, eye: Uniforms) -> None:
-        """Take those chunks that the view may see, in the order of their numbers, so that of equal t the lowest
-        stays."""
+        """Draw the chunks that may be visible, in the order of their numbers, so the lowest wins at equal t."""
         normals, offsets = view_volume(self._camera, dict(eye))
         seen = before_planes(self._stream.lower, self._stream.upper, normals, offsets)
         for index, texture, own in self._stream.on_device(seen):

@@ -1,4 +1,4 @@
-"""All that knows moderngl: the context, programs, passes and what a scene is on the GPU."""
+"""OpenGL layer: the context, programs, passes and scenes on the device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What boxes and items of a BVH for rays of paths are made of, compiled or not: see `glpath.gl.ray_bvh`."""
+"""Quantised boxes and triangle flags of the BVH for rays of paths, compiled or not: see `glpath.gl.ray_bvh`."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from glpath.scene.model import Scene
 
-#: Of an item: a triangle has an opacity; one is a thin dielectric.
+#: Flags of an item: one of its triangles has an opacity; one of its triangles is a thin dielectric.
 ITEM_ALPHA, ITEM_THIN_DIELECTRIC = 1, 2
 _STEPS = 65535
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The boxes' own space: origin and step (3,); boxes are so many steps larger than they are, for rounding."""
+    """Quantisation grid of boxes: origin and step (3,), and the steps (3,) that boxes are padded by against
+    rounding."""
 
     lower: NDArray[np.float64]
     step: NDArray[np.float64]
@@ -24,23 +25,23 @@ class Grid:
 
     @classmethod
     def around(cls, lower: NDArray[np.float64], upper: NDArray[np.float64], far: float) -> Grid:
-        """The grid of a box between corners (3,). far: how large coordinates of a ray's start may be."""
+        """Return the grid over a box between two corners (3,). far: maximum coordinate of a ray's start."""
         far = max(far, 1e-30)
         extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
-        # A ray's start is a float, which far from the origin is worth more than a step.
+        # A ray's start is a 32-bit float; far from the origin, its rounding error exceeds a step.
         pad = 1.0 + np.minimum(np.ceil(4 * 2.0**-24 * far * _STEPS / extent), _STEPS // 8)
         step = extent / (_STEPS - 2 * pad - 2)
         return cls(lower - (pad + 1) * step, step, pad)
 
     def steps(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.uint32]:
-        """(M, 3) boxes, rounded outwards: the lower corner in the low 16 bits, the upper in the high ones."""
+        """Return (M, 3) boxes rounded outwards: lower corners in the low 16 bits, upper ones in the high bits."""
         low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
         high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
         return np.asarray(low | high << np.uint32(16))
 
 
 def triangle_flags(scene: Scene) -> NDArray[np.uint8]:
-    """(T,): of what lets light through."""
+    """Return (T,) flags of the triangles: ITEM_ALPHA and ITEM_THIN_DIELECTRIC."""
     materials = [scene.materials[shape.material] for shape in scene.shapes]
     of_shape = [ITEM_ALPHA * m.lets_light_through + ITEM_THIN_DIELECTRIC * m.is_thin_dielectric for m in materials]
     return np.array(of_shape, np.uint8)[scene.triangle_shape]

@@ -1,4 +1,4 @@
-"""The camera as the uniforms of `shaders/camera/camera.glsl`."""
+"""Uniforms and defines of a camera, for `shaders/camera/camera.glsl`."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from glpath.sampling.points import concentric_disk
 from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
-# Distance, in a scene's radii, of a distant camera: there 32 bits resolve 1e-6 of the radius.
+# Distance beyond which a camera counts as distant, in scene radii: there 32-bit floats resolve 1e-6 of the radius.
 _DISTANT = 16.0
 
 
 def camera_defines(camera: Camera, own_lens: bool = False) -> dict[str, object]:
-    """The defines of the camera's kind for programs that include camera.glsl; none of a pinhole.
+    """Return the defines of the camera's kind for programs that include camera.glsl; a pinhole needs none.
 
-    own_lens : each pixel has a point of the lens of its own (`lens_uniforms`); else all rays of a path set go
-               through one, which makes the lens a pinhole beside its middle
+    own_lens : True if each pixel has its own lens point (`lens_uniforms`); False if all rays of a path set pass
+               through one lens point, as through a shifted pinhole
     """
     defines: dict[str, object] = {}
     if camera.projection != "perspective":
@@ -36,13 +36,13 @@ def eye_uniforms(
     lens: ArrayLike | None = None,
     ahead: float = 0.0,
 ) -> dict[str, object]:
-    """The uniforms for rays through a window of the image.
+    """Return the uniforms for rays through a window of the image.
 
-    window : (x, y, width, height) in pixels of the whole image, y from the top; None: all of it
+    window : (x, y, width, height) in pixels of the whole image, y from the top; None: the whole image
     pixel  : position in each pixel, x to the right and y down, each in [0, 1)
-    lens   : (2,) in [0, 1), the point of a lens that all rays go through; None: its middle
-    ahead  : how far ahead of the eye, along the view, the rays start, see `ahead_of`; not for a panorama, nor
-             where all rays start at one point
+    lens   : (2,) in [0, 1), the lens point that all rays pass through; None: the lens centre
+    ahead  : distance by which the rays start ahead of the eye, along the view direction; see `ahead_of`. Must be 0
+             for a panorama and for rays that all start at one point
     """
     width, height = camera.resolution
     x, y, w, h = window or (0, 0, width, height)
@@ -51,7 +51,7 @@ def eye_uniforms(
     centre = np.array(eye_centre(camera, pixel))
     focal = np.array(camera.focal_lengths)
     if lens is not None and camera.aperture_radius > 0:
-        # Points in focus stay where they are: a pinhole whose image is shifted.
+        # Points in focus stay at their image position: the lens point acts as a pinhole with a shifted image.
         beside = camera.aperture_radius * concentric_disk(np.asarray(lens, np.float64))
         position = position + beside[0] * right + beside[1] * up
         centre = centre + focal / camera.focus * beside
@@ -70,9 +70,10 @@ def eye_uniforms(
 
 
 def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
-    """How far ahead of a camera rays start that look for what is in a sphere: 0, unless it is far away.
+    """Return how far ahead of a camera the rays towards objects in a sphere start: 0, unless the camera is distant.
 
-    Far hits have the rounding of the distance, which in 32 bits is more than scans allow.
+    Hits far from the start inherit the rounding error of the distance, which in 32 bits is more than scans
+    tolerate.
     """
     to_centre = centre - camera.position
     if camera.projection == "panorama" or not np.linalg.norm(to_centre) > _DISTANT * radius:
@@ -81,17 +82,17 @@ def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
 
 
 def eye_centre(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
-    """The uniform that changes with the position in each pixel."""
+    """Return the value of `eye_centre`, the uniform that depends on the position in each pixel."""
     across, down = camera.centre
     return across + 0.5 - pixel[0], camera.resolution[1] - down - 0.5 + pixel[1]
 
 
 def of_every_second(eye: dict[str, Any], offset: tuple[int, int], size: tuple[int, int]) -> dict[str, Any]:
-    """The uniforms for rays through every second pixel of a window, across and up.
+    """Return the uniforms for rays through every second pixel of a window, across and up.
 
-    eye    : those of all of its pixels
-    offset : of the first, to the right and up
-    size   : how many there are, across and up
+    eye    : uniforms for all pixels of the window
+    offset : offset of the first pixel, to the right and up
+    size   : number of selected pixels, across and up
     """
     centre = tuple(
         (of_image - corner - first + 0.5) / 2.0
@@ -108,18 +109,20 @@ def of_every_second(eye: dict[str, Any], offset: tuple[int, int], size: tuple[in
 
 
 def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, object]:
-    """The uniforms for rays with a lens point each.
+    """Return the uniforms for rays with one lens point each.
 
-    lens : (2,) in [0, 1), the path set's; each pixel shifts it by numbers that follow from the seed, 32 bits
+    lens : (2,) in [0, 1), lens point of the path set; each pixel shifts it by numbers derived from the 32-bit seed
     """
     u, v = (int(x * 2.0**32) for x in np.asarray(lens, np.float64))
     return {"lens_point": (u, v), "lens_seed": seed, "lens": (camera.aperture_radius, 1.0 / camera.focus)}
 
 
 def view_volume(camera: Camera, eye: dict[str, Any]) -> tuple[Float64, Float64]:
-    """Normals (P, 3) and offsets (P,) of the planes around what a window sees: normal . x > offset within.
+    """Return normals (P, 3) and offsets (P,) of the planes of a window's view volume.
 
-    eye : the uniforms. A pixel wider on each side than the window, for the rounding of the device.
+    Points inside have normal . x > offset for all planes.
+
+    eye : uniforms of the window. The volume is one pixel wider on each side than the window, for device rounding.
     """
     right, up, forward, position = (
         np.array(eye[name], np.float64) for name in ("eye_right", "eye_up", "eye_forward", "eye_position")

@@ -1,7 +1,7 @@
-"""Clearing of targets that hold integers.
+"""Clearing of framebuffers with integer attachments.
 
 moderngl clears by glClear, whose result is undefined for integers (GL 4.3, 17.4.3); glClearBuffer is defined for
-all.
+all formats.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ _COLOR, _DEPTH = 0x1800, 0x1801
 
 
 def holds_integers(target: moderngl.Framebuffer) -> bool:
-    """Whether its first attachment is one of integers."""
+    """Return True if the first colour attachment has an integer format."""
     attachments = target.color_attachments
     return bool(attachments) and attachments[0].dtype[0] in "iu"
 
 
 def clear_integers(target: moderngl.Framebuffer, area: tuple[int, int, int, int]) -> None:
-    """Set all colours of an area (x, y, width, height) to 0 and its depth to 1. The target is bound afterwards."""
+    """Set all colours of an area (x, y, width, height) to 0 and its depth to 1. Leaves the target bound."""
     context = context_of(target.ctx)
     unsigned = context.function("glClearBufferuiv", ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_uint))
     floats = context.function("glClearBufferfv", ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_float))

@@ -1,4 +1,4 @@
-"""Which lines of a shader the preprocessor will keep, as far as #ifdef, #ifndef and defined() say."""
+"""Evaluation of #ifdef, #ifndef and defined() in shaders, to find the lines that the preprocessor will keep."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ _DEFINED = re.compile(r"(?P<negated>!\s*)?defined\s*\(?\s*(?P<name>\w+)\s*\)?\s*
 
 
 class Conditions:
-    """Follows a shader line by line. Lines of an #if that asks for more than `defined` may be kept.
+    """State of a shader's conditions, followed line by line. Lines under other kinds of #if count as kept.
 
     defined : names that are defined before the first line
     """
 
     def __init__(self, defined: Iterable[str]) -> None:
         self._names = set(defined)
-        # For each condition around the line: whether its present branch is kept, and whether any so far was.
-        # None: not known.
+        # For each enclosing condition: True if the current branch is kept, and True if any branch so far was kept.
+        # None: unknown.
         self._branches: list[tuple[bool | None, bool | None]] = []
 
     @property
     def kept(self) -> bool:
-        """Whether the line that was looked at last may be kept."""
+        """True if the line followed last may be kept."""
         return all(branch is not False for branch, _ in self._branches)
 
     def follow(self, line: str) -> None:
@@ -47,7 +47,7 @@ class Conditions:
             self._names.add(re.split(r"\W", rest, maxsplit=1)[0])
 
     def _value(self, expression: str) -> bool | None:
-        """The value of terms `defined(NAME)` with !, && and ||; None for all else."""
+        """Return the value of terms `defined(NAME)` with !, && and ||; None for any other expression."""
         either: bool | None = False
         for part in expression.split("||"):
             every: bool | None = True

@@ -1,4 +1,4 @@
-"""Numbers that Python and GLSL share, declared here; every program has them by `#include <CONSTANTS>`."""
+"""Constants that Python and GLSL share, declared here; every program gets them by `#include <CONSTANTS>`."""
 
 from __future__ import annotations
 
@@ -9,37 +9,38 @@ import numpy as np
 from glpath.scene.material import SMOOTH as SMOOTH
 from glpath.scene.profile import ANGLE_ROUNDING as ANGLE_ROUNDING_DEGREES
 
-#: Depth behind everything.
+#: Depth beyond all geometry.
 INFINITE_DEPTH = 1e30
-#: Bits of the least float that is not denormal: integers from here on are floats of the same order, which blending
-#: keeps.
+#: Bits of the smallest normal float. From here on, integers order as the floats with the same bits do, so blending
+#: keeps their order.
 MIN_NORMAL = np.uint32(0x00800000)
 
-#: Levels of a packed depth are finest up to this distance, in scene diameters (`shaders/path/scan_word.glsl`).
+#: Distance up to which the levels of a packed depth are finest, in scene diameters (`shaders/path/scan_word.glsl`).
 DEPTH_BASE = 1.0 / 16
 
-#: Bits of a path's number in a scan; above it stands the scan's epoch.
+#: Bits of a path's number in a scan; the bits above hold the scan's epoch.
 NUMBER_BITS = 20
-#: Results of a scan instead of a triangle: nothing beyond its start; it lost the collision in its cell;
-#: it was not launched.
+#: Results of a scan instead of a triangle: no hit beyond the ray's start; the path lost the collision in its cell;
+#: the path was not launched.
 PATH_MISSED, PATH_LOST, PATH_DEAD = -1, -2, -3
 
-#: A hit point is known to this share of the ray's length.
+#: Relative error of a hit point, as a fraction of the ray's length.
 RAY_ROUNDING = 2e-6
 
-#: Events of a path, in one float: rays cast, and from this bit on how many of them were lost.
+#: Bits of a path's ray count, in one float with the number of lost rays above them.
 CAST_BITS = 11
-#: Sums of events: above the rays lost, the samples dropped.
+#: Bit from which a sum of events holds the number of dropped samples; the lost rays are below.
 DROPPED_SHIFT = 20
-#: Sums of positions (`shaders/film/aov.glsl`): above the upper bits of depth's, the number of hits.
+#: Bit from which a sum of positions holds the number of hits; below are the upper bits of the depth
+#: (`shaders/film/aov.glsl`).
 HITS_SHIFT = 16
 
-#: Radians by which a direction may seem to miss the edge of a photometric profile.
+#: Rounding tolerance of a direction at the edge of a photometric profile, radians.
 ANGLE_ROUNDING = math.radians(ANGLE_ROUNDING_DEGREES)
 
 
 def constants_glsl() -> str:
-    """All of them as GLSL, and pi."""
+    """Return all constants of this module and pi as GLSL declarations."""
     found = {name: value for name, value in globals().items() if name.isupper()} | {"PI": math.pi}
     return "\n".join(_declaration(name, value) for name, value in found.items()) + "\n"
 

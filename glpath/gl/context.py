@@ -1,33 +1,34 @@
-"""The OpenGL context: one per process, made when first asked for, on the best device there is.
+"""The OpenGL context: one per process, created at the first request, on the best available device.
 
-`devices` and `opening` say which one that is.
+`devices` and `opening` choose that device.
 
-One per process, because GL names its objects by small numbers that mean other objects in another context: an object
-of the first, collected while the second is current, deletes the second's object of the same number, and moderngl
-does not guard against it. For two devices start two processes. No display is ever terminated (eglTerminate):
-EGL shares one per device within the process.
+A process has only one, because GL names its objects by small numbers, which mean other objects in another context.
+If Python collects an object of one context while another is current, the object with that number in the other
+context would be deleted. moderngl does not guard against it. Use two processes for two devices. No display is ever
+terminated (eglTerminate), because EGL shares one per device within the process.
 
-Threads. A context is current in one thread at a time, and only that thread can let go of it. A thread
-holds it no longer than needed, by one of two calls:
+Threads. A context is current in one thread at a time, and only that thread can release it. A thread gets it by one
+of two calls:
 
-    with open_context() as context: ...    # waits its turn, and lets go at the end
-    context = get_context()                # to draw by hand: this thread keeps it until `leave`, or its end
+    with open_context() as context: ...    # waits its turn, and releases the context at the end
+    context = get_context()                # for manual drawing: this thread keeps it until `leave`, or its end
 
-Renders use the first: while the engine is made, then for each step of half a second, so that a live view moves
-during a render in another thread. Between the frames of `render_frames`, and outside of all calls,
-it is free. One render at a time is on the device (`rendering`), as each fills its memory.
+Renders use the first call: once to create the engine, then for each step of half a second. So a live view can draw
+during a render in another thread. Between the frames of `render_frames`, and outside of all calls, the context is
+free. Only one render at a time uses the device (`rendering`), because each fills its memory.
 
-The second is for programs of one thread and for exploring. It waits for running renders; then others who ask
-are refused, as they might wait for ever. In a notebook they wait for the end of the cell instead, and the next cell
-has the context again. What Python collects in a thread that has not got the context is deleted by the next thread
-that has it (`opening.CollectingContext`). An exception, Ctrl-C too, leaves `with` as always.
+The second call is for single-threaded programs and for exploring. It waits for running renders. Afterwards other
+threads that request the context are refused, because they might wait forever. In a notebook they wait for the end
+of the cell instead, and the next cell gets the context again. GL objects that Python collects in a thread without
+the context are deleted by the next thread that has it (`opening.CollectingContext`). An exception, even Ctrl-C,
+leaves the `with` block as usual.
 
-Each device may be tried in a process of its own first, as a broken driver can end the process that
-asks it: renders do so in the kernel of a notebook.
+Each device may be tried in a separate process first, because a broken driver can end the process that queries it.
+Renders in a notebook's kernel do so.
 
-Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, a Python start more where that is tried
+Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, plus a Python start if the device is tried
           first; nothing when cached.
-Poor at:  fork (see `Context.check`); being quicker by threads, as they take turns: start processes.
+Poor at:  fork (see `Context.check`); speed-up by threads, because they take turns: start processes instead.
 Source:   EGL 1.5, 3.7.3.
 """
 
@@ -45,7 +46,7 @@ from glpath.errors import ContextError
 
 try:
     import moderngl
-except ImportError as missing:  # there is no wheel for each system and processor
+except ImportError as missing:  # not every system and processor has a wheel
     raise ContextError(
         f"OpenGL cannot be reached: moderngl cannot be imported ({missing}).",
         "pip install moderngl, for which some systems need a compiler; `glpath doctor` lists what else is missing. "
@@ -63,19 +64,19 @@ from glpath.system.interactive import around_cells, in_cell
 
 
 class _Kept:
-    """A thread's hold of the context: it ends with the thread, and is collected there."""
+    """Token of a thread that keeps the context: it dies with the thread, and the context is released."""
 
 
 @dataclass
 class Context:
-    """The process's moderngl context and what is known of its device.
+    """The process's moderngl context and the description of its device.
 
-    `with context:` makes it current in this thread until the end of the block, where the thread does not keep it;
-    blocks may lie within each other. A thread waits for its turn; see the top of this module.
+    `with context:` makes it current in this thread until the end of the block, unless the thread keeps it longer.
+    Blocks may be nested. A thread waits for its turn; see the top of this module.
 
-    gl   : the moderngl context; a collected object frees what it had on the device
-    info : the device
-    pid  : the process that made it
+    gl   : the moderngl context; a collected object frees its memory on the device
+    info : description of the device
+    pid  : id of the process that created it
     """
 
     gl: CollectingContext
@@ -91,20 +92,20 @@ class Context:
         llvmpipe = self.info.renderer.startswith("llvmpipe")
         self._fences = HeldFences(self._opened.loader.load_opengl_function) if llvmpipe else None
         self._signals = SignalsWait(Context.__exit__.__code__)
-        # In a notebook: the thread whose cells have it, how many of them run, one within another.
+        # In a notebook: the thread whose cells have the context, and the number of nested cells that are running.
         self._cell_thread: int | None = None
         self._cells = 0
         self._watches_cells = False
 
     def check(self) -> None:
-        """Refuse use after a fork, and of a context that was released.
+        """Raise ContextError after a fork, or if the context was released.
 
         The driver's threads, locks and connection to the device do not survive a fork; the calls would hang or
         crash.
 
         Raises
         ------
-        ContextError : saying what to do instead
+        ContextError : with the call to use instead
         """
         if os.getpid() != self.pid:
             raise ContextError(
@@ -124,7 +125,7 @@ class Context:
             self._signals.begin()
         try:
             self._turns.enter()
-            self.check()  # another thread may have released it meanwhile
+            self.check()  # another thread may have released the context meanwhile
             if not before:
                 self._make_current()
             elif self.gl.objects:
@@ -150,17 +151,17 @@ class Context:
                 self._signals.end()
 
     def use(self) -> None:
-        """Make it current in this thread, which keeps it until it calls `leave`, or ends.
+        """Make the context current in this thread, which keeps it until it calls `leave` or ends.
 
-        In a notebook the thread has it while a cell runs. Raises ContextError as `check`, and where another thread
-        keeps it.
+        In a notebook the thread has the context while a cell runs. Raises ContextError like `check`, and if another
+        thread keeps the context.
         """
         self.check()
         if in_cell():
             with self:
                 self._keep_in_cells()
             return
-        # A render that has begun would be refused its next step.
+        # Without `rendering`, a render that has begun would be refused its next step.
         with self.rendering(), self:
             if not self._turns.kept:
                 self._here.kept = kept = _Kept()
@@ -168,9 +169,9 @@ class Context:
                 self._turns.keep()
 
     def leave(self) -> None:
-        """No longer keep it: others may have it, from the end of a `with` on where this is within one.
+        """Give up the kept context, so that other threads may use it.
 
-        Nothing to do in a thread that does not keep it.
+        Inside a `with` block they may use it after the block. Does nothing in a thread that does not keep it.
         """
         if self._turns.mine and self._cells:
             self._cell_thread, self._cells = None, 0
@@ -178,18 +179,21 @@ class Context:
         self._let_go()
 
     def rendering(self) -> AbstractContextManager[object]:
-        """For a render, from its engine to its last step: one at a time. The context itself is had step by step."""
-        # The thread that has the context does not wait for a render that waits for the context.
+        """Return the lock that a render holds from the creation of its engine to its last step.
+
+        So only one render runs at a time. The context itself is acquired step by step.
+        """
+        # A thread that has the context must not wait for a render that waits for the context.
         return nullcontext() if self._turns.mine else self._renders
 
     def drawn(self) -> None:
-        """To be called after every draw and dispatch: see `fences` and `heartbeat`."""
+        """Record progress and hold a fence; called after every draw and dispatch, see `heartbeat` and `fences`."""
         heartbeat.beat()
         if self._fences is not None:
             self._fences.hold()
 
     def function(self, name: str, *arguments: type) -> Callable[..., None]:
-        """A GL function that moderngl does not reach, without a result, by the ctypes types of its arguments."""
+        """Return a GL function without result that moderngl does not offer; `arguments` are its ctypes types."""
         return ctypes.CFUNCTYPE(None, *arguments)(self._opened.loader.load_opengl_function(name))
 
     def _make_current(self) -> None:
@@ -202,7 +206,10 @@ class Context:
         self._opened.loader.__exit__(None, None, None)
 
     def _keep_in_cells(self) -> None:
-        """Have it until the present cell ends, and in each later one: others wait, as a cell ends."""
+        """Keep the context until the current cell ends, and get it again in each later cell.
+
+        Other threads wait for the end of a cell.
+        """
         if self._cells or self._turns.kept:
             return
         self.__enter__()
@@ -254,21 +261,23 @@ _context: Context | None = None
 def open_context(
     backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
 ) -> Context:
-    """The context of this process, made at the first call, to be had by `with`:
+    """Return the context of this process, created at the first call, for use in `with`:
 
         with open_context() as context: ...
 
     Parameters
     ----------
-    backend     : auto, egl or osmesa; auto takes GLPATH_BACKEND, or else what is best
-    device      : index of the EGL device, as `glpath devices` lists them; None takes GLPATH_DEVICE, or the best
+    backend     : auto, egl or osmesa; auto takes GLPATH_BACKEND, or else the best backend
+    device      : index of the EGL device in the list of `glpath devices`; None takes GLPATH_DEVICE, or the best
+                  device
     require_gpu : refuse a software renderer instead of falling back to it
-    probe_first : try each device in a process of its own before this one; where this process must not end
+    probe_first : try each device in a separate process before this one, if this process must not end
 
     Raises
     ------
-    ContextError : no such backend or device, no OpenGL 4.3, software where a GPU is required, another device than
-                   the one this process renders on already, a forked process; in `with`: another thread keeps it
+    ContextError : no such backend or device, no OpenGL 4.3, or software although a GPU is required. Also a device
+                   other than this process's current one, or a forked process. In `with`: another thread keeps the
+                   context
     """
     global _context
     with _lock:
@@ -286,14 +295,14 @@ def open_context(
 def get_context(
     backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
 ) -> Context:
-    """As `open_context`, and current in this thread from here on, to draw by hand: see `Context.use`."""
+    """Return the context of `open_context`, current in this thread from now on: see `Context.use`."""
     context = open_context(backend, device, require_gpu, probe_first=probe_first)
     context.use()
     return context
 
 
 def context_of(gl: moderngl.Context) -> Context:
-    """The process's context, whose moderngl context `gl` is."""
+    """Return the process's context, whose moderngl context is `gl`."""
     assert _context is not None, "there is no context"
     assert _context.gl is gl, "the process has one context"
     return _context
@@ -302,8 +311,8 @@ def context_of(gl: moderngl.Context) -> Context:
 def release_context() -> None:
     """Destroy the process's context, so that the next `get_context` may take another device.
 
-    Waits for other threads as `open_context` does. Objects made in it must not be used or released any more: their
-    numbers may name objects of the next context.
+    Waits for other threads as `open_context` does. Objects created in the old context must not be used or released
+    afterwards, because their numbers may name objects of the next context.
     """
     global _context
     context = _context
@@ -319,7 +328,7 @@ def release_context() -> None:
 
 
 def _forget_after_fork() -> None:
-    # A child that ends, or collects an object of its parent's, must not call into the dead driver.
+    # A child process that ends, or collects an object of its parent, must not call into the dead driver.
     global _lock
     _lock = threading.RLock()
     if _context is not None:

@@ -1,7 +1,7 @@
-"""A depth texture of 32-bit floats, which keeps every float in [0, 1] apart.
+"""Depth textures of 32-bit floats, which distinguish all floats in [0, 1].
 
-moderngl makes depth textures of 24-bit fixed point (GL_DEPTH_COMPONENT24) and offers no other. Distances stored in
-those would need a scale, and near ones would become equal.
+moderngl offers only depth textures of 24-bit fixed point (GL_DEPTH_COMPONENT24). Distances stored in those would
+need a scale, and near ones would become equal.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ _DEPTH_COMPONENT = 0x1902
 _FLOAT = 0x1406
 _DEPTH_COMPONENT32F = 0x8CAC
 
-#: A distance times this power of two is a depth: the same digits, and from 1e-19 to 1e19 a normal float below 1.
+#: Factor from distance to depth: a power of two, so the mantissa is kept; distances from 1e-19 to 1e19 give normal
+#: floats below 1.
 DISTANCE_TO_DEPTH = 2.0**-64
 
 
 def float_depth_texture(gl: moderngl.Context, size: tuple[int, int]) -> moderngl.Texture:
-    """A depth texture for a framebuffer's depth attachment, GL_DEPTH_COMPONENT32F."""
+    """Create a depth texture with format GL_DEPTH_COMPONENT32F, for a framebuffer's depth attachment."""
     texture = gl.depth_texture(size)
     texture.use(0)
     define = context_of(gl).function(

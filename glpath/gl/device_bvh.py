@@ -1,10 +1,11 @@
-"""The BVH on the device, for rays that no buffer can foresee: reflections and shadow rays [TB VI].
+"""BVH on the device, for rays that no buffer can serve: reflections and shadow rays [TB VI].
 
 Boxes lie in a texture in depth-first order, each with the number of the node that follows its subtree, so a
-traversal needs no stack. All are integers, a box's corners as the bits of floats. Planes have no box; every ray is
-tested with them.
+traversal needs no stack. All values are integers; the corners of boxes are the bits of floats. Planes have no box;
+every ray is tested against each plane.
 
-Cost:     building it, seconds for a million primitives; per ray about the logarithm of their number.
+Cost:     building it, seconds for a million primitives; a ray visits about as many nodes as the logarithm of the
+          primitive count.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from glpath.gl.device_scene import DeviceScene
 from glpath.gl.texel_store import FLOATS, UINTS, WIDTH, make_store, store_glsl
 from glpath.scene.model import Float64
 
-#: The contents of a node's texels, and a leaf's.
+#: Contents of the texels of a node and of a leaf.
 LAYOUT: dict[str, dict[str, str]] = {
     "node": {
         "LOWER": "bits of a corner of the box; the node after this one's subtree",
@@ -36,19 +37,19 @@ OCCLUDER_LAYOUT: dict[str, dict[str, str]] = {
     },
 }
 _LEAF = 4
-# Boxes are widened by this share of their position and size, more than rounding moves what lies in them.
+# Relative padding of boxes, as a fraction of position and size; larger than the rounding error of their contents.
 _PAD = 2e-6
 
 
 def bvh_glsl() -> str:
-    """The layout as GLSL, for `#include <BVH>`."""
+    """Return the BVH layout as GLSL, for `#include <BVH>`."""
     return "uniform int node_count;\n" + store_glsl("bvh", UINTS, LAYOUT)
 
 
 class DeviceBvh:
-    """The BVH over the primitives of a `DeviceScene`, planes excepted.
+    """BVH over the primitives of a `DeviceScene`, except planes.
 
-    textures, uniforms : for programs that include object_bvh.glsl, with `bvh_glsl()` as <BVH>
+    textures, uniforms : inputs of programs that include object_bvh.glsl, with `bvh_glsl()` as <BVH>
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
@@ -57,7 +58,7 @@ class DeviceBvh:
         self._put(gl, lower[:count], upper[:count], scene.scene.source or scene.scene.name)
 
     def _put(self, gl: moderngl.Context, lower: Float64, upper: Float64, source: str) -> None:
-        """Build it over boxes (N, 3)."""
+        """Build the BVH over boxes (N, 3)."""
         count = len(lower)
         tree = build_bvh(lower, upper, leaf_size=_LEAF)
         nodes = len(tree)
@@ -79,18 +80,18 @@ class DeviceBvh:
 
 
 def occluders_glsl() -> str:
-    """The layout of `StreamedBvh` as GLSL, for `#include <OCCLUDERS>`."""
+    """Return the layout of the triangles of `StreamedBvh` as GLSL, for `#include <OCCLUDERS>`."""
     return store_glsl("occluders", FLOATS, OCCLUDER_LAYOUT)
 
 
 class StreamedBvh(DeviceBvh):
-    """The BVH over triangles that no `DeviceScene` has: a part of those that are streamed, with their corners.
+    """BVH over part of the streamed triangles, which no `DeviceScene` contains, together with their corners.
 
     corners : (T, 3, 3) float32
-    number  : (T,) among all streamed triangles
-    source  : for errors
+    number  : (T,) index of each triangle among all streamed triangles
+    source  : scene name for error messages
 
-    textures, uniforms : for programs that include stream_bvh.glsl, with `bvh_glsl()` as <BVH> and
+    textures, uniforms : inputs of programs that include stream_bvh.glsl, with `bvh_glsl()` as <BVH> and
                          `occluders_glsl()` as <OCCLUDERS>
     """
 
@@ -104,12 +105,12 @@ class StreamedBvh(DeviceBvh):
 
     @staticmethod
     def max_count(gl: moderngl.Context) -> int:
-        """How many triangles the device's textures have room for."""
+        """Return the maximum number of triangles that a texture of the device holds."""
         return int(gl.info["GL_MAX_TEXTURE_SIZE"]) * WIDTH // 3
 
 
 class _Occluders:
-    """The table of triangles, made as it is written."""
+    """Table of triangles whose rows are computed as they are written to the device."""
 
     def __init__(self, corners: NDArray[np.float32], number: NDArray[np.int64]) -> None:
         self._corners, self._number = corners, number
@@ -119,6 +120,6 @@ class _Occluders:
         corners, number = self._corners[which], self._number[which]
         table = np.zeros((len(corners), 3, 4), np.float32)
         table[:, :, :3] = corners
-        # Whole numbers that floats have.
+        # Both parts are integers that 32-bit floats represent exactly.
         table[:, 0, 3], table[:, 1, 3] = number & 0xFFFF, number >> 16
         return table

@@ -1,4 +1,4 @@
-"""An irradiance volume on the device, for programs that look it up on streamed triangles."""
+"""Irradiance volume on the device, for programs that look up the irradiance of streamed triangles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from glpath.scene.model import Float64
 
 _SIDES = ("front", "back")
 _AXES = ("x", "-x", "y", "-y", "z", "-z")
-#: The contents of an entry's texels, in order, by section; each is an RGBA float32 texel.
+#: Contents of an entry's RGBA float32 texels, in order, by section.
 LAYOUT: dict[str, dict[str, str]] = {
     "volume_cells": {"ROWS": "of four cells, numbers of `volume`"},
     "volume": {
@@ -26,11 +26,11 @@ LAYOUT: dict[str, dict[str, str]] = {
 
 
 class Volume(Protocol):
-    """The table to look up; see `glpath.radiosity.irradiance_volume`.
+    """Table to look up; see `glpath.radiosity.irradiance_volume`.
 
-    lower, cell, size : (3,) its corner, scene units; side of a cell; (3,) cells along x, y, z
-    rows   : (z, y, x) int32, the row of each cell
-    values : (R, 2, 6, 4) float32
+    lower, cell, size : lower corner (3,), scene units; side of a cell; number of cells (3,) along x, y, z
+    rows   : (z, y, x) int32, index of each cell's row in `values`
+    values : (R, 2, 6, 4) float32, irradiance of fronts and backs along six axes
     """
 
     @property
@@ -50,9 +50,9 @@ class Volume(Protocol):
 
 
 class DeviceIrradianceVolume:
-    """The table in a texture.
+    """Texture with the table of an irradiance volume.
 
-    textures, uniforms, generated : for programs that include irradiance_volume.glsl
+    textures, uniforms, generated : inputs of programs that include irradiance_volume.glsl
     """
 
     def __init__(self, gl: moderngl.Context, volume: Volume) -> None:

@@ -1,10 +1,10 @@
-"""A radiosity solution on the device, looked up at a point of a triangle [PB A.4].
+"""Radiosity solution on the device, looked up at a point of a triangle [PB A.4].
 
 Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. A point's position
-in it is an affine map, so that a look-up costs the same whatever the mesh: three texels of the triangle, one of the
-element and three of its corners.
+in it is an affine map, so a look-up costs the same for every mesh: three texels of the triangle, one of the element
+and three of its corners.
 
-Cost:     48 bytes a triangle, 112 bytes an element, 144 with all light.
+Cost:     48 bytes a triangle, 112 bytes an element, or 144 with the values for guides.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ def radiosity_glsl() -> str:
 
 
 class Values(Protocol):
-    """The table to look up; see `glpath.radiosity.lookup.LookupTable`.
+    """Table to look up; see `glpath.radiosity.lookup.LookupTable`.
 
     corners      : (2, E, 3, 4) irradiance at the corners of the elements' fronts and backs, W m^-2, triangle after
-                   triangle; the fourth channel is the share of direct light that is included, 0 to 1
-    all_light    : (2, E, 3) irradiance of elements, with all light
+                   triangle; the fourth channel is the included fraction of direct light, 0 to 1
+    all_light    : (2, E, 3) irradiance of elements, including all direct light
     min_distance : (2, E) minimum length of a path that looks up an element's front or back, scene units
     """
 
@@ -71,22 +71,22 @@ class DeviceRadiosity:
 
     Parameters
     ----------
-    corners   : (T, 3, 3) of the scene's triangles, world space
-    divisions : (T,) number of parts of each triangle's edges
-    leaf      : (E,) index of the solver's element that each element is part of
+    corners   : (T, 3, 3) corners of the scene's triangles, world space
+    divisions : (T,) number of segments of each triangle's edges
+    leaf      : (E,) index of the solver's element that contains each element
     table     : see `Values`
-    reflectance  : (2, T, 3) of the triangles' fronts and backs
-    all_light    : True for the values with all light as well, for guides
+    reflectance  : (2, T, 3) reflectance of the triangles' fronts and backs
+    all_light    : True to include the irradiance with all light, for guides
     volume       : irradiance on streamed triangles, if the scene has such
 
     Attributes
     ----------
     divisions, leaf : as given
-    has_all_light : True if the texture has all light, for guides
-    textures, uniforms, defines, generated : for programs that include radiosity.glsl
+    has_all_light : True if the texture contains the irradiance with all light, for guides
+    textures, uniforms, defines, generated : inputs of programs that include radiosity.glsl
     max_radiance : maximum reflected radiance
 
-    Raises SceneError for more elements than the device holds.
+    Raises SceneError if the solution has more elements than the device holds.
     """
 
     def __init__(
@@ -142,11 +142,11 @@ class DeviceRadiosity:
 
 
 def _lattice_rows(corners: Float64, divisions: NDArray[np.int32]) -> Float64:
-    """(T, 2, 4): gradient and offset of the lattice coordinates of triangles (T, 3, 3)."""
+    """Return (T, 2, 4): gradient and offset of the lattice coordinates of triangles (T, 3, 3)."""
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(e1, e2)
     square = np.einsum("ti,ti->t", normal, normal)
-    # The barycentric coordinates are 1 at their own corner and 0 along the edge opposite.
+    # Each barycentric coordinate is 1 at its own corner and 0 along the opposite edge.
     gradient = np.stack([np.cross(e2, normal), np.cross(normal, e1)], axis=1)
     gradient *= (divisions / square)[:, None, None]
     offset = -np.einsum("tki,ti->tk", gradient, corners[:, 0])

@@ -1,12 +1,12 @@
 """A `Scene` on the device, for every engine: geometry, materials, textures and lights, in one layout.
 
-What its texels hold, and which number a primitive has there, says `scene_texels`; floats lie in one texture,
-integers in another, in sections (`texel_store`).
+`scene_texels` defines the texels and the numbering of primitives. Floats lie in one texture, integers in another,
+in sections (`texel_store`).
 
-Cost:     32 bytes a triangle and 16 a vertex, 16 more for texture coordinates and for smooth normals where there
-          are any; for the path-buffer's engines 12 a triangle more, as an index buffer. 64 to 112 bytes
-          a sphere; 16 a texel of an environment map. Textures have 4 bytes a texel, those of floats 16; colours of
-          vertices 16 a vertex.
+Cost:     32 bytes a triangle and 16 a vertex; 16 more for texture coordinates and for smooth normals, if the scene
+          has any. The path-buffer's engines need 12 a triangle more, as an index buffer. A sphere takes 64 to 112
+          bytes, a texel of an environment map 16. Textures have 4 bytes a texel, or 16 if they hold floats; vertex
+          colours take 16 bytes a vertex.
 """
 
 from __future__ import annotations
@@ -46,33 +46,33 @@ from glpath.scene.digest import digest_of
 from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Scene
 
-#: A primitive's number + 1 is at most this: of 32 bits the T-buffer keeps two to tell how sure it is.
+#: Maximum of a primitive's number + 1: of 32 bits, the T-buffer keeps two for the reliability of an entry.
 MAX_PRIMITIVES = 2**30 - 2
 
 
 class DeviceScene(Owner):
-    """Everything of a scene that shaders read.
+    """All data of a scene that shaders read.
 
-    given     : the scene that this is of
-    scene     : what of it is here in triangles and other primitives: without instances, and in the middle of the
-                time where shapes move
-    instances : the rest of it; None where all is in `scene`
-    numbering : which primitive has which number
-    count     : of all primitives
-    triangle_count : of triangles; where there is nothing else, their numbers are the primitives'
-    stream    : what streams its triangles, whose numbers follow those of all others; None where there is none
+    given     : the scene as given
+    scene     : its resident part, in triangles and other primitives: without instances, and at the middle of the
+                shutter time if shapes move
+    instances : its instances; None if all geometry is in `scene`
+    numbering : assignment of numbers to primitives
+    count     : number of all primitives
+    triangle_count : number of triangles; in a scene of triangles only, their numbers are the primitives' numbers
+    stream    : stream of triangles, numbered after all other primitives; None if the scene streams none
     lighting  : all lights, as they are sampled
     max_radiance : see `glpath.lights.lighting`
-    lights    : the punctual ones: those with a position first, then the directional ones
-    textures  : for a `Pass`, by the names in GLSL
-    uniforms  : where the sections begin, and how many there are of what
-    generated, defines : for `load_program`; kinds that the scene lacks are left out of the programs
+    lights    : punctual lights: first those with a position, then the directional ones
+    textures  : textures for a `Pass`, by their names in GLSL
+    uniforms  : starts of the sections, and counts of primitives and lights
+    generated, defines : inputs of `load_program`; programs leave out the kinds that the scene lacks
     centre, radius : a sphere around all triangles and spheres, scene units
-    box       : (8, 3) corners of the box around them, about the centre
-    moving    : of a scene in triangles, in which shapes move while the shutter is open; then `scene` stands as it
-                does in the middle of that time, and `move_to` changes what the device has. None without
+    box       : (8, 3) corners of the bounding box, relative to the centre
+    moving    : the moving shapes of a scene of triangles while the shutter is open; `scene` is then its state at
+                the middle of that time, and `move_to` changes the state on the device. None if no shape moves
 
-    Raises SceneError for what the device cannot hold.
+    Raises SceneError if the device cannot hold the scene.
     """
 
     def __init__(
@@ -83,9 +83,11 @@ class DeviceScene(Owner):
         lighting: Lighting | None = None,
         deviations: Sequence[float] | None = None,
     ) -> None:
-        """geometry_budget : MiB for streamed triangles, of engines that know such
-        lighting   : whose densities emitting triangles have, where it is another's than the scene's
-        deviations : of each shape, where the scene is a simpler one
+        """Put a scene on the device.
+
+        geometry_budget : MiB for streamed triangles, for engines that support streaming
+        lighting   : lighting whose densities the emitting triangles get, if it differs from the scene's own
+        deviations : deviation of each shape from the original, if the scene is a simplified one
         """
         self.gl = gl
         self.instances: InstanceNumbers | None = None
@@ -164,7 +166,7 @@ class DeviceScene(Owner):
             "first_instanced": self.triangle_count,
             "instance_shift": 0 if self.instances is None else self.instances.shift,
             "light_count": len(lights),
-            "opacity_seed": 0,  # unless a render has its own, and the number of its path set
+            "opacity_seed": 0,  # unless a render sets its own seed and the number of its path set
             "opacity_set": 0,
             **bases,
             **uint_bases,
@@ -181,7 +183,7 @@ class DeviceScene(Owner):
             self.radius = max(self.radius, self.stream.radius_about(self.centre))
 
     def move_to(self, time: float) -> None:
-        """Put what moves where it is at a time, seconds."""
+        """Move the moving shapes on the device to their positions at a time in seconds."""
         moving, bases = self.moving, self.uniforms
         assert moving is not None, "nothing moves"
         sections = ("vertex_base", "shading_base", "facet_base")
@@ -199,7 +201,10 @@ class DeviceScene(Owner):
         return StoreRows(self.textures["scene_floats"], FLOATS)
 
     def look_as(self, other: DeviceScene) -> None:
-        """Have the centre of another scene, and reach as far as either, so that both are seen in one frame."""
+        """Take the centre of another scene, and enlarge box and radius to contain both.
+
+        Both scenes are then visible in one frame.
+        """
         low, high = self.scene.bounds
         half = np.maximum(np.abs(np.stack([low, high]) - other.centre).max(axis=0), other.box.max(axis=0))
         self.centre = other.centre
@@ -208,22 +213,22 @@ class DeviceScene(Owner):
 
     @property
     def positional_lights(self) -> int:
-        """How many punctual lights have a position: numbers 0 to this."""
+        """Number of punctual lights with a position; these come first in `lights`."""
         return sum(light.kind != "directional" for light in self.lights)
 
     @cached_property
     def triangles(self) -> TriangleIndices:
-        """The vertex arrays of a rasteriser; made at the first use, as the ray tracers need none."""
+        """Index buffer for rasterisation; created at the first use, because the ray tracers need none."""
         return TriangleIndices(self.gl, self.scene.shapes.faces.astype(np.uint32))
 
     @cached_property
     def boxes(self) -> tuple[Float64, Float64]:
-        """(count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
+        """Lower and upper corners (count, 3) of the boxes around the primitives, infinite for planes."""
         return primitive_boxes(self.scene, self.numbering)
 
     @cached_property
     def geometry_digest(self) -> str:
-        """SHA-256 (hex) of what throws shadows: all primitives, and which shape each is of."""
+        """SHA-256 (hex) of all occluders: the primitives, and the shape of each."""
         scene = self.scene
         h = hashlib.sha256()
         for array in (scene.spheres, scene.triangles, scene.planes):
@@ -232,13 +237,13 @@ class DeviceScene(Owner):
         h.update(self.numbering.shape.astype("<i4").tobytes())
         for shape, stream in scene.shapes.streams:
             h.update(f"{shape} {stream.digest}".encode())
-        if "HAS_ALPHA" in self.defines:  # textures throw shadows
+        if "HAS_ALPHA" in self.defines:  # textures with alpha change shadows
             h.update(digest_of(scene.shapes, scene.materials, scene.textures).encode())
         return h.hexdigest()
 
     @property
     def nbytes(self) -> int:
-        """Bytes on the device, textures of materials not counted."""
+        """Bytes on the device, without the textures of materials."""
         stores = (self.textures["scene_floats"], self.textures["scene_uints"])
         rasterised = self.triangles.nbytes if "triangles" in self.__dict__ else 0
         streamed = self.stream.nbytes if self.stream is not None else 0

@@ -1,7 +1,8 @@
-"""The devices that OpenGL could be had on: what EGL and OSMesa offer, and each tried in a process of its own.
+"""Devices for OpenGL that EGL and OSMesa offer, each tried in a separate process.
 
-Which of them a process takes, in order: the arguments of `get_context`, the environment (GLPATH_BACKEND = auto |
-egl | osmesa, GLPATH_DEVICE = the index that `glpath devices` shows), hardware before software before OSMesa.
+A process chooses one by the arguments of `get_context`, then by the environment (GLPATH_BACKEND = auto | egl |
+osmesa, GLPATH_DEVICE = index in the list of `glpath devices`). Otherwise hardware precedes software, and software
+precedes OSMesa.
 
 Source:   EGL_EXT_device_enumeration, EGL_EXT_device_drm, EGL_MESA_device_software.
 """
@@ -21,11 +22,11 @@ from glpath.errors import ContextError
 from glpath.gl.osmesa import load_osmesa
 
 BACKENDS = ("auto", "egl", "osmesa")
-#: Of OpenGL.
+#: Minimum OpenGL version.
 REQUIRED_VERSION = 430
 
-# Sonames, as the names without a number belong to development packages. libegl1 alone brings no libGL.so.1, and
-# needs none: the functions can be had from libEGL itself.
+# Sonames, because names without a version number belong to development packages. The package libegl1 alone contains
+# no libGL.so.1 and needs none: libEGL itself offers the GL functions.
 EGL_LIBRARY = "libEGL.so.1"
 GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", EGL_LIBRARY)
 
@@ -39,15 +40,15 @@ _EGL_DRM_DEVICE_FILE = 0x3233
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A device that renders, as its driver names itself.
+    """Description of a rendering device, from its driver.
 
     backend      : egl or osmesa
-    index        : number among the devices of the backend, what `device=` takes
+    index        : number among the devices of the backend, the value for `device=`
     renderer     : GL_RENDERER
     vendor       : GL_VENDOR
-    gl_version   : GL_VERSION, in which most drivers name their own version too
+    gl_version   : GL_VERSION, in which most drivers include their own version
     version_code : 450 for OpenGL 4.5
-    hardware     : False where the CPU does the work
+    hardware     : False if the CPU renders
     """
 
     backend: str
@@ -60,7 +61,7 @@ class DeviceInfo:
 
     @property
     def driver(self) -> str:
-        """Name and version of the driver: `Mesa 22.3.6`, `NVIDIA 550.54`."""
+        """Name and version of the driver, such as `Mesa 22.3.6` or `NVIDIA 550.54`."""
         words = [w for w in self.gl_version.replace("(Core Profile)", "").split()[1:] if w]
         return " ".join(words) or self.vendor
 
@@ -71,14 +72,14 @@ class DeviceInfo:
 
 
 def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
-    """Backend and device after the environment has been asked; a device number always means EGL or OSMesa."""
+    """Return backend and device after consulting the environment; a device number implies EGL or OSMesa."""
     source = "backend"
     if backend == "auto" and device is None:
         backend, source = os.environ.get("GLPATH_BACKEND") or "auto", "GLPATH_BACKEND"
     if backend not in BACKENDS:
         raise ContextError(f"{source}: no backend is named {backend!r}; allowed are {', '.join(BACKENDS)}")
     text = os.environ.get("GLPATH_DEVICE")
-    # The variable counts EGL's devices; OSMesa has but one.
+    # The variable refers to EGL's devices; OSMesa has only one.
     if device is None and text and backend != "osmesa":
         try:
             device = int(text)
@@ -93,10 +94,10 @@ def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A device before anything was created on it.
+    """A device on which no context was created yet.
 
-    software : what the device says of itself; its renderer's name may tell more
-    node     : its file, /dev/dri/..., where it has one
+    software : True if EGL lists it as a software device; the name of its renderer may show more
+    node     : its device file, /dev/dri/..., if it has one
     """
 
     backend: str
@@ -106,7 +107,7 @@ class Candidate:
 
 
 def library_loads(name: str) -> bool:
-    """Whether this machine has a shared library, by its soname."""
+    """Return True if this machine can load the shared library with this soname."""
     try:
         ctypes.CDLL(name)
     except OSError:
@@ -115,11 +116,11 @@ def library_loads(name: str) -> bool:
 
 
 def egl_candidates() -> list[Candidate]:
-    """EGL's devices, hardware or not. No display is opened for it.
+    """Return EGL's devices, hardware and software. Opens no display.
 
     Raises
     ------
-    ContextError : no libEGL, one that cannot enumerate devices, or not one device
+    ContextError : no libEGL, a libEGL that cannot enumerate devices, or no device
     """
     try:
         library = ctypes.CDLL(EGL_LIBRARY)
@@ -156,9 +157,9 @@ def egl_candidates() -> list[Candidate]:
 class DeviceProbe:
     """One line of `glpath devices`.
 
-    info  : what renders there, None where nothing does
-    error : why not, empty where it does
-    auto  : this is the one that `get_context()` takes, the environment considered
+    info  : description of the device, None if it cannot render
+    error : reason why it cannot render, empty otherwise
+    auto  : True for the device that `get_context()` takes, with the environment considered
     """
 
     backend: str
@@ -170,13 +171,14 @@ class DeviceProbe:
 
 
 def list_devices() -> list[DeviceProbe]:
-    """Every device of the machine, each tried in a process of its own, as a broken driver can kill its process.
+    """Return every device of the machine, each tried in a separate process, because a broken driver can kill its
+    process.
 
-    Cost: a Python start for each device, at the same time. Makes no context in this process.
+    Cost: one Python start per device, all at the same time. Creates no context in this process.
 
     Raises
     ------
-    ContextError : GLPATH_BACKEND or GLPATH_DEVICE says what does not exist; never for a device that fails
+    ContextError : GLPATH_BACKEND or GLPATH_DEVICE names a missing backend or device; never for a device that fails
     """
     backend, device = chosen("auto", None)
     probes: list[DeviceProbe] = []

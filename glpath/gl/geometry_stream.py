@@ -1,17 +1,16 @@
-"""Streamed triangles on the device: chunk by chunk through every pass, within a budget of memory.
+"""Streamed triangles on the device: drawn chunk by chunk in every pass, within a memory budget.
 
-A scan goes over the resident triangles as ever, and then over the chunks that its view can see, in the order of
-their numbers, into the same buffers: a z-buffer needs no scene in memory [PB 2.2], nor does a T-buffer [TB VI].
-While a chunk is there, what shading needs of the triangles that a buffer now names is copied into records, one for
-each of its texels; what a later chunk hides is overwritten. So each scan reads each chunk once, and nothing is
-looked up afterwards.
+A scan draws the resident triangles first, and then the visible chunks, in the order of their numbers, into the same
+buffers. A z-buffer needs no scene in memory [PB 2.2], nor does a T-buffer [TB VI]. While a chunk is on the device,
+shading data of triangles that a buffer now names are copied into records, one for each texel. If a later chunk
+hides a triangle, its record is overwritten. So each scan reads each chunk once and looks up nothing afterwards.
 
-The chunks that the budget has room for stay on the device; the others take turns in one more slot.
+Chunks stay on the device as far as the budget allows; the others share one more slot.
 
-Cost:     64 bytes a triangle on the device, a record of 64 bytes a pixel and a texel of the shadow-buffer; some
-          1000 bytes a triangle of the chunk that is made ready and drawn. For each chunk a draw, and where records
-          are kept a dispatch over the buffer's texels.
-Poor at:  chunks of few triangles; triangles that are strewn over the scene, whose chunks every view sees.
+Cost:     64 bytes a triangle on the device, and a record of 64 bytes for each pixel and each texel of the
+          shadow-buffer. Preparing and drawing a chunk takes some 1000 bytes a triangle. Each chunk costs a draw
+          and, with records, a dispatch over the buffer's texels.
+Poor at:  chunks of few triangles; triangles in random order, so that every view sees every chunk.
 """
 
 from __future__ import annotations
@@ -37,25 +36,24 @@ Float64 = NDArray[np.float64]
 Uniforms = dict[str, object]
 
 _TEXEL = 16
-#: Bytes a triangle while a chunk is made ready, corners and their edges, normals and texels, and while it is drawn
-#: by llvmpipe.
+#: Bytes a triangle while a chunk is prepared (corners, edges, normals, texels) and drawn by llvmpipe.
 _IN_THE_MAKING = 1000
 
 
 def facet_planes(triangles: Float64, normals: Float64) -> Float64:
-    """(T, 4) unit normals (T, 3) of triangles (T, 3, 3), and the dot product of each with its triangle's points."""
-    # The offset belongs to the rounded normal, or large coordinates would shift the plane.
+    """Return (T, 4): unit normals (T, 3) of triangles (T, 3, 3) and their dot products with a triangle's points."""
+    # The offset is computed from the rounded normal, because large coordinates would otherwise shift the plane.
     rounded = normals.astype(np.float32).astype(np.float64)
     offset = np.einsum("ij,ij->i", rounded, triangles.mean(axis=1))
     return np.column_stack([normals, offset])
 
 
 class Chunk(NamedTuple):
-    """One of a scene's chunks.
+    """Chunk of a scene's streamed triangles.
 
-    stream, number : of `Shapes.streams`, and within the stream
+    stream, number : index into `Shapes.streams`, and index within the stream
     shape          : index of the shape
-    first, size    : its first triangle's number, and how many there are
+    first, size    : number of the chunk's first triangle, and number of its triangles
     """
 
     stream: int
@@ -67,26 +65,26 @@ class Chunk(NamedTuple):
 
 @dataclass
 class _ChunkSlot:
-    """A texture that holds a chunk: corners, three texels a triangle, and from `facet_base` on the planes."""
+    """Texture that holds a chunk: corners, three texels a triangle, then the planes from `facet_base` on."""
 
     texture: moderngl.Texture
-    holds: int = -1  # index of the chunk
+    holds: int = -1  # index of the chunk in the texture, -1 for none
 
 
 class GeometryStream(Owner):
-    """The streamed triangles of a scene.
+    """Streamed triangles of a scene.
 
     Parameters
     ----------
-    first  : number of the first of them, which is how many are resident
-    budget : MiB for all of this, on the device and off it
+    first  : number of the first streamed triangle, equal to the number of resident primitives
+    budget : MiB for all streamed data, on the device and in main memory
 
     Attributes
     ----------
-    chunks : in the order of their triangles' numbers
-    lower, upper : (N, 3) corners of the boxes around them, world space
-    count  : of all triangles
-    largest : triangles of the largest chunk
+    chunks : list of chunks, in the order of their triangles' numbers
+    lower, upper : (N, 3) corners of the chunks' bounding boxes, world space
+    count  : number of all streamed triangles
+    largest : number of triangles in the largest chunk
     """
 
     def __init__(self, gl: moderngl.Context, scene: Scene, first: int, budget: int) -> None:
@@ -105,16 +103,16 @@ class GeometryStream(Owner):
         self.largest = max(chunk.size for chunk in self.chunks)
         self._records: list[moderngl.Texture] = []
         self._slots: list[_ChunkSlot] = []
-        self._others = (0, 0)  # bytes of the budget, see `leave_room`
-        self._read: tuple[int, Float64] | None = None  # index and triangles of the chunk that was read last
+        self._others = (0, 0)  # bytes reserved for others, see `leave_room`
+        self._read: tuple[int, Float64] | None = None  # index and triangles of the last chunk that was read
         corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self.largest, self.largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
-        # Which triangles of a chunk are drawn, where not all are, in two views.
+        # Triangles of a chunk to draw, if only some are drawn, in two views.
         self.listed = TriangleList(gl, 2 * self.largest)
 
     def records(self, size: tuple[int, int]) -> moderngl.Texture:
-        """An empty table of records for a buffer of (columns, rows) texels; see `stream_records.glsl`."""
+        """Create an empty table of records for a buffer of (columns, rows) texels; see `stream_records.glsl`."""
         limit = int(self.gl.info["GL_MAX_TEXTURE_SIZE"])
         if max(size[0], 4 * size[1]) > limit:
             raise UsageError(
@@ -128,7 +126,7 @@ class GeometryStream(Owner):
         return texture
 
     def bits(self, size: tuple[int, int]) -> moderngl.Texture:
-        """A texture of R32UI texels, (columns, rows), which counts to the budget as records do."""
+        """Create a texture of (columns, rows) R32UI texels, which counts towards the budget as records do."""
         texture = self.gl.texture(size, 1, dtype="u4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._records.append(texture)
@@ -140,7 +138,7 @@ class GeometryStream(Owner):
         return self._in_records + len(self._slots) * self._slot_bytes + self.listed.elements.size
 
     def radius_about(self, centre: Float64) -> float:
-        """The distance of the farthest corner. Reads all chunks."""
+        """Return the distance from the centre to the farthest corner. Reads all chunks."""
         return max(
             float(np.linalg.norm(triangles.reshape(-1, 3) - centre, axis=1).max())
             for stream in self._streams
@@ -149,24 +147,24 @@ class GeometryStream(Owner):
 
     @property
     def left(self) -> int:
-        """Bytes of the budget besides all records and one chunk, for those who hold triangles in another form."""
+        """Bytes of the budget beyond all records and one chunk, for other forms of the triangles."""
         return (self._budget << 20) - self._in_records - self._slot_bytes
 
     @property
     def making(self) -> int:
-        """Bytes for making a chunk ready."""
+        """Bytes for preparing a chunk."""
         return _IN_THE_MAKING * self.largest
 
     def leave_room(self, working: int, kept: int) -> None:
-        """Leave bytes of the budget to others: while they work, when no chunk is made ready, and what they keep.
+        """Reserve bytes of the budget for others: `working` while no chunk is prepared, and `kept` permanently.
 
-        Raises UsageError where there are none.
+        Raises UsageError if the budget has no room for them.
         """
         self._others = working, kept
         self._check()
 
     def reserve(self) -> None:
-        """Make the slots, when all records are made. Raises UsageError for a budget that has no room for them."""
+        """Create the chunk slots, after all records. Raises UsageError if the budget has no room for them."""
         self._check()
         room = (self._budget << 20) - self._in_records - self._beside
         count = min(len(self.chunks), room // self._slot_bytes)
@@ -176,7 +174,7 @@ class GeometryStream(Owner):
             self._slots.append(_ChunkSlot(texture))
 
     def on_device(self, seen: NDArray[np.bool_]) -> Iterator[tuple[int, moderngl.Texture, Uniforms]]:
-        """One after the other the index of each chunk that is seen, (N,) bool, its texture and uniforms for it."""
+        """Yield index, texture and uniforms of each chunk that `seen`, (N,) bool, selects, one after the other."""
         if not self._slots:
             self.reserve()
         for index in np.flatnonzero(seen):
@@ -196,12 +194,13 @@ class GeometryStream(Owner):
                     "chunk_shape": chunk.shape,
                 },
             )
-            # Or a driver keeps chunk upon chunk: llvmpipe a hundred megabytes of triangles still to be drawn.
+            # Without this, a driver would keep several chunks: llvmpipe a hundred megabytes of triangles still to
+            # be drawn.
             self.gl.finish()
         self._read = None
 
     def triangles(self, index: int) -> Float64:
-        """(F, 3, 3) float64 corners of a chunk that `on_device` has now; read again where it was there before."""
+        """Return (F, 3, 3) float64 corners of the chunk that `on_device` yielded last; read again unless cached."""
         if self._read is not None and self._read[0] == index:
             return self._read[1]
         chunk = self.chunks[index]
@@ -217,12 +216,12 @@ class GeometryStream(Owner):
 
     @property
     def _beside(self) -> int:
-        """Bytes besides records and slots: at one time a chunk is made ready, at another others work."""
+        """Bytes beyond records and slots: a chunk is prepared at one time, others work at another."""
         working, kept = self._others
         return max(self.making + kept, working)
 
     def _check(self) -> None:
-        """Raise UsageError where there is no room for one chunk besides the records and what others need."""
+        """Raise UsageError if the budget has no room for one chunk beyond the records and the reserved bytes."""
         records = self._in_records
         needed = records + self._beside + self._slot_bytes
         if needed > self._budget << 20:
@@ -249,12 +248,12 @@ class GeometryStream(Owner):
 
 
 class Kept(NamedTuple):
-    """Which of the streamed triangles that a scan meets are kept, to be shaded.
+    """Destination of the records of the streamed triangles that a scan hits, for shading.
 
-    records : where they are kept, from `stream.records`
-    seen    : the buffer of triangle numbers + 1 that names them, or None for what a scan of the path-buffer finds
-              for each path
-    paths   : of such a scan, (columns, rows) of its paths
+    records : table of records, from `stream.records`
+    seen    : buffer of triangle numbers + 1 that selects the triangles; None if a scan of the path-buffer selects
+              them for each path
+    paths   : (columns, rows) of the paths of such a scan
     """
 
     records: moderngl.Texture
@@ -263,10 +262,10 @@ class Kept(NamedTuple):
 
 
 class RecordPass:
-    """Keeps the records of a chunk's triangles, while it is on the device.
+    """Pass that stores the records of a chunk's triangles while the chunk is on the device.
 
-    name  : of the pass that finds them
-    parts : what its program includes
+    name  : name of the pass that finds the triangles
+    parts : includes of the program
     """
 
     def __init__(self, name: str, stream: GeometryStream, parts: ProgramParts, kept: Kept) -> None:
@@ -291,25 +290,28 @@ class RecordPass:
         )
 
     def run(self, texture: moderngl.Texture, uniforms: Mapping[str, object]) -> None:
-        """Keep those of the chunk in a texture, with the uniforms of `GeometryStream.on_device` for it."""
+        """Store the records of the chunk in `texture`, with its uniforms from `GeometryStream.on_device`."""
         self._textures["scene_floats"] = texture
         self._dispatch.run(uniforms)
 
 
 def of_chunks(defines: Mapping[str, object]) -> dict[str, object]:
-    """A scene's defines for programs that draw its chunks. What is streamed is opaque, so transparent geometry's
-    data are not needed."""
+    """Return the defines for programs that draw a scene's chunks.
+
+    Streamed triangles are opaque, so the data of transparent geometry are left out.
+    """
     return {name: value for name, value in defines.items() if name != "HAS_ALPHA"} | {"STREAMED_CHUNK": 1}
 
 
 class StreamedScan:
-    """A pass over the resident triangles, then over the streamed ones.
+    """Pass that draws the streamed triangles, after a pass over the resident ones.
 
-    name, target, state : of the `Pass` for a chunk, which clears nothing
-    shaders  : its vertex and fragment shader, compiled with STREAMED_CHUNK
-    parts    : what they include
-    kept     : the triangles that are shaded; None for none
-    words    : of a scan of the path-buffer, what its paths have found of small triangles; None where all are drawn
+    name, target, state : arguments of the `Pass` for a chunk, which clears nothing
+    shaders  : vertex and fragment shader, compiled with STREAMED_CHUNK
+    parts    : includes of the shaders
+    kept     : destination of the records for shading; None for none
+    words    : buffer of a scan of the path-buffer with the paths' hits of small triangles; None if all triangles
+               are drawn
     """
 
     def __init__(
@@ -353,9 +355,9 @@ class StreamedScan:
         instances: int = 1,
         faces: Sequence[NDArray[np.bool_]] | None = None,
     ) -> None:
-        """Draw the chunks that are seen, (N,) bool, and keep their records.
+        """Draw the chunks that `seen`, (N,) bool, selects, and store their records.
 
-        faces : of a cube, which chunks each of its faces sees; each is a draw of its own
+        faces : for a cube, the chunks that each face sees; each face is drawn separately
         """
         for index, texture, own in self._stream.on_device(seen):
             given = {**uniforms, **own}
@@ -376,8 +378,10 @@ class StreamedScan:
 
 
 def before_planes(lower: Float64, upper: Float64, normals: Float64, offsets: Float64) -> NDArray[np.bool_]:
-    """(N,) bool: which boxes reach into the region normal . x > offset of all planes (P, 3), (P,), each
-    plane tested alone."""
+    """Return (N,) bool: True if a box extends into the region normal . x > offset of each plane (P, 3), (P,).
+
+    Each plane is tested separately.
+    """
     centre, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     farthest = centre @ normals.T + half @ np.abs(normals).T
     return np.asarray((farthest > offsets).all(axis=1))

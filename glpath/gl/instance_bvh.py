@@ -1,12 +1,12 @@
-"""The BVH of a scene with instances: a tree of each mesh that is there once, and one over instances and triangles.
+"""Two-level BVH of a scene with instances: a tree for each instanced mesh, and one over instances and triangles.
 
-All are of the kind of `ray_bvh`, in one table of slots, the tree of the world first. There an instance has a slot
-among the nodes, with the map to its mesh's own space and the group of that tree's root; a ray knows it by having no
-children. The trees of meshes have one grid of steps, as all meshes are of about one size in their spaces
-(`glpath.scene.instances`). Built by compiled code.
+All trees have the format of `ray_bvh`, in one table of slots, the world's tree first. In the world's tree, an
+instance has a slot among the nodes. The slot holds the map to the mesh's space and the root group of the mesh's
+tree. A ray recognises it because it has no children. The trees of meshes share one grid of steps, because all
+meshes have about the same size in their spaces (`glpath.scene.instances`). Compiled code builds the trees.
 
-Cost:     64 bytes an instance, beside the trees' own.
-Poor at:  instances whose boxes overlap, as a ray enters all of these.
+Cost:     64 bytes an instance, in addition to the trees.
+Poor at:  instances whose boxes overlap, because a ray enters all of these.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ from glpath.scene.instances import InstancedScene
 Float64 = NDArray[np.float64]
 Uint32 = NDArray[np.uint32]
 
-# Half the size of a mesh in its space.
+# Half the size of a mesh in its own space.
 _HALF = 0.5
-# Beside what a tree's forks need, a ray keeps the rest of a group, and where it leaves the instance.
+# Stack entries for entering an instance: the rest of the current group, and the point where the ray leaves the
+# instance.
 _ENTERING = 2
 
 
 @dataclass(frozen=True)
 class InstanceBvh:
-    """What the device has.
+    """Two-level BVH in the form for the device.
 
-    grid     : of the world's boxes
-    table    : the slots
-    stack    : how many groups a ray keeps at most
-    uniforms : of the meshes' boxes
+    grid     : grid of the world's boxes
+    table    : slots of all trees
+    stack    : maximum number of groups on a ray's stack
+    uniforms : uniforms of the grid of the meshes' boxes
     """
 
     grid: Grid
@@ -48,7 +49,7 @@ class InstanceBvh:
 
     @classmethod
     def of(cls, numbers: InstanceNumbers) -> InstanceBvh:
-        """The trees of a scene."""
+        """Build the trees of a scene."""
         instances, resident = numbers.instances, numbers.instances.resident
         shapes, flags = resident.shapes, triangle_flags(resident)
         vertices, faces = shapes.vertices.astype(np.float32), np.ascontiguousarray(shapes.faces, np.int32)
@@ -59,7 +60,7 @@ class InstanceBvh:
         mesh_grid = _mesh_grid(inverse, instances)
 
         loose = np.ascontiguousarray(items[mesh_of_item == 0])
-        # Theirs have 32 bits, and are no smaller for it.
+        # Boxes of instances have 32 bits, rounded outwards so that they become no smaller.
         lower, upper = (corner.astype(np.float32) for corner in instances.boxes)
         boxes = np.column_stack([np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf)])
         wide = tree_over(np.concatenate([item_boxes(vertices, faces, loose), boxes.astype(np.float32)]))
@@ -85,7 +86,7 @@ class InstanceBvh:
 
 
 def _mesh_grid(inverse: Float64, instances: InstancedScene) -> Grid:
-    """The grid of all meshes. A ray from far away begins in a mesh's space with the rounding of how far that is."""
+    """Return the grid of all meshes; a distant ray starts there with the rounding error of its distance."""
     lower, upper = instances.given.bounds
     stretch = float(np.linalg.norm(inverse, ord=2, axis=(1, 2)).max())
     half = np.full(3, _HALF)
@@ -95,7 +96,7 @@ def _mesh_grid(inverse: Float64, instances: InstancedScene) -> Grid:
 def _instance_slots(
     instances: InstancedScene, inverse: Float64, root: NDArray[np.int64], more: NDArray[np.int64]
 ) -> Uint32:
-    """(I, 4, 4). root: (I,) the group of the root of an instance's tree."""
+    """Return (I, 4, 4) slots of instances. root: (I,) root group of each instance's tree."""
     rows = np.zeros((len(instances), 4, 4), np.float32)
     rows[:, :3, :3] = inverse
     rows[:, :3, 3] = instances.world_from_mesh[:, :, 3]
@@ -106,7 +107,7 @@ def _instance_slots(
 
 
 def _taken_by_instances(world: CompiledSlots, items: int) -> NDArray[np.int64]:
-    """(I,) the slots of instances, which are the items from `items` on; they become nodes."""
+    """Return (I,) slots of the instances, the items from index `items` on, and mark them as nodes."""
     taken = world.lanes <= -2 - items
     slots = np.empty(int(taken.sum()), np.int64)
     for lane in range(WIDTH):
@@ -124,11 +125,11 @@ def _in_order(at: NDArray[np.int64], entries: Uint32) -> tuple[NDArray[np.int64]
 
 @dataclass(frozen=True)
 class _Slots:
-    """The slots of several trees, one after the other, made as they are written to the device.
+    """Slots of several trees, one after the other, computed as they are written to the device.
 
-    groups  : (trees + 1,) where each begins, and the end
+    groups  : (trees + 1,) first group of each tree, and the end
     at      : (I,) slots of instances, ascending
-    entries : (I, 4, 4) what is in these
+    entries : (I, 4, 4) contents of these slots
     """
 
     parts: list[CompiledSlots]
@@ -146,7 +147,7 @@ class _Slots:
         for part, start, stop in zip(self.parts, WIDTH * self.groups[:-1], WIDTH * self.groups[1:], strict=True):
             if start < end and stop > begin:
                 slots = part[max(begin - start, 0) : min(end, stop) - start]
-                # Nodes have the numbers of groups within their tree; items have none.
+                # Nodes hold group numbers relative to their tree; items hold none.
                 slots[:, 3, 0] += np.where(slots[:, 3, 0] > 0, 256 * (start // WIDTH), 0).astype(np.uint32)
                 found.append(slots)
         slots = np.concatenate(found)

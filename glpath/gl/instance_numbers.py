@@ -1,7 +1,7 @@
-"""Numbers of the triangles of instances, beyond those of a scene's own, and the tables that shaders read of them.
+"""Numbers of instances' triangles, beyond those of a scene's own triangles, and the lookup tables for shaders.
 
-Numbers come in blocks of a power of two, each of one instance, so that a look at a table finds the instance of a
-triangle. `shaders/scene/instances.glsl` reads them.
+Numbers come in blocks of a power of two, each for one instance, so a table lookup finds the instance of a triangle.
+`shaders/scene/instances.glsl` reads the tables.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from glpath.scene.instances import InstancedScene
 
 Int64 = NDArray[np.int64]
 
-# Numbers that may be in use whatever is left out of them; and by what share more than there are triangles.
+# Limits of used numbers: an absolute count that is always allowed, and the allowed ratio of numbers to triangles.
 _FREE, _WASTE = 1 << 28, 1.25
 _MIN_SHIFT, _MAX_SHIFT = 4, 27
 
 
 @dataclass(frozen=True)
 class InstanceNumbers:
-    """The numbers of a scene's instances' triangles.
+    """Numbers of the triangles of a scene's instances.
 
-    shift  : the logarithm of a block's size
-    blocks : (I,) how many an instance has
-    more   : (I,) by what the numbers of its triangles are more than those of its mesh's
-    end    : of all numbers
+    shift  : base-2 logarithm of the block size
+    blocks : (I,) number of blocks of each instance
+    more   : (I,) offset of an instance's triangle numbers from those of its mesh
+    end    : end of all numbers
     """
 
     instances: InstancedScene
@@ -38,7 +38,7 @@ class InstanceNumbers:
 
     @classmethod
     def of(cls, instances: InstancedScene) -> InstanceNumbers:
-        """In the largest blocks that leave few numbers out."""
+        """Assign numbers in the largest blocks that waste few numbers."""
         sizes = np.array([part.stop - part.start for part in instances.ranges])[instances.mesh]
         limit = max(_FREE, _WASTE * float(sizes.sum()))
         for shift in range(_MAX_SHIFT, _MIN_SHIFT - 1, -1):
@@ -50,10 +50,13 @@ class InstanceNumbers:
         return cls(instances, shift, blocks, ends - (blocks << shift) - first, int(ends[-1]))
 
     def maps(self) -> NDArray[np.float64]:
-        """(1 + I, 3, 4): the identity, then world_from_mesh of each instance."""
+        """Return (1 + I, 3, 4): the identity, then world_from_mesh of each instance."""
         return np.concatenate([np.eye(3, 4)[None], self.instances.world_from_mesh])
 
     def block_table(self) -> Int64:
-        """(1 + blocks, 3): 1 + the instance, 1 + its shape, `more`; zeros first, for triangles of no instance."""
+        """Return (1 + blocks, 3): 1 + the instance, 1 + its shape, `more`.
+
+        The first row is zero, for triangles of no instance.
+        """
         entries = np.column_stack([1 + np.arange(len(self.blocks)), 1 + self.instances.shape, self.more])
         return np.concatenate([np.zeros((1, 3), np.int64), np.repeat(entries, self.blocks, axis=0)])

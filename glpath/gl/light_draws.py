@@ -1,12 +1,12 @@
-"""All lights of a scene on the device, for paths that draw light samples of their own: `lights/light_draw.glsl`.
+"""All lights of a scene on the device, for paths that draw their own light samples: `lights/light_draw.glsl`.
 
-`glpath.lights.lighting` says what a sample is and how dense it is, as of the samples that a path set shares. The
-lights are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of the numbers in
-[0, 2^32) chooses each, or a tree (`glpath.lights.tree`) those that have a position, and numbers the others. An
-environment map has tables of its rows and columns besides.
+`glpath.lights.lighting` defines a sample and its density, as for the samples that a path set shares. The lights are
+divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of numbers in [0, 2^32)
+selects each piece. With a light tree (`glpath.lights.tree`), the tree selects the lights with a position, and
+numbers the others. An environment map has tables of its rows and columns as well.
 
-Cost:     16 bytes for each side of an emitting triangle, 80 with a tree; 4 a texel of an environment map. A path's
-          sample takes a search among the pieces or a walk down the tree, and a triangle's corners.
+Cost:     16 bytes for each side of an emitting triangle, 80 with a tree; 4 for each texel of an environment map. A
+          path's sample takes a search among the pieces or a descent of the tree, and the corners of a triangle.
 """
 
 from __future__ import annotations
@@ -54,22 +54,24 @@ _SNORM = 32767
 
 
 def light_draw_glsl() -> str:
-    """The tables' texels, for `#include <LIGHT_DRAWS>`."""
+    """Return the layout of the tables as GLSL, for `#include <LIGHT_DRAWS>`."""
     return store_glsl("light_draws", UINTS, _LAYOUT)
 
 
 class LightDraws:
-    """The tables of a lighting, on the device.
+    """Tables on the device for sampling the lights.
 
-    lighting : of a scene in triangles
-    lights   : the punctual ones, in the order of the device's
-    edges    : (parts + 1,) of the numbers in [0, 1] that divide the lights into parts; a path draws from each
-    samples  : of a tree for each vertex, where one chooses among the lights that have a position; then `edges` are
-               those of `glpath.lights.tree.others`
-    rectangles : lamps that are sampled by solid angle
+    lighting : lighting of a scene of triangles
+    lights   : punctual lights, in the order of the device's
+    edges    : (parts + 1,) numbers in [0, 1] that divide the lights into parts; a path draws a sample from each
+               part
+    samples  : number of tree samples for each vertex, if a tree selects the lights with a position; then `edges`
+               are those of `glpath.lights.tree.others`
+    rectangles : emitting rectangles that are sampled by solid angle
 
-    textures, uniforms, generated, defines : for programs that include light_draw.glsl. Raises SceneError for more
-    than the device holds.
+    textures, uniforms, generated, defines : inputs of programs that include light_draw.glsl
+
+    Raises SceneError if the tables exceed the device's limit.
     """
 
     def __init__(
@@ -118,7 +120,7 @@ class LightDraws:
 
 
 def by_portals(lighting: Lighting) -> bool:
-    """Whether light samples of the sky go through portals."""
+    """Return True if light samples of the sky go through portals."""
     return lighting.sky is not None and len(lighting.scene.portals) > 0
 
 
@@ -139,12 +141,12 @@ def _rectangle_uniforms(rectangles: LampRectangles | None) -> dict[str, object]:
 
 
 def _numbers(cdf: Float64) -> NDArray[np.int64]:
-    """Cumulated probabilities as numbers below 2^32."""
+    """Return cumulative probabilities as integers below 2^32."""
     return np.minimum(np.rint(cdf * _ALL), _ALL - 1).astype(np.int64)
 
 
 def _pieces(lighting: Lighting, lights: Sequence[Light]) -> tuple[NDArray[np.int64], UInt32]:
-    """(P,) numbers at which pieces begin, and their table with one more entry, where the last one ends."""
+    """Return the (P,) numbers at which pieces begin, and the table of pieces with one more entry for the end."""
     cdf = lighting.cdf
     begin: list[Float64] = []
     which: list[NDArray[np.integer]] = []
@@ -168,7 +170,7 @@ def _pieces(lighting: Lighting, lights: Sequence[Light]) -> tuple[NDArray[np.int
         which.append(np.zeros(1, np.int64))
         weight.append(np.zeros(1))
         kinds.append(np.array([LIGHT_KINDS.index("sky")]))
-    if not begin:  # a scene without light: a black triangle stands for it, as in `LightSamples.dark`
+    if not begin:  # a scene without light: a black triangle represents it, as in `LightSamples.dark`
         begin, which, weight, kinds = [np.zeros(1)], [np.zeros(1, np.int64)], [np.ones(1)], [np.zeros(1, np.int64)]
     starts = _numbers(np.concatenate(begin))
     table = np.zeros((len(starts) + 1, 1, 4), np.uint32)
@@ -181,7 +183,7 @@ def _pieces(lighting: Lighting, lights: Sequence[Light]) -> tuple[NDArray[np.int
 
 
 def _tree_tables(lighting: Lighting, lights: Sequence[Light]) -> tuple[UInt32, UInt32, UInt32]:
-    """The nodes of a tree, (M, 1, 16); the pieces that are its leaves; and of each shape where its pieces are."""
+    """Return the tree's nodes (M, 1, 16), its leaves (the pieces), and the position of each shape's pieces."""
     tree, scene = LightTree.over(Emitters.of(lighting)), lighting.scene
     leaves = np.zeros((len(tree.trail), 1, 4), np.uint32)
     leaves[:, 0, 0] = tree.trail
@@ -204,7 +206,7 @@ def _tree_tables(lighting: Lighting, lights: Sequence[Light]) -> tuple[UInt32, U
 
 
 def _nodes(tree: LightTree) -> UInt32:
-    """(M, 1, 16) as `light_tree.glsl` reads them; what rounding takes is added to balls and cones."""
+    """Return (M, 1, 16) nodes in the format of `light_tree.glsl`; balls and cones are enlarged against rounding."""
     nodes = np.zeros((len(tree.child), 2, 8), np.uint32)
     nodes[:, :, :3] = _bits(tree.centre)
     padding = 1e-5 * tree.radius + 1e-6 * np.abs(tree.centre).max(axis=2)
@@ -220,7 +222,7 @@ def _nodes(tree: LightTree) -> UInt32:
 
 
 def _octahedral(axis: Float64) -> tuple[NDArray[np.int64], Float64]:
-    """(..., 2) of unit vectors (..., 3) in steps of 1 / 32767, and the unit vectors that these are.
+    """Return octahedral codes (..., 2) of unit vectors (..., 3) in steps of 1 / 32767, and the decoded vectors.
 
     Source:   Cigolle et al. 2014, A survey of efficient representations for independent unit vectors.
     """
@@ -236,7 +238,7 @@ def _octahedral(axis: Float64) -> tuple[NDArray[np.int64], Float64]:
 
 
 def _pair(steps: NDArray[np.int64]) -> UInt32:
-    """Two integers of 16 bits as one."""
+    """Pack two 16-bit integers into one 32-bit integer."""
     return ((steps[..., 0] & 0xFFFF) | ((steps[..., 1] & 0xFFFF) << 16)).astype(np.uint32)
 
 
@@ -245,7 +247,7 @@ def _bits(numbers: Float64) -> UInt32:
 
 
 def _sky_tables(lighting: Lighting) -> tuple[UInt32, UInt32]:
-    """The tables of an environment map, empty without one: halves of its rows, and the texels of each."""
+    """Return the tables of an environment map: halves of its rows, and each row's texels; empty without a map."""
     sky = lighting.sky
     if not isinstance(sky, Environment):
         return np.zeros((0, 1, 4), np.uint32), np.zeros((0, 1, 4), np.uint32)
@@ -257,7 +259,7 @@ def _sky_tables(lighting: Lighting) -> tuple[UInt32, UInt32]:
 
 
 def _in_fours(numbers: NDArray[np.int64]) -> UInt32:
-    """(ceil(N / 4), 1, 4)."""
+    """Return the numbers in texels of four, (ceil(N / 4), 1, 4)."""
     table = np.full(-(-numbers.size // 4) * 4, 0xFFFFFFFF, np.uint32)
     table[: numbers.size] = numbers.ravel()
     return table.reshape(-1, 1, 4)

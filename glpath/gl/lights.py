@@ -1,4 +1,4 @@
-"""Light samples and the sky as the uniforms of `shaders/lights/direct.glsl`, `path_direct.glsl` and `sky.glsl`."""
+"""Uniforms of light samples and of the sky, for `shaders/lights/direct.glsl`, `path_direct.glsl` and `sky.glsl`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Uniforms = dict[str, object]
 
 
 def sample_uniforms(light: LightSample) -> Uniforms:
-    """The light sample of a path set; its frame is the shadow-buffer's."""
+    """Return the uniforms of a path set's light sample; the uniforms of the shadow-buffer contain its frame."""
     return {
         "light_kind": LIGHT_KINDS.index(light.kind),
         "light_radiance": tuple(light.radiance),
@@ -26,7 +26,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
 
 
 def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None) -> Uniforms:
-    """Uniforms of the sky, black without one; with its lighting, its sampling density as well."""
+    """Return uniforms of the sky, which is black if there is none; with `lighting`, also its sampling density."""
     uniforms: Uniforms
     if isinstance(sky, Environment):
         middle, _, up = sky.frame
@@ -49,25 +49,25 @@ def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None
 
 
 def background_uniforms(scene: Scene) -> Uniforms:
-    """Uniforms of `shaders/lights/background.glsl`; none where the eye sees the sky."""
+    """Return uniforms of `shaders/lights/background.glsl`; none if the sky is the visible background."""
     return {} if scene.background is None else {"background": tuple(scene.background.radiance)}
 
 
 def light_defines(sky: Sky | Environment | None, lighting: Lighting) -> dict[str, object]:
-    """The defines of `shaders/lights/light_sample.glsl`: the kinds of light."""
+    """Return the defines of `shaders/lights/light_sample.glsl`: the kinds of light in the scene."""
     return defined(
         HAS_POSITIONAL_LIGHTS=lighting.positional, HAS_DISTANT_LIGHTS=lighting.infinite, HAS_SKY=sky is not None
     )
 
 
-#: Rows of a light sample in `light_table`.
+#: Number of rows of a light sample in `light_table`.
 LIGHT_ROWS = 4
 
 
 def light_rows(lights: LightSamples, share: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(N, LIGHT_ROWS, 4) float32: light samples as rows of `light_table` in `shaders/path/path_direct.glsl`.
+    """Return light samples as (N, LIGHT_ROWS, 4) float32 rows of `light_table` in `shaders/path/path_direct.glsl`.
 
-    share : (N,) of all lights, by their probability, that each sample stands for
+    share : (N,) fraction of all lights, by probability, that each sample represents
     """
     rows = np.zeros((len(lights), LIGHT_ROWS, 4), np.float32)
     rows[:, 0, :3], rows[:, 0, 3] = lights.position, lights.kind

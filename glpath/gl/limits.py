@@ -1,7 +1,7 @@
-"""A device's limits, and what rendering needs of each: what `glpath doctor` compares.
+"""Limits of a device and the values that rendering needs, for the comparison of `glpath doctor`.
 
-All needs are within what OpenGL 4.3 guarantees, so a device that has less has no OpenGL 4.3. A test holds the
-numbers against the programs that are really made.
+All needed values are within the guarantees of OpenGL 4.3, so a device with less has no OpenGL 4.3. A test checks
+the numbers against the actual programs.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from glpath.gl.context import Context
 
 
 class Limit(NamedTuple):
-    """A limit of a device.
+    """Limit of a device.
 
-    number : of GL's name for glGetIntegerv
-    needed : by rendering; a smaller value makes it impossible
-    use    : for what
+    number : value of GL's name, for glGetIntegerv
+    needed : minimum value for rendering
+    use    : purpose of the limit
     """
 
     number: int
@@ -42,7 +42,7 @@ LIMITS = {
     "GL_MAX_SHADER_STORAGE_BLOCK_SIZE": Limit(0x90DE, 1 << 24, "4 bytes a pixel of a tile, or 8 a primitive"),
     "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS": Limit(0x90EB, 256, "a list of large primitives"),
 }
-#: Only where texels.glsl reads textures as images.
+#: Limits that apply only if texels.glsl reads textures as images.
 IMAGE_LIMITS = {
     "GL_MAX_IMAGE_UNITS": Limit(0x8F38, 14, "textures read as images"),
     "GL_MAX_FRAGMENT_IMAGE_UNIFORMS": Limit(0x90CE, 14, "the same"),
@@ -50,7 +50,7 @@ IMAGE_LIMITS = {
 
 
 class Found(NamedTuple):
-    """A device's value of a limit, and what rendering needs."""
+    """Value of a limit on a device, and the value that rendering needs."""
 
     value: int
     needed: int
@@ -62,7 +62,7 @@ class Found(NamedTuple):
 
 
 def device_limits(context: Context) -> dict[str, Found]:
-    """The device's limits that rendering needs, by their GL names."""
+    """Return the device's limits that rendering needs, by their GL names."""
     with context:
         get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
         found = {}

@@ -1,12 +1,12 @@
-"""Rewrites shaders for Mesa's llvmpipe (22.3): the same numbers, fetched more cheaply.
+"""Rewriting of shaders for Mesa's llvmpipe (22.3): the same values, fetched more cheaply.
 
-- It calls a function of some 180 instructions for a texelFetch, and puts a third as many in place for an imageLoad;
-  `shaders/gl/texels.glsl` is the GLSL of that.
-- It fetches a uniform lane by lane, some 30 instructions a component: in a fragment shader everywhere, in others
-  within a branch or a loop, as the first lane may be idle there. A flat input of a fragment shader costs one or
-  two, and so does what a compute shader has fetched at its start.
+- llvmpipe calls a function of some 180 instructions for a texelFetch, but inlines a third as many for an imageLoad;
+  `shaders/gl/texels.glsl` selects between both.
+- It fetches a uniform lane by lane, with some 30 instructions a component. A fragment shader does so everywhere,
+  other shaders within a branch or a loop, because the first lane may be idle there. A flat input of a fragment
+  shader costs one or two instructions, and so does a value that a compute shader fetches at its start.
 
-The functions here rewrite shaders line by line; `program` has them do so where this dialect is spoken.
+The functions here rewrite shaders line by line; `program` calls them if the driver needs this dialect.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from glpath.errors import ShaderError
 from glpath.gl.conditions import Conditions
 
 TEXELS = ("auto", "image", "fetch")
-#: The vertex shader of passes over all texels: the outputs of its three vertices cost nothing.
+#: Vertex shader of passes over all texels: the outputs of its three vertices cost nothing.
 FULLSCREEN = "gl/fullscreen.vert"
 
 _IMAGE = "_as_image"
-#: The uniform, where the name is that of what the shader reads instead. No macro: fields may have such a name too.
+#: Suffix of the uniform if the shader reads something else by the plain name. Not a macro, because fields may have
+#: such a name too.
 _GIVEN = "_given"
 _TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
 _UNIFORM = re.compile(
@@ -34,7 +35,7 @@ _UNIFORM = re.compile(
 
 
 def is_spoken(gl: moderngl.Context) -> bool:
-    """By the renderer, or as GLPATH_TEXELS says, so that tests run both."""
+    """Return True if shaders are rewritten: by the renderer's name, or by GLPATH_TEXELS (for tests)."""
     chosen = os.environ.get("GLPATH_TEXELS") or "auto"
     if chosen not in TEXELS:
         raise ShaderError(
@@ -45,20 +46,23 @@ def is_spoken(gl: moderngl.Context) -> bool:
 
 
 def uniform_name(name: str) -> str:
-    """The name in the shader's file of a uniform as the driver calls it."""
+    """Return the name in the shader's file of a uniform, from the driver's name."""
     return name.removesuffix(_IMAGE).removesuffix(_GIVEN)
 
 
 def image_texels(line: str) -> str:
-    """Texels as images; one name cannot be an image in a fragment shader and a sampler in the vertex shader."""
+    """Rename texels that are read as images.
+
+    A name must not be an image in the fragment shader and a sampler in the vertex shader.
+    """
     texels = _TEXELS.match(line)
     return f"#define {texels['name']} {texels['name']}{_IMAGE}\n{line}" if texels else line
 
 
 def fetch_at_start(line: str) -> str:
-    """A uniform as a global variable with its value: fetched before any branch.
+    """Return a uniform's declaration with a global variable that holds its value, fetched before any branch.
 
-    The maximum changes no value; a plain copy would be fetched where it is used.
+    The maximum changes no value; a plain copy would be fetched at each use.
     """
     uniform = _UNIFORM.match(line)
     if not uniform or uniform["array"] or "u" in uniform["type"]:
@@ -70,12 +74,12 @@ def fetch_at_start(line: str) -> str:
 
 
 class HandedOn:
-    """Uniforms of a fragment shader, handed on by the vertex shader as flat inputs.
+    """Uniforms of a fragment shader that the vertex shader passes on as flat inputs.
 
-    Rewrites the lines of the fragment shader and keeps what it found for `vertex`, which rewrites the text of the
-    other. Arrays are handed on where `defines` knows their size. What goes beyond `components`, as many as inputs
-    may have, stays a uniform: the driver does not refuse more, but overruns its stack. What an #ifdef takes away
-    does not count.
+    Rewrites the lines of the fragment shader and keeps the uniforms for `vertex`, which rewrites the text of the
+    vertex shader. Arrays are passed on if `defines` contains their size. At most `components` are passed on, the
+    limit for inputs, because the driver does not refuse more, but overruns its stack. The rest stay uniforms. Lines
+    that an #ifdef removes do not count.
     """
 
     def __init__(self, defines: Mapping[str, object], components: int) -> None:
@@ -90,10 +94,10 @@ class HandedOn:
         if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
             return line
         name, kind = uniform["name"], uniform["type"]
-        # The vertex shader need not know the name of the size.
+        # The vertex shader may lack the name of the size, so its value is written.
         size = int(str(self._defines[uniform["size"]])) if uniform["array"] else 0
         array = f"[{size}]" if size else ""
-        # An element of an array has a location of its own.
+        # Each array element occupies a location of four components.
         needed = 4 * size if size else _components(kind)
         if needed > self._left:
             return line

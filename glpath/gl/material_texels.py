@@ -1,6 +1,6 @@
-"""Materials as texels: what `bsdf_at` in shaders/scene/surface.glsl reads, and the variants that materials ask for.
+"""Materials as texels for `bsdf_at` in shaders/scene/surface.glsl, and the shader variants that materials need.
 
-A field of `Material` that shaders read has its texel, its number and its variant here and nowhere else.
+Each field of `Material` that shaders read has its texel, number and variant here and nowhere else.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from glpath.scene.material import (
     sheen_lambda,
 )
 
-#: The texels of a material, in order.
+#: Texels of a material, in order.
 MATERIAL_LAYOUT = {
     "DIFFUSE": "reflectance, linear Rec. 709; 1 where the back reflects as well",
     "SPECULAR": "Phong's coefficient; Phong's exponent",
@@ -51,8 +51,10 @@ MATERIAL_LAYOUT = {
 
 
 class MaterialVariant(NamedTuple):
-    """meaning : where it is defined
-    asked_by : whether a material asks for it
+    """Shader variant that materials can need.
+
+    meaning : condition for the variant
+    asked_by : predicate that is True if a material needs the variant
     """
 
     meaning: str
@@ -106,7 +108,7 @@ MATERIAL_VARIANTS = {
 
 
 def material_variants(materials: Sequence[Material]) -> dict[str, bool]:
-    """Which variants some of the materials ask for, for `defined`."""
+    """Return for each variant if some material needs it, for `defined`."""
     return {name: any(map(each.asked_by, materials)) for name, each in MATERIAL_VARIANTS.items()}
 
 
@@ -118,14 +120,17 @@ def _sheen(m: Material) -> list[list[float]]:
 
 
 def sheen_fits(materials: Sequence[Material]) -> Float64:
-    """(cells + 1, 2, 4) float64: white sheen's albedo by alpha, for roughnesses of textures; none without such."""
+    """Return (cells + 1, 2, 4) float64 fits of white sheen's albedo by alpha.
+
+    The table is empty unless a texture controls sheen roughness.
+    """
     if not any(m.sheen_roughness_texture is not None and np.any(m.sheen > 0) for m in materials):
         return np.zeros((0, 2, 4))
     return sheen_albedo_table().reshape(-1, 2, 4)
 
 
 def sheen_glsl() -> list[str]:
-    """Constants of sheen whose roughness is a texture's."""
+    """Return GLSL constants of sheen whose roughness comes from a texture."""
     ends = {"MAX": CHARLIE_LAMBDA[1], "MIN": CHARLIE_LAMBDA[0]}
     lines = [f"const int SHEEN_CELLS = {SHEEN_CELLS};", f"const float SHEEN_MIN_ALPHA = {SHEEN_MIN_ALPHA};"]
     for name, (a, b, c, d, e) in ends.items():
@@ -137,7 +142,7 @@ def sheen_glsl() -> list[str]:
 def _dielectric(m: Material) -> list[float]:
     normal, grazing = m.dielectric
     if m.specular_colour_texture is not None:
-        normal = grazing * m.dielectric_ratio  # which the shader clips after the texture
+        normal = grazing * m.dielectric_ratio  # the shader clips it after the texture
     return [*normal, grazing]
 
 
@@ -157,13 +162,16 @@ def _bends(m: Material) -> bool:
 
 
 def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:
-    """Of each index of rough glass its first cells of `albedo_cells`, from outside and from inside."""
+    """Return each refractive index of rough glass with its first `albedo_cells`, from outside and from inside."""
     indices = dict.fromkeys(m.ior for m in materials if _bends(m))
     return [(ior, (2 * i + 2) * CELLS**2, (2 * i + 3) * CELLS**2) for i, ior in enumerate(indices)]
 
 
 def albedo_cells(materials: Sequence[Material]) -> Float64:
-    """(cells, 1, 4) float64: of white metal, of Schlick's weight, of each index of rough glass; or none."""
+    """Return (cells, 1, 4) float64 albedo cells of white metal, Schlick's weight and each index of rough glass.
+
+    The table is empty if no material conserves energy.
+    """
     if not any(m.keeps_energy for m in materials):
         return np.zeros((0, 1, 4))
     etas = [eta for ior, *_ in _glass_cells(materials) for eta in (ior, 1.0 / ior)]
@@ -172,7 +180,7 @@ def albedo_cells(materials: Sequence[Material]) -> Float64:
 
 
 def material_table(materials: Sequence[Material]) -> Float64:
-    """(n, its texels, 4) float64. Unlit materials show their emission alone."""
+    """Return (n, texels, 4) float64 of the materials. Unlit materials have only their emission."""
     first = {ior: (cell, last) for ior, cell, last in _glass_cells(materials)}
     rows = [
         [
@@ -187,8 +195,8 @@ def material_table(materials: Sequence[Material]) -> Float64:
             ],
             _dielectric(m),
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
-            # What lets nothing through is no solid of glass, by whose formula it would reflect then.
-            # Of a slab its index stands where another thin dielectric has 1.
+            # An opaque material must not count as solid glass, whose formula would change its reflection. A slab
+            # has its index where another thin dielectric has 1.
             [
                 m.transmission,
                 m.ior,

@@ -1,4 +1,4 @@
-"""Errors for what exceeds the device's memory, with its size, where it is allocated; OpenGL gives none."""
+"""Errors for allocations that exceed the device's memory, with size and caller; OpenGL reports neither."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ OUT_OF_MEMORY = (
     "pixels; take smaller textures or shadow-buffers, or another device."
 )
 
-# Bytes below which no device fails that could do anything else.
+# Size in bytes below which allocations are not checked, because they practically never fail.
 _WORTH_ASKING = 1 << 20
 
 
 class NamingContext(moderngl.Context):
-    """moderngl's context, which raises ContextError for a buffer or texture that the device has no memory for."""
+    """Context of moderngl that raises ContextError if the device has no memory for a buffer or texture."""
 
     def buffer(self, *data: Any, **how: Any) -> moderngl.Buffer:
         made = super().buffer(*data, **how)

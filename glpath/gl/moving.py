@@ -1,11 +1,11 @@
-"""Objects that move while the shutter is open: where they are at the time of a path set, on the device.
+"""Moving objects while the shutter is open: their positions on the device at the time of a path set.
 
-A path set has one time [PB 3.3], so that a scene that stands still is all that scans and rays need to know. Between
-two sets the vertices, normals and planes of what moves are written again, and the BVH keeps its tree: of the nodes
-above what moves the boxes are made anew, from the leaves up (refitting), in the grid of all that is moved through.
+A path set has one time [PB 3.3], so scans and rays always see a still scene. Between two sets the vertices, normals
+and planes of moving shapes are written again. The BVH keeps its tree: the boxes of nodes above moving triangles are
+recomputed from the leaves up (refitting). Their grid contains the whole motion.
 
-Cost:     a path set more work on the CPU, about in proportion to the triangles that move.
-Poor at:  objects that end far from where they were in the middle of the time, to which the tree is built.
+Cost:     CPU work for each path set, about proportional to the number of moving triangles.
+Poor at:  objects that end far from their position at the middle of the time, for which the tree is built.
 Source:   Haeberli & Akeley 1990, The Accumulation Buffer; van den Bergen 1997, Efficient Collision Detection of
           Complex Deformable Models using AABB Trees, for refitting.
 """
@@ -21,24 +21,24 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError
 from glpath.scene.model import Float64, Mesh, Scene, Shape, Shapes
 
-# Times at which it is looked where everything is; between two nothing goes further than from one to the other.
+# Number of sampled times for the bounds; between two samples, a point moves no farther than the sampled step.
 _TIMES = 65
-# A lamp's surface may grow by so much, of rounding.
+# Relative tolerance for the size of a moving emitter, for rounding.
 _RIGID = 1e-9
 
 
 class MovingScene:
-    """A scene of triangles in which shapes move while the shutter is open.
+    """Scene of triangles with shapes that move while the shutter is open.
 
-    scene  : as it was given
-    shapes : indices of the shapes that move
-    middle : the scene as it stands in the middle of the time, with its camera
-    bounds : (3,) lower and (3,) upper corner of the box around all that the triangles pass through
-    lamps  : do any of them shine?
-    pose   : those that move, one after the other, as they stand at the time of `move_to`
-    vertices, triangles : numbers of theirs among all, in the order of `pose`
+    scene  : the scene as given
+    shapes : indices of the moving shapes
+    middle : the scene at the middle of the shutter time, with its camera
+    bounds : (3,) lower and (3,) upper corner of the box around the whole motion
+    lamps  : True if a moving shape emits
+    pose   : moving shapes, one after the other, at the time of `move_to`
+    vertices, triangles : numbers of the moving vertices and triangles, in the order of `pose`
 
-    Raises SceneError for a lamp that grows or shrinks.
+    Raises SceneError if a moving emitter grows or shrinks.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -62,7 +62,7 @@ class MovingScene:
                 )
 
     def at(self, time: float) -> Scene:
-        """The scene as it stands at a time, with the camera as it is."""
+        """Return the scene at a time, with an unchanged camera."""
         shapes = list(self.middle.shapes)
         for i in self.shapes:
             shapes[i] = self.scene.shapes[i].at(time)
@@ -73,7 +73,7 @@ class MovingScene:
         self.pose = Shapes(self.scene.shapes[i].at(time) for i in self.shapes)
 
     def corners(self) -> Float64:
-        """(T, 3, 3), all triangles as the device has them now; the next call writes to the same array."""
+        """Return (T, 3, 3) all triangles as the device has them now; the next call overwrites the same array."""
         self._corners[self.triangles] = _rounded(self.pose.triangles)
         return self._corners
 
@@ -94,7 +94,7 @@ class MovingScene:
 
 
 def _vertex_ranges(shapes: Shapes) -> list[slice]:
-    """The range of vertices of each shape of triangles, in all its instances."""
+    """Return the range of vertices of each triangle shape, over all its instances."""
     counts = [
         len(s.world_from_object) * len(s.geometry.vertices) if isinstance(s.geometry, Mesh) else 0 for s in shapes
     ]
@@ -118,10 +118,10 @@ def _is_rigid(shape: Shape) -> bool:
 
 
 class Refitting:
-    """The nodes of a tree that have to be made anew when some of its items move.
+    """Nodes of a tree whose boxes must be recomputed if some of its items move.
 
-    tree  : binary, an item a leaf: lower and upper corners of boxes (M, 3), which are changed
-    moved : (N,) bool, of the items
+    tree  : binary tree with one item a leaf: lower and upper corners of boxes (M, 3), which are changed
+    moved : (N,) bool, True for items that move
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Refitting:
         changed[leaf] = moved[leaf_item[leaf]]
         self.leaves = np.flatnonzero(changed)
         self.items = leaf_item[self.leaves]
-        # The subtrees that a node lies in: all that have begun, less those that have ended.
+        # Depth of a node: the number of subtrees that have begun, minus those that have ended.
         ended = np.cumsum(np.bincount(skip, minlength=count + 1)[:count])
         depth = np.arange(1, count + 1) - ended
         self._levels: list[NDArray[np.int64]] = []
@@ -152,7 +152,7 @@ class Refitting:
         self.nodes = np.flatnonzero(changed)
 
     def refit(self, lower: Float64, upper: Float64) -> None:
-        """Boxes of `leaves` (L, 3), and of all nodes above them."""
+        """Set the boxes of `leaves` (L, 3) and recompute those of all nodes above them."""
         self.lower[self.leaves], self.upper[self.leaves] = lower, upper
         for inner in self._levels:
             left = inner + 1

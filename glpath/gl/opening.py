@@ -1,7 +1,7 @@
-"""A context on the best device there is, or on the one that is asked for; `context` holds it for the process.
+"""Creation of a context on the best available device or on a requested one; `context` keeps it for the process.
 
 Order:    EGL on a hardware device, EGL on a software device (Mesa's llvmpipe), OSMesa. None needs a display.
-          glcontext's own variables (GLCONTEXT_DEVICE_INDEX and others) are not looked at, as they would beat an
+          glcontext's own variables (GLCONTEXT_DEVICE_INDEX and others) are ignored, because they would override an
           explicit choice.
 Source:   EGL 1.5, 3.7.3; EGL_EXT_platform_device.
 """
@@ -40,18 +40,19 @@ _EGL_OPENGL_API = 0x30A2
 
 
 class CollectingContext(NamingContext):
-    """moderngl's context, with objects that free what they have on the device when Python collects them.
+    """Context of moderngl whose objects free their device memory when Python collects them.
 
-    Python does so in any thread. In the one where the context is current they are deleted at once; in another the
-    calls would reach no context, so they queue up in `objects`, and the next thread with the context deletes them.
+    Python may collect them in any thread. In the thread where the context is current they are deleted at once. In
+    another thread the calls would reach no context, so the objects wait in `objects`, and the next thread with the
+    context deletes them.
 
-    holder : the thread where the context is current
+    holder : identifier of the thread where the context is current
     """
 
     holder: int | None
-    _this_thread = staticmethod(threading.get_ident)  # when the last objects die, modules are gone
+    _this_thread = staticmethod(threading.get_ident)  # modules are gone when the last objects are deleted
 
-    @property  # type: ignore[override]  # whose type there leaves out None
+    @property  # type: ignore[override]  # its declared type lacks None
     def gc_mode(self) -> str | None:
         if self._gc_mode is None:
             return None
@@ -64,9 +65,9 @@ class CollectingContext(NamingContext):
 
 @dataclass
 class Opened:
-    """A device that was opened: its context, current nowhere.
+    """Opened device with its context, which is not current in any thread.
 
-    loader : makes it current in this thread by `__enter__`, and free by `__exit__`
+    loader : `__enter__` makes the context current in this thread, and `__exit__` releases it
     """
 
     gl: CollectingContext
@@ -74,14 +75,17 @@ class Opened:
     loader: Any
 
     def destroy(self) -> None:
-        """Free all that it holds. Its Python objects no longer touch GL: their numbers may be another's."""
+        """Free the context's resources.
+
+        Its Python objects no longer call GL, because another context may reuse their numbers.
+        """
         self.gl.gc_mode = None
         self.loader.__exit__(None, None, None)
         self.gl.release()
 
 
 def open_best(backend: str, device: int | None, require_gpu: bool, probe_first: bool) -> Opened:
-    """The first candidate that works: hardware, then software, then OSMesa."""
+    """Return the first candidate that works: hardware, then software, then OSMesa."""
     if asks_for_one_thread(os.environ.get("LP_NUM_THREADS")):
         os.environ["LP_NUM_THREADS"] = "0"  # read by the driver when it is loaded
     failures: list[str] = []
@@ -105,7 +109,7 @@ def open_best(backend: str, device: int | None, require_gpu: bool, probe_first: 
             continue
         if opened.info.hardware:
             return opened
-        # A graphics card without its driver is handed out as llvmpipe: no better than the software devices.
+        # EGL serves a graphics card without its driver by llvmpipe, which is no better than the software devices.
         opened.destroy()
         demoted.append(candidate)
         failures.append(str(opened.info))
@@ -160,7 +164,7 @@ def _attempt(candidate: Candidate, failures: list[str], probe_first: bool) -> Op
 
 
 def open_device(candidate: Candidate) -> Opened:
-    """A context on this device, current nowhere, or a ContextError that names it."""
+    """Create a context on this device, not current in any thread. Raises ContextError that names the device."""
     name = f"{candidate.backend} device {candidate.index}"
     loader: Any = OSMesaLoader() if candidate.backend == "osmesa" else _EGLLoader(candidate.index, name)
     try:
@@ -174,7 +178,7 @@ def open_device(candidate: Candidate) -> Opened:
     gl.holder = None
     gl.gc_mode = "auto"
     names = gl.info
-    gl.clear_errors()  # asking for all limits asks some drivers too much
+    gl.clear_errors()  # reading all limits gives errors on some drivers
     loader.__exit__(None, None, None)
     renderer = str(names["GL_RENDERER"])
     by_name = any(word in renderer.lower() for word in _SOFTWARE_RENDERERS)
@@ -191,7 +195,7 @@ def open_device(candidate: Candidate) -> Opened:
 
 
 class _EGLLoader:
-    """glcontext's EGL context, current when made, which says when it could not be made current."""
+    """EGL context of glcontext, current after creation; raises ContextError if it cannot be made current."""
 
     def __init__(self, index: int, name: str) -> None:
         self._name = name
@@ -206,11 +210,11 @@ class _EGLLoader:
         self._handle = self._current()
 
     def load_opengl_function(self, name: str) -> int:
-        """The address of a GL function, 0 where there is none."""
+        """Return the address of a GL function, 0 if it does not exist."""
         return int(self._loader.load_opengl_function(name))
 
     def __enter__(self) -> _EGLLoader:
-        self._bind_api(_EGL_OPENGL_API)  # each thread has its own, OpenGL ES at first
+        self._bind_api(_EGL_OPENGL_API)  # each thread has its own API, initially OpenGL ES
         self._loader.__enter__()
         if self._handle is not None and self._current() != self._handle:
             raise ContextError(f"{self._name}: cannot be made current in this thread (EGL {self._error():#x})")
@@ -220,14 +224,14 @@ class _EGLLoader:
         self._loader.__exit__(*exception)
 
     def release(self) -> None:
-        """Destroy the context and all that lives in it."""
+        """Destroy the context and all its objects."""
         self._handle = None
         self._loader.release()
 
 
 def _egl_context(index: int, name: str) -> Any:
-    """glcontext's EGL context; asked directly, as its wrapper lets its environment variables win."""
-    from glcontext import egl  # of Linux alone
+    """Create glcontext's EGL context directly, because its wrapper gives environment variables precedence."""
+    from glcontext import egl  # exists only on Linux
 
     gl_library = next(name for name in GL_LIBRARIES if library_loads(name) or name == EGL_LIBRARY)
     settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}
@@ -250,7 +254,7 @@ def _egl_context(index: int, name: str) -> Any:
 
 
 def probed(backend: str, index: int, software: str) -> None:
-    """The child of `list_devices`: one line of JSON about one device."""
+    """Print one line of JSON about one device; runs in a child process of `list_devices`."""
     try:
         answer: dict[str, Any] = {"info": asdict(open_device(Candidate(backend, index, bool(software))).info)}
     except ContextError as error:

@@ -1,11 +1,11 @@
-"""OSMesa: OpenGL that draws into plain memory, without EGL, a display or a device file.
+"""OSMesa: OpenGL that draws into main memory, without EGL, a display or a device file.
 
-The last resort, for a machine where no EGL can be had: glcontext has no loader for it, so this is one, in the form
+It is the last resort for a machine without EGL. glcontext has no loader for it; this module has one, in the form
 that `moderngl.create_context(context=...)` takes (`load_opengl_function`, `__enter__`, `__exit__`, `release`).
 
-Needs:    libOSMesa.so.8 (Debian 12: libosmesa6). Mesa 25.1 dropped the library; it is not in newer distributions.
-Poor at:  everything EGL can do as well. It is the same llvmpipe, only harder to install.
-Source:   the Mesa 22.3 header GL/osmesa.h, whose constants stand below.
+Needs:    libOSMesa.so.8 (Debian 12: libosmesa6). Mesa 25.1 dropped the library; newer distributions lack it.
+Poor at:  everything in comparison with EGL: it is the same llvmpipe, but harder to install.
+Source:   the Mesa 22.3 header GL/osmesa.h, with the constants below.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ _PROFILE, _CORE_PROFILE = 0x33, 0x34
 _MAJOR_VERSION, _MINOR_VERSION = 0x36, 0x37
 _UNSIGNED_BYTE = 0x1401
 
-# Mesa gives exactly the version that is asked for, never a newer one, so ask downwards.
+# Versions to request, from the highest: Mesa gives exactly the requested version, never a newer one.
 _VERSIONS = ((4, 6), (4, 5), (4, 4), (4, 3))
 
-# Its own framebuffer is never drawn to, yet a context cannot be made current without one.
+# Size of OSMesa's own framebuffer, which is never drawn to, but required to make a context current.
 _SIDE = 4
 
 
 def load_osmesa() -> ctypes.CDLL | None:
-    """The library, or None where the machine has none."""
+    """Return the library, or None if the machine has none."""
     for name in OSMESA_LIBRARIES:
         try:
             library = ctypes.CDLL(name)
@@ -55,11 +55,11 @@ def load_osmesa() -> ctypes.CDLL | None:
 
 
 class OSMesaLoader:
-    """A core-profile OSMesa context, current when made, as moderngl wants it.
+    """Core-profile OSMesa context, current after creation, with moderngl's loader interface.
 
     Raises
     ------
-    ContextError : the library is absent, or has no OpenGL 4.3
+    ContextError : the library is missing, or has no OpenGL 4.3
     """
 
     def __init__(self) -> None:
@@ -92,7 +92,7 @@ class OSMesaLoader:
         return bool(self._library.OSMesaMakeCurrent(self._context, pixels, _UNSIGNED_BYTE, _SIDE, _SIDE))
 
     def load_opengl_function(self, name: str) -> int:
-        """The address of a GL function, 0 where there is none."""
+        """Return the address of a GL function, 0 if it does not exist."""
         return int(self._library.OSMesaGetProcAddress(name.encode()) or 0)
 
     def __enter__(self) -> OSMesaLoader:
@@ -104,7 +104,7 @@ class OSMesaLoader:
         self._library.OSMesaMakeCurrent(None, None, _UNSIGNED_BYTE, 0, 0)
 
     def release(self) -> None:
-        """Destroy the context and all that lives in it; a second call does nothing."""
+        """Destroy the context and all its objects; a second call does nothing."""
         if self._context:
             self._library.OSMesaDestroyContext(self._context)
             self._context = None

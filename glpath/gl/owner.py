@@ -1,4 +1,4 @@
-"""Owners of GL objects, which can release them: engines, buffers and scenes on the device."""
+"""Base class of GL object owners (engines, buffers, scenes on the device) that can release their objects."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from typing import Self
 
 
 class Owner:
-    """Has objects on the device until `close`, or the end of a `with` block, or until Python collects it.
+    """Owner of objects on the device until `close`, the end of a `with` block, or garbage collection.
 
     with PathBufferTracer(...) as engine: ...
     """
 
     def close(self) -> None:
-        """Release everything; unshared objects are freed at once, where this thread has the context.
+        """Release everything; unshared objects are freed at once if this thread has the context.
 
-        The object is unusable then. What it was given, a `DeviceScene`, stays with its other owners.
+        The owner is unusable afterwards. A `DeviceScene` that it was given stays with its other owners.
         """
         vars(self).clear()
 

@@ -1,13 +1,13 @@
-"""Which points see out of a scene along directions that all of them share: any-hit rays, a bit for each.
+"""Visibility from points out of a scene along common directions: any-hit rays, one bit for each.
 
-Points are sorted along a Z curve and lie so in squares of texels. The lanes of a vector are then neighbours and
-have one direction: their rays walk through the same nodes of the BVH. Which triangle blocked the direction before
-is asked first, so neighbouring directions should follow each other.
+Points are sorted along a Z curve and stored so in squares of texels. The lanes of a vector are then neighbours and
+have one direction, so their rays visit the same nodes of the BVH. The triangle that occluded the previous direction
+is tested first, so neighbouring directions should follow each other.
 
 Cost:     a ray for each point and direction in front of it; 36 bytes a point on the device.
 Poor at:  scenes whose triangles do not fit into memory; see `glpath.gl.streamed_rays` for those.
-Source:   Morton 1966, A computer oriented geodetic data base; Haines & Greenberg 1986, The light buffer, for asking
-          the last occluder first.
+Source:   Morton 1966, A computer oriented geodetic data base; Haines & Greenberg 1986, The light buffer, for
+          testing the last occluder first.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from glpath.gl.program import load_program
 from glpath.gl.ray_bvh import RayBvh
 from glpath.gl.thin_dielectrics import thin_dielectric_variants
 
-#: Directions of a word.
+#: Number of directions in a word.
 WORD = 32
-# Points along a square, up to so many; and of all squares of a draw, a word each: half a second on two cores.
+# Maximum points along a square's side, and words in a draw over all squares: half a second on two cores.
 _MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
-# Whole numbers that are different floats, but 0.
+# Number of nonzero integers that 32-bit floats distinguish.
 _NUMBERS = (1 << 24) - 1
 
 
 class Seen(NamedTuple):
-    """What points see of 32 directions.
+    """Visibility of points along 32 directions.
 
-    word  : (N,) uint32, bit k of direction k: light comes from there
-    share : (32, N) float16, how much of it thin dielectrics let through; None where there are none
+    word  : (N,) uint32, bit k is set if light arrives along direction k
+    share : (32, N) float16, fraction of the light that thin dielectrics transmit; None if the scene has none
     """
 
     word: NDArray[np.uint32]
@@ -46,17 +46,17 @@ class Seen(NamedTuple):
 
 
 class ParallelRays(Owner):
-    """The points on the device, and the rays from them.
+    """Points on the device, and the rays from them.
 
     gl        : the context
-    scene     : in triangles
-    bvh       : over them
-    positions : (N, 3), in the space of the device's scene, already off the surfaces that they lie on
+    scene     : scene of triangles
+    bvh       : BVH over its triangles
+    positions : (N, 3), in the space of the device's scene, already offset from the surfaces
     normals   : (N, 3) unit; directions behind a point's plane are not cast, and their bits are 0. Zero for a point
-                that has none
-    transmits : there are thin dielectrics, which light goes straight through
-    sort      : False where the points are neighbours already, in their order
-    first     : number of the first point, which random numbers of blended surfaces follow from
+                without a normal
+    transmits : True if the scene has thin dielectrics, which light crosses without a change of direction
+    sort      : False if consecutive points are already neighbours
+    first     : number of the first point, the seed for random decisions at blended surfaces
     """
 
     def __init__(
@@ -105,9 +105,9 @@ class ParallelRays(Owner):
             self._squares.append((which, Pass("parallel rays", gl, program, target, textures=textures)))
 
     def see_out(self, directions: NDArray[np.float64], number: int = 0) -> Iterator[Seen]:
-        """What the points see of each word of 32 directions (D, 3), unit, word by word.
+        """Yield the visibility along each word of 32 directions, from unit directions (D, 3).
 
-        number : of the first one: by it and the point, blended surfaces let light through at random
+        number : number of the first direction; with the point, it seeds the random decisions at blended surfaces
         """
         words = -(-len(directions) // WORD)
         given = np.zeros((words * WORD, 4), np.float32)
@@ -127,7 +127,7 @@ class ParallelRays(Owner):
                     yield Seen(word, None)
 
     def _drawn(self, rows: int, first: int, dtype: type[np.generic]) -> NDArray[Any]:
-        """(rows, N): of all points, a square of texels for each row."""
+        """Return (rows, N) results for all points; each row takes a square of texels."""
         texels = self._square**2
         found = np.empty((rows, self.count), dtype)
         for which, rays in self._squares:
@@ -139,7 +139,7 @@ class ParallelRays(Owner):
 
 
 def along_z_curve(positions: NDArray[np.float64]) -> NDArray[np.intp]:
-    """(N,): numbers of points (N, 3) in the order of a Z curve through the cube around them."""
+    """Return (N,) indices of points (N, 3) in the order of a Z curve through their bounding cube."""
     if not len(positions):
         return np.zeros(0, np.intp)
     low = positions.min(axis=0)
@@ -152,7 +152,7 @@ def along_z_curve(positions: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _spread(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """21 bits with two zeros between them."""
+    """Return 21 bits with two zeros inserted between neighbours."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),
@@ -165,7 +165,7 @@ def _spread(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def z_curve_texels(square: int) -> NDArray[np.intp]:
-    """(square^2,): where the texel of each number along a Z curve is, row by row."""
+    """Return (square^2,) the row-major texel index of each number along a Z curve."""
     number = np.arange(square * square)
     x, y = np.zeros_like(number), np.zeros_like(number)
     for bit in range(square.bit_length() - 1):
@@ -175,7 +175,7 @@ def z_curve_texels(square: int) -> NDArray[np.intp]:
 
 
 def texel_table(gl: moderngl.Context, size: tuple[int, int], dtype: str, components: int) -> moderngl.Texture:
-    """A texture that is read texel by texel."""
+    """Create a texture that is read texel by texel, without filtering."""
     texture = gl.texture(size, components, dtype=dtype)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

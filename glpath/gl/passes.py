@@ -1,7 +1,7 @@
 """A pass: one draw or dispatch with all the state it depends on.
 
-moderngl's scopes restore neither blend nor depth function nor viewport, so nothing here relies on what was
-set before: `Pass.run` sets everything, every time.
+moderngl's scopes restore neither blend nor depth function nor viewport. Therefore `Pass.run` sets the whole state
+every time and relies on no earlier state.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
 }
 
 
-#: Ray-primitive tests of one draw at most, where a shader loops over primitives: some tenths of a second on a slow
+#: Maximum ray-primitive tests in one draw if a shader loops over primitives: some tenths of a second on a slow
 #: graphics card. A system's watchdog ends a program whose draw takes longer than a few seconds (Windows: two).
 TESTS_PER_DRAW = 1 << 28
 
 
 def draw_areas(size: tuple[int, int], tests_per_pixel: int) -> list[tuple[int, int, int, int]]:
-    """Areas (x, y, width, height) of a window, each of at most TESTS_PER_DRAW tests, and at least one pixel."""
+    """Return areas (x, y, width, height) of a window, each with at most TESTS_PER_DRAW tests or one pixel."""
     width, height = size
     pixels = max(1, TESTS_PER_DRAW // max(1, tests_per_pixel))
     if width * height <= pixels:
         return [(0, 0, width, height)]
-    side = 1 << (pixels.bit_length() - 1) // 2  # llvmpipe shares work in squares of powers of two
+    side = 1 << (pixels.bit_length() - 1) // 2  # llvmpipe distributes work in squares of powers of two
     return [
         (x, y, min(side, width - x), min(side, height - y))
         for y in range(0, height, side)
@@ -46,12 +46,12 @@ def draw_areas(size: tuple[int, int], tests_per_pixel: int) -> list[tuple[int, i
 
 
 def largest_point(gl: moderngl.Context) -> int:
-    """How many pixels along a point may be on this device; OpenGL promises one."""
+    """Return the maximum side of a point on this device in pixels; OpenGL guarantees one."""
     return int(gl.info["GL_POINT_SIZE_RANGE"][1])
 
 
 def _check_textures(name: str, program: Program, textures: Mapping[str, moderngl.Texture]) -> None:
-    """A program may use fewer textures than a family of passes offers, never more."""
+    """Check that each texture of the program is given; it may use fewer textures than a family of passes offers."""
     missing = (set(program.samplers) | set(program.images)) - set(textures)
     assert not missing, f"{name}: no texture for {sorted(missing)}"
 
@@ -71,17 +71,17 @@ def _bind(
 
 
 class TriangleIndices:
-    """Triangles as a rasteriser takes them: a vertex is transformed once, however many triangles share it.
+    """Index buffer of triangles: a vertex is transformed once, however many triangles share it.
 
-    The vertex shader finds it in the scene's store, by gl_VertexID; the fragment shader has the triangle's number
-    as gl_PrimitiveID.
+    The vertex shader finds the vertex in the scene's store by gl_VertexID; the fragment shader has the triangle's
+    number in gl_PrimitiveID.
 
     faces : (T, 3) uint32, numbers of vertices
     """
 
     def __init__(self, gl: moderngl.Context, faces: NDArray[np.uint32]) -> None:
         self.count = len(faces)
-        # A buffer of nothing is an error.
+        # An empty buffer is an error.
         self.buffer = gl.buffer(np.ascontiguousarray(faces).tobytes() or bytes(12))
 
     @property
@@ -95,19 +95,19 @@ class Pass:
 
     name     : the paper's word for the stage; used in timings, GL debug groups and errors
     target   : framebuffer drawn to
-    area     : (x, y, width, height) of the target that is drawn to and cleared; None for the whole
-    vertices : count per instance; there are no vertex buffers, vertices are pulled by gl_VertexID
-    triangles : what is drawn, by index: gl_VertexID is a vertex of the scene
+    area     : (x, y, width, height) of the target that is drawn to and cleared; None for the whole target
+    vertices : number of vertices per instance; no vertex buffers exist, vertices are pulled by gl_VertexID
+    triangles : triangles to draw by index: gl_VertexID is a vertex of the scene
     blend    : None, "min", "max" or "add", for all attachments
     depth    : test and write depth (less)
-    clear    : colour that floats are cleared to before (integers to 0), or None to keep what is there
+    clear    : colour that floats are cleared to before the draw (integers to 0), or None to keep the contents
     elements : a buffer of uint32, the gl_VertexID of every vertex, instead of 0, 1, 2 ...
-    indirect : a buffer whose first words, written on the device, say what to draw, instead of `vertices`: five
-               with `elements`, else four
+    indirect : a buffer whose first words, written on the device, define the draw, instead of `vertices`: five words
+               with `elements`, otherwise four
     points   : draw squares of gl_PointSize pixels about the vertices, not triangles; see `largest_point`
-    buffers  : storage buffers by their binding, for the fragment shader alone, as OpenGL 4.3 promises none to a
-               vertex shader; the next pass may use them at once
-    written  : images among the textures that its fragment shader writes, as well
+    buffers  : storage buffers by their binding, only for the fragment shader, because OpenGL 4.3 guarantees none to
+               a vertex shader; the next pass may use them at once
+    written  : images among the textures that its fragment shader also writes
     """
 
     name: str
@@ -139,7 +139,7 @@ class Pass:
         _check_textures(self.name, self.program, self.textures)
 
     def run(self, uniforms: Mapping[str, object], instances: int | None = None) -> None:
-        """Set the whole state and draw; `instances` of it, where they are not those of the pass."""
+        """Set the whole state and draw; `instances` replaces the number of instances of the pass."""
         gl = self.gl
         instances = self.instances if instances is None else instances
         target = self.target
@@ -180,7 +180,7 @@ class Pass:
 
 @dataclass
 class PixelDispatch:
-    """A compute shader instead of a pass: an invocation for each pixel of an area, 8 x 8 in a group.
+    """A compute shader with an invocation for each pixel of an area, in groups of 8 x 8.
 
     written : images among the textures that it writes; it reads the others
     area    : (x, y, width, height), the uniform of that name
@@ -210,9 +210,9 @@ class PixelDispatch:
 def run_in_areas(
     drawn: Pass | PixelDispatch, areas: Sequence[tuple[int, int, int, int]], uniforms: Mapping[str, object]
 ) -> None:
-    """Draw area by area, see `draw_areas`, and wait for each where there are several.
+    """Draw area by area, see `draw_areas`, and wait after each of several areas.
 
-    A watchdog counts what a device was given at once.
+    The wait keeps the device's watchdog from counting all areas as one task.
     """
     for area in areas:
         drawn.area = area
@@ -223,10 +223,10 @@ def run_in_areas(
 
 @dataclass
 class Dispatch:
-    """One run of a compute shader and all it reads and writes.
+    """One run of a compute shader with its inputs and outputs.
 
     name    : the paper's word for the stage
-    buffers : by their binding; the next pass may read them at once
+    buffers : buffers by their binding; the next pass may read them at once
     """
 
     name: str
@@ -239,7 +239,7 @@ class Dispatch:
         _check_textures(self.name, self.program, self.textures)
 
     def run(self, uniforms: Mapping[str, object], groups: tuple[int, int]) -> None:
-        """Run so many work groups across and down."""
+        """Run the given number of work groups across and down."""
         _bind(self.program, self.textures, self.buffers)
         self.program.set(uniforms)
         with self.gl.debug_scope(self.name):
@@ -249,10 +249,10 @@ class Dispatch:
 
 
 class Stopwatch:
-    """Milliseconds by stage of the frame.
+    """Timer of the stages of a frame, in milliseconds.
 
-    Off by default, as it costs: on a hardware device each stage is a GL timer query; on a software device, where
-    such a query only sees the submission, the stage is run to its end (finish before and after).
+    Off by default because of its cost. On a hardware device each stage is a GL timer query. On a software device
+    such a query measures only the submission, so the stage is finished before and after.
     """
 
     def __init__(self, gl: moderngl.Context, hardware: bool, enabled: bool = False) -> None:

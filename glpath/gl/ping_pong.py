@@ -1,4 +1,4 @@
-"""Ping-pong: a pass reads one of two and writes the other, then they are swapped."""
+"""Ping-pong: a pass reads one of two objects and writes the other, then they are swapped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ P = TypeVar("P")
 
 
 class PingPong(Generic[T]):
-    """Two of a kind, one to read and one to write, until `swap`."""
+    """Two objects of a kind, one to read and one to write, until `swap`."""
 
     def __init__(self, read: T, write: T) -> None:
         self._both = (read, write)
@@ -25,18 +25,18 @@ class PingPong(Generic[T]):
         return self._both[1 - self._turn]
 
     def swap(self) -> None:
-        """Swap: what was written is read from now on."""
+        """Swap both objects: the one that was written is read from now on."""
         self._turn = 1 - self._turn
 
     def each(self, make: Callable[[T, T], P]) -> InTurn[P]:
-        """A pair for both states, each made by `make(read, write)`."""
+        """Return a pair of objects for both states, each made by `make(read, write)`."""
         first, second = self._both if self._turn == 0 else self._both[::-1]
         made = make(first, second), make(second, first)
         return InTurn(self, made if self._turn == 0 else made[::-1])
 
 
 class InTurn(Generic[P]):
-    """One of two, by what a PingPong reads now."""
+    """Pair of objects, selected by the current state of a PingPong."""
 
     def __init__(self, pair: PingPong[T], made: tuple[P, P]) -> None:
         self._pair, self._made = pair, made

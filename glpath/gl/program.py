@@ -1,9 +1,9 @@
-"""Shader programs from files: includes flattened, errors that name the right file and line.
+"""Shader programs from files: includes are flattened, and errors name the right file and line.
 
-Shaders lie in `shaders/` (beside the package in a checkout, inside it when installed). `.vert`, `.frag` and
-`.comp` are whole programs; `.glsl` is included by a line `#include "name.glsl"`, each file once, unless an #ifdef
-takes the line away. What Python and GLSL share (layouts, constants) is declared in Python and handed over as text,
-which stands where the file says `#include <NAME>` for NAME in the `generated` mapping.
+Shaders lie in `shaders/` (beside the package in a checkout, inside it when installed). `.vert`, `.frag` and `.comp`
+are whole programs. `.glsl` is included by a line `#include "name.glsl"`, each file once, unless an #ifdef removes
+the line. Data that Python and GLSL share (layouts, constants) are declared in Python and inserted as text at
+`#include <NAME>`, for NAME in the `generated` mapping.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ GLSL_VERSION = "#version 430 core"
 _IMAGE_2D, _UNSIGNED_INT_IMAGE_2D = 0x904D, 0x9063
 
 _INCLUDE = re.compile(r'^\s*#include\s+(?:"(?P<file>[^"]+)"|<(?P<generated>[^>]+)>)\s*$')
-# A line that asks the preprocessor for something, or that a rewrite may change (see `glpath.gl.llvmpipe`).
+# Pattern of a preprocessor line, or of a line that a rewrite may change (see `glpath.gl.llvmpipe`).
 _SPECIAL = re.compile(r"^\s*(?:#|uniform\b|(?:UINT_)?TEXELS\b)")
 _LOCATION = re.compile(r"^(?P<file>\d+)[:(](?P<line>\d+)", re.MULTILINE)
 
 
 def shader_folder() -> Path:
-    """Where the shader files are: inside the installed package, or beside it in a checkout."""
+    """Return the folder of the shader files: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "shaders", package.parent / "shaders"):
         if folder.is_dir():
@@ -50,16 +50,16 @@ def shader_folder() -> Path:
     )
 
 
-#: Programs that a context keeps for later use. An engine has 3 to 12, which it keeps as long as it lives;
-#: llvmpipe takes some 5 MB for each.
+#: Maximum number of programs that a context caches. An engine has 3 to 12 and keeps them during its life; llvmpipe
+#: takes some 5 MB for each.
 MAX_PROGRAMS = 32
 
 
 class _Compiled:
-    """The programs of a context that were used last, by the digest of all their text.
+    """Recently used programs of a context, by the digest of their whole text.
 
-    Compiling takes longer than many a render of a test suite. Programs differ in what scenes have (kinds of
-    primitives, lights, materials, cameras), so that many different scenes have many programs.
+    Compiling takes longer than many renders of a test suite. Programs depend on the contents of scenes (kinds of
+    primitives, lights, materials, cameras), so many different scenes have many programs.
     """
 
     def __init__(self) -> None:
@@ -86,12 +86,12 @@ _compiled: WeakKeyDictionary[moderngl.Context, _Compiled] = WeakKeyDictionary()
 
 
 def forget_programs(gl: moderngl.Context) -> None:
-    """Let go of all programs of a context, which would keep it alive."""
+    """Forget all programs of a context, which would keep it alive."""
     _compiled.pop(gl, None)
 
 
 class Source:
-    """One flattened shader and the table that leads its lines back to files."""
+    """One flattened shader and the table that maps its lines to files."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class Source:
         self._seen: set[str] = set()
         self._conditions = Conditions(defines)
         self._folder = shader_folder()
-        #: The files that were read, and as they were then.
+        #: The files that were read, with their time stamps and sizes.
         self.read: dict[Path, tuple[int, int]] = {}
         body = self._flatten(name, "")
         head = "".join(f"#define {key} {value}\n" for key, value in _mentioned(defines, body).items())
@@ -158,7 +158,7 @@ class Source:
         return "\n".join(out) + "\n"
 
     def explain(self, log: str) -> str:
-        """The driver's log with file numbers replaced by file names."""
+        """Return the driver's log with file numbers replaced by file names."""
 
         def named(match: re.Match[str]) -> str:
             number = int(match["file"])
@@ -170,7 +170,7 @@ class Source:
 
 
 def _mentioned(defines: Mapping[str, object], text: str) -> dict[str, object]:
-    """Those that a text mentions, itself or by others: what it does not ask makes no other program of it."""
+    """Return the defines that a text mentions, directly or by other defines, so unused ones have no effect."""
     kept: dict[str, object] = {}
     searched = [text]
     while searched:
@@ -182,14 +182,14 @@ def _mentioned(defines: Mapping[str, object], text: str) -> dict[str, object]:
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    """What is another one once a file was written anew."""
+    """Return modification time and size of a file, which change when it is rewritten."""
     status = os.stat(path)
     return status.st_mtime_ns, status.st_size
 
 
 @lru_cache(maxsize=512)
 def _runs(text: str) -> tuple[tuple[int, str, bool], ...]:
-    """The text cut into its special lines, which are few, and what lies between: (first line, text, special)."""
+    """Split the text into its few special lines and the text between them: (first line, text, special)."""
     runs: list[tuple[int, str, bool]] = []
     plain: list[str] = []
     for i, line in enumerate(text.splitlines(), start=1):
@@ -206,7 +206,7 @@ def _runs(text: str) -> tuple[tuple[int, str, bool], ...]:
 
 
 class Program:
-    """A linked program whose samplers and images have fixed units, in the order of their names.
+    """Linked program whose samplers and images have fixed units, in the order of their names.
 
     gl       : the moderngl program or compute shader
     samplers : name -> texture unit
@@ -226,7 +226,7 @@ class Program:
                 continue
             if member.gl_type in (_IMAGE_2D, _UNSIGNED_INT_IMAGE_2D):  # type: ignore[attr-defined]
                 unit = self.images[name] = len(self.images)
-                # moderngl can set the unit of an image of floats only; it is the same call.
+                # moderngl sets the unit only for images of floats; the GL call is the same for all.
                 member.gl_type, member.fmt = _IMAGE_2D, "1i"  # type: ignore[attr-defined]
                 member.value = unit
                 continue
@@ -240,14 +240,14 @@ class Program:
     def set(self, uniforms: Mapping[str, object]) -> None:
         """Set those of the given uniforms that this program uses: numbers, tuples for vectors, bytes for an array.
 
-        All that it uses must be given, as a family of passes shares one mapping and programs are shared too: what
-        is not there would be 0, or whatever the draw before had.
+        All uniforms of the program must be given, because a family of passes shares one mapping and programs are
+        shared too. A missing one would be 0, or have the value of an earlier draw.
         """
         missing = self._uniforms.keys() - uniforms.keys()
         assert not missing, f"{self.label}: no value for the uniforms {sorted(missing)}"
         for name, value in uniforms.items():
             uniform = self._uniforms.get(name)
-            # Most stay as they were from set to set, and a call into GL costs more than a comparison.
+            # Most uniforms do not change from set to set, and a GL call costs more than a comparison.
             if uniform is None or self._values.get(name) == value:
                 continue
             if isinstance(value, bytes):
@@ -272,10 +272,10 @@ def load_program(
     ----------
     vertex, fragment : file names of a drawing program; or `compute` alone
     generated        : text for `#include <NAME>`: layouts declared in Python
-    defines          : name -> value, put as #define lines before everything; see `glpath.gl.variants`
+    defines          : name -> value, inserted as #define lines before everything; see `glpath.gl.variants`
 
-    A program is compiled once in a context; later calls for the same one share it, as long as somebody has it or it
-    is among the last `MAX_PROGRAMS` that were asked for.
+    A program is compiled once in a context. Later calls share it as long as someone uses it or it is among the last
+    `MAX_PROGRAMS` requests.
 
     Raises
     ------
@@ -293,7 +293,7 @@ def load_program(
     return _compiled.setdefault(gl, _Compiled()).get(sources, lambda: _compile(gl, sources))
 
 
-#: Flattened shaders by all that they follow from but their files, those that were asked for last.
+#: Cache of recently requested flattened shaders, by all their inputs except the files.
 _sources: OrderedDict[Hashable, dict[str, Source]] = OrderedDict()
 _MAX_SOURCES = 128
 
@@ -301,11 +301,11 @@ _MAX_SOURCES = 128
 def _flattened(
     stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object], inputs: int | None
 ) -> dict[str, Source]:
-    """The shaders of a program by stage; a render of the same scene asks for the same again.
+    """Return the shaders of a program by stage, cached because a render of the same scene requests the same ones.
 
-    inputs : see `_for_llvmpipe`; None where its dialect is not spoken
+    inputs : see `_for_llvmpipe`; None if shaders are not rewritten for llvmpipe
     """
-    # In their order, which is that of the lines.
+    # Their order is part of the key, because it is the order of the #define lines.
     texts = tuple((name, str(value)) for name, value in defines.items())
     key = (shader_folder(), inputs, tuple(stages.items()), tuple(generated.items()), texts)
     sources = _sources.get(key)
@@ -331,14 +331,17 @@ def _is_fresh(source: Source) -> bool:
 def _for_llvmpipe(
     stages: Mapping[str, str], generated: Mapping[str, str], defines: Mapping[str, object], inputs: int
 ) -> dict[str, Source]:
-    """inputs : components of flat inputs that the vertex shader may hand on uniforms by"""
+    """Flatten and rewrite shaders for llvmpipe.
+
+    inputs : maximum components of flat inputs by which the vertex shader may pass on uniforms
+    """
     handed = llvmpipe.HandedOn(defines, inputs)
     rewrites = {
         "fragment_shader": (llvmpipe.image_texels, handed.fragment),
         "compute_shader": (llvmpipe.image_texels, llvmpipe.fetch_at_start),
     }
     images = {**defines, "TEXELS_ARE_IMAGES": 1}
-    # A vertex shader need not have images.
+    # OpenGL does not guarantee images to a vertex shader.
     sources = {
         stage: Source(name, generated, images if stage in rewrites else defines, rewrites.get(stage, ()))
         for stage, name in stages.items()
@@ -350,7 +353,7 @@ def _for_llvmpipe(
 
 def _compile(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:
     check_time("compiling shaders")
-    # moderngl calls functions of Python while it makes a program, and crashes where one is broken off.
+    # moderngl calls Python functions while it makes a program, and crashes if a signal interrupts one.
     signals = SignalsWait(_program_of.__code__)
     signals.begin()
     try:
@@ -368,7 +371,7 @@ def _program_of(gl: moderngl.Context, sources: Mapping[str, Source]) -> Program:
         return Program(gl.program(vertex_shader=vertex.text, fragment_shader=fragment.text), label)
     except moderngl.Error as error:
         log = str(error)
-        # moderngl heads its message with the stage that failed; the file numbers are that stage's own.
+        # moderngl's message starts with the stage that failed; the file numbers belong to that stage.
         failed = next((s for k, s in sources.items() if k in log.lower()), None)
         text = failed.explain(log) if failed else log
         raise ShaderError(f"{label}: the driver refuses the shader\n{text.strip()}") from None

@@ -1,4 +1,4 @@
-"""The parts of a program that its shaders include: a scene, a BVH, a radiosity solution."""
+"""Parts of a program that its shaders include: a scene, a BVH, a radiosity solution."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import moderngl
 
 
 class Part(Protocol):
-    """Whatever is on the device and has a shader file that reads it.
+    """Object on the device with a shader file that reads it.
 
-    uniforms, textures : by their names in GLSL
+    uniforms, textures : values by their names in GLSL
     generated, defines : see `glpath.gl.program.load_program`
     """
 
@@ -31,7 +31,7 @@ class Part(Protocol):
 
 @dataclass
 class ProgramParts:
-    """The includes, defines, textures and uniforms of a program's parts; itself a part."""
+    """Combined includes, defines, textures and uniforms of a program's parts; itself a part."""
 
     uniforms: dict[str, object] = field(default_factory=dict)
     textures: dict[str, moderngl.Texture] = field(default_factory=dict)

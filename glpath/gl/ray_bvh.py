@@ -1,12 +1,12 @@
-"""The BVH on the device for the rays of paths, which go in all directions and meet triangles alone.
+"""BVH on the device for the rays of paths, which have arbitrary directions and hit only triangles.
 
-A tree of up to four children a node, whose boxes have 16-bit steps of the scene's, and with each node the order in
-which rays of each octant of directions meet its children. One item a leaf, a triangle or two that are a
-parallelogram. Nodes and items lie in slots of the same size: the children of a node are four slots side by side, a
-group, so that a ray keeps the number of a group and a bit for each child that is yet to be visited.
+The tree has up to four children a node. Boxes are in 16-bit steps of the scene's box. Each node stores the order in
+which rays of each octant of directions visit its children. A leaf holds one item: a triangle, or two that form a
+parallelogram. Nodes and items lie in slots of the same size. The children of a node are four adjacent slots, a
+group. So a ray keeps a group's number and a bit for each unvisited child.
 
-Cost:     some 100 bytes a triangle; building it, half a second for 20,000 triangles, and of many, by compiled code,
-          a second for two million on two cores.
+Cost:     some 100 bytes a triangle. Building takes half a second for 20,000 triangles; for many, compiled code
+          takes a second for two million on two cores.
 Source:   Wald, Benthin & Boulos 2008, Getting rid of packets; Ylitie, Karras & Laine 2017, Efficient incoherent ray
           traversal on GPUs through compressed wide BVHs; Moeller & Trumbore 1997.
 """
@@ -30,7 +30,7 @@ from glpath.gl.texel_store import UINTS, Rows, StoreRows, make_store, store_glsl
 from glpath.gl.texel_store import WIDTH as STORE_WIDTH
 from glpath.gl.variants import defined
 
-#: The contents of a slot. All are integers, coordinates of corners as the bits of floats.
+#: Contents of a slot. All values are integers; coordinates of corners are the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
     "ray_slot": {
         "X": "of a node: by child the lower bound in the low 16 bits, the upper in the high ones; of an item: a "
@@ -44,16 +44,16 @@ LAYOUT: dict[str, dict[str, str]] = {
     },
 }
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
-# Groups that a ray's word has bits for, beside those of the children and their order.
+# Number of groups that a ray's word can address, beside the bits of the children and their order.
 _NEAR_GROUPS = 1 << 20
-# Triangles from which on compiled code builds it, at the first time after some seconds of compiling.
+# Number of triangles from which compiled code builds the tree; its first use takes some seconds of compiling.
 _MANY = 200_000
-# The stack of all trees up to so high is the same, and so their programs.
+# Stack sizes are rounded up to multiples of this, so that trees of similar depth share programs.
 _STACKS = 4
 
 
 def ray_bvh_glsl(stack: int) -> str:
-    """The layout as GLSL, for `#include <RAY_BVH>`; stack: how many groups a ray keeps at most."""
+    """Return the layout as GLSL, for `#include <RAY_BVH>`. stack: maximum number of groups on a ray's stack."""
     return (
         f"const uint NO_TRIANGLE = {int(_NO_TRIANGLE)}u;\nconst int RAY_STACK = {stack};\n"
         + f"const uint ITEM_ALPHA = {ITEM_ALPHA}u;\nconst uint ITEM_THIN_DIELECTRIC = {ITEM_THIN_DIELECTRIC}u;\n"
@@ -62,7 +62,7 @@ def ray_bvh_glsl(stack: int) -> str:
     )
 
 
-# Of the first of a slot's four texels: no slot goes over the end of a row.
+# GLSL function for the position of a slot's first of four texels; no slot crosses the end of a row.
 _SLOT_AT = f"""ivec2 ray_slot_at(int slot)
 {{
     int i = 4 * slot;
@@ -72,9 +72,9 @@ _SLOT_AT = f"""ivec2 ray_slot_at(int slot)
 
 
 class RayBvh:
-    """The BVH over the triangles of a `DeviceScene`, which has nothing else.
+    """BVH over the triangles of a `DeviceScene` that has no other primitives.
 
-    textures, uniforms, generated, defines : for programs that include ray_bvh.glsl
+    textures, uniforms, generated, defines : inputs of programs that include ray_bvh.glsl
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene) -> None:
@@ -82,7 +82,7 @@ class RayBvh:
         table: Rows
         of_meshes: dict[str, object] = {}
         if scene.instances is not None:
-            from glpath.gl.instance_bvh import InstanceBvh  # with numba, which is slow to import
+            from glpath.gl.instance_bvh import InstanceBvh  # imports numba, which is slow
 
             trees = InstanceBvh.of(scene.instances)
             grid, table, stack, of_meshes = trees.grid, trees.table, trees.stack, trees.uniforms
@@ -92,7 +92,7 @@ class RayBvh:
             built = build(scene, _paths(scene))
             grid, table, stack = built.grid, built.table, built.wide.stack
             moving = built if scene.moving is not None else None
-            del built  # while the slots are written, there would be a hundred bytes a triangle in it
+            del built  # frees a hundred bytes a triangle before the slots are written
         texture = self._put(gl, grid, table, stack, scene.scene.source or scene.scene.name)
         self.uniforms |= of_meshes
         if moving is not None:
@@ -111,19 +111,19 @@ class RayBvh:
         return texture
 
     def move_to(self, triangles: NDArray[np.float64]) -> None:
-        """Move the triangles (T, 3, 3) to another time; see `glpath.gl.moving`."""
+        """Move the triangles to their corners (T, 3, 3) at another time; see `glpath.gl.moving`."""
         self._moving.move(triangles)
 
 
 class PartBvh(RayBvh):
-    """The BVH over triangles that no `DeviceScene` has, opaque and at rest: a part of those that are streamed.
+    """BVH over part of the streamed triangles, which no `DeviceScene` contains; they are opaque and static.
 
     corners  : (T, 3, 3) float32
-    chunk    : (T,) the number of the chunk of each. Those of two chunks are never an item, so that what rays find
-               does not depend on which chunks are in the part
-    far      : how large coordinates of a ray's start may be
-    compiled : by compiled code
-    source   : for errors
+    chunk    : (T,) number of each triangle's chunk. Triangles of two chunks never form an item, so that hits do not
+               depend on the chunks in the part
+    far      : maximum absolute coordinate of a ray's start
+    compiled : True to build with compiled code
+    source   : scene name for error messages
     """
 
     def __init__(
@@ -159,8 +159,8 @@ class PartBvh(RayBvh):
 
 
 def _interpreted(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
-    """By numpy, which small scenes are sooner done with than with numba's import."""
-    # As the device has their corners, or neighbours far from the origin would not meet at an edge.
+    """Build the tree with numpy, which takes less time for small scenes than importing numba."""
+    # Corners are rounded as on the device; otherwise neighbours far from the origin would not share an edge.
     triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
     items = _items(triangles, paths)
     wide = collapse(_tree(triangles, items))
@@ -184,10 +184,10 @@ def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
 
 
 class _Built(NamedTuple):
-    """What is built on the CPU.
+    """Result of building on the CPU.
 
     items : (N, 3), see `_items`
-    table : the slots
+    table : slots of the tree
     """
 
     items: NDArray[Any]
@@ -198,10 +198,13 @@ class _Built(NamedTuple):
 
 @dataclass(frozen=True)
 class Slots:
-    """Where the nodes and items of a tree are: the root in slot 0 of the first group, whose others are empty, then
-    a group of children for each wide node.
+    """Slots of a tree's nodes and items.
 
-    of_node : (W,) slots of the wide nodes; of_item : (N,) of the items
+    The root has slot 0 of the first group, whose other slots are empty. A group of children follows for each wide
+    node.
+
+    of_node : (W,) slots of the wide nodes
+    of_item : (N,) slots of the items
     """
 
     wide: WideBvh
@@ -210,7 +213,7 @@ class Slots:
 
     @classmethod
     def of(cls, wide: WideBvh) -> Slots:
-        """The slots of a tree."""
+        """Assign slots to the nodes and items of a tree."""
         tree = wide.tree
         slot = WIDTH * (np.arange(len(wide))[:, None] + 1) + np.arange(WIDTH)
         of_node, of_item = np.zeros(len(wide), np.int64), np.zeros(len(tree.order), np.int64)
@@ -219,7 +222,7 @@ class Slots:
         return cls(wide, of_node, of_item)
 
     def table(self, boxes: NDArray[np.uint32], items: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """(4 (W + 1), 4, 4), of boxes (M, 3) of the binary tree, and items (N, 3, 4)."""
+        """Return (4 (W + 1), 4, 4) slots, from boxes (M, 3) of the binary tree and items (N, 3, 4)."""
         table = np.zeros((WIDTH * (len(self.wide) + 1), 4, 4), np.uint32)
         if len(self.wide):
             table[self.of_node, :3] = self.children_boxes(boxes, np.arange(len(self.wide)))
@@ -228,7 +231,7 @@ class Slots:
         return table
 
     def children_boxes(self, boxes: NDArray[np.uint32], nodes: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """(n, 3, 4): the boxes of the children of wide nodes, by axis."""
+        """Return (n, 3, 4) boxes of the children of wide nodes, by axis."""
         children = self.wide.children[nodes]
         found = np.where(children[:, :, None] >= 0, boxes[children], np.uint32(0))
         return np.asarray(found.transpose(0, 2, 1))
@@ -245,7 +248,7 @@ class Slots:
 
 
 class _MovingItems:
-    """The rows of the texture that change when triangles move."""
+    """Updates of the texture's rows that change when triangles move."""
 
     def __init__(
         self,
@@ -276,12 +279,12 @@ class _MovingItems:
         self._rows.write()
 
     def _put(self, slots: NDArray[np.int64], texels: NDArray[np.uint32]) -> None:
-        """The first three texels (n, 3, 4) of slots."""
+        """Put the first three texels (n, 3, 4) of slots."""
         self._rows.put((4 * slots[:, None] + np.arange(3)).ravel(), texels)
 
 
 def _paths(scene: DeviceScene) -> NDArray[np.int64]:
-    """(T,): 0 for a triangle that stands still, else 1 and the number of the shape that it moves with."""
+    """Return (T,): 0 for a static triangle, otherwise 1 + the number of the shape that it moves with."""
     of_shape = np.zeros(len(scene.scene.shapes), np.int64)
     if scene.moving is not None:
         moving = list(scene.moving.shapes)
@@ -290,7 +293,7 @@ def _paths(scene: DeviceScene) -> NDArray[np.int64]:
 
 
 def _grid(tree: Bvh, scene: DeviceScene) -> Grid:
-    """The grid of a tree over the items of a scene, and of all that they are moved through."""
+    """Return the grid over the items of a scene and their whole motion."""
     if not len(tree):
         return Grid(np.zeros(3), np.ones(3), np.zeros(3))
     lower, upper = tree.lower[0].astype(np.float64), tree.upper[0].astype(np.float64)
@@ -303,9 +306,9 @@ def _grid(tree: Bvh, scene: DeviceScene) -> Grid:
 def _item_table(
     triangles: NDArray[np.float64], items: NDArray[Any], flags: NDArray[np.uint8]
 ) -> NDArray[np.uint32]:
-    """(N, 3, 4); flags: (T,) of the triangles."""
+    """Return (N, 3, 4) texels of items. flags: (T,) flags of the triangles."""
     first, opposite, k = items.T
-    # From the corner that the other triangle lacks, where there is one.
+    # Start at the corner that the other triangle of the pair lacks, if there is one.
     corner, b, c = (triangles[first, (k + i) % 3] for i in range(3))
     table = np.zeros((len(items), 3, 4), np.uint32)
     table[:, :, :3] = np.stack([corner, b - corner, c - corner], axis=1).astype(np.float32).view(np.uint32)
@@ -315,14 +318,14 @@ def _item_table(
 
 
 def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
-    """(N, 3): a triangle; the one after it where both are a parallelogram, else -1; and which corner of the first
-    the second lacks, else 0.
+    """Return (N, 3) items: a triangle, its partner, and the corner of the triangle that the partner lacks.
 
-    Quads and boxes come as such pairs. Tested as one, they are half as many boxes and tests. Two that move
-    apart are none: `paths` (T,) differ.
+    The partner is the next triangle if both form a parallelogram; otherwise it is -1 and the corner 0. Quads and
+    boxes consist of such pairs. As pairs they need half as many boxes and tests. Triangles with different motions,
+    whose `paths` (T,) differ, form no pair.
     """
     count = len(triangles)
-    lacks = np.full(count, -1)  # of a triangle that is a parallelogram with the one after it
+    lacks = np.full(count, -1)  # corner that the next triangle lacks, if both form a parallelogram
     if not count:
         return np.zeros((0, 3), np.int64)
     if count > 1:
@@ -330,14 +333,14 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = Non
         size = np.ptp(a, axis=1).max(axis=1)[:, None, None]
         for k in range(3):
             p, s1, s2 = a[:, k], a[:, (k + 1) % 3], a[:, (k + 2) % 3]
-            # The other has both corners opposite, and the one that completes the parallelogram.
+            # The other triangle has the two opposite corners and the corner that completes the parallelogram.
             wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)
             near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-6 * size
             lacks[:-1][near.any(axis=2).all(axis=1) & near.any(axis=1).all(axis=1)] = k
         if paths is not None:
             lacks[:-1][paths[:-1] != paths[1:]] = -1
     pairs = lacks >= 0
-    # In a run of triangles that are each a parallelogram with the next one, every other begins one.
+    # In a run of triangles that each form a parallelogram with the next, every other one starts a pair.
     run = np.arange(count) - np.maximum.accumulate(np.where(pairs, -1, np.arange(count)))
     begins = pairs & (run % 2 == 1)
     ends = np.concatenate([[False], begins[:-1]])
@@ -359,6 +362,6 @@ def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     lower, upper = _item_boxes(triangles, items)
     if len(items) <= SWEPT:
         return sweep_bvh(lower, upper)
-    from glpath.accel.bvh import build_bvh  # with numba, which is slow to import
+    from glpath.accel.bvh import build_bvh  # imports numba, which is slow
 
     return build_bvh(lower, upper, leaf_size=1)

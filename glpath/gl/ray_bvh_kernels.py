@@ -1,8 +1,8 @@
-"""What `glpath.gl.ray_bvh` does, compiled by numba, in the same numbers: for so many triangles that this pays.
+"""Compiled version (numba) of `glpath.gl.ray_bvh` with identical results, for large numbers of triangles.
 
-The slots are never all in memory beside the device's: they are made a range at a time, as they are written to it.
+The slots are never all in main memory: they are computed in ranges, as they are written to the device.
 
-Cost:     building it, a second for two million triangles on two cores; 150 bytes a triangle until it is built.
+Cost:     building takes a second for two million triangles on two cores; 150 bytes a triangle during the build.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
-# What a node costs beside its area, in areas of an item's box: this saves a tenth of the memory, and the nodes that
-# rays visit are at most 0.5 % more.
+# Constant cost of a node beside its area, in areas of an item's box. It saves a tenth of the memory; rays visit at
+# most 0.5 % more nodes.
 _FILLING = 2.0
-# Items whose boxes are asked for their areas.
+# Number of items in the sample for the median box area.
 _ASKED = 1 << 16
-# Triangles that a thread takes at a time.
+# Number of triangles that a thread takes at a time.
 _CHUNK = 1 << 16
 
 
 def compiled_items(vertices: Float32, faces: Int32, paths: NDArray[np.int64] | None) -> Int32:
-    """(N, 3): as `ray_bvh.items_of`, of faces (T, 3) of vertices (V, 3)."""
+    """Return (N, 3) items like `ray_bvh._items`, for faces (T, 3) of vertices (V, 3)."""
     lacks = np.empty(len(faces), np.int8)
     moves = np.zeros(0, np.int64) if paths is None else paths
     _in_threads(len(faces), lambda begin, end: _lacking(vertices, faces, moves, begin, end, lacks))
@@ -45,26 +45,26 @@ def compiled_items(vertices: Float32, faces: Int32, paths: NDArray[np.int64] | N
 
 
 def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
-    """The tree over items, with boxes of 32 bits: those of corners of 32 bits are exact."""
+    """Build the tree over items, with 32-bit boxes, which are exact for 32-bit corners."""
     return tree_over(item_boxes(vertices, faces, items))
 
 
 def item_boxes(vertices: Float32, faces: Int32, items: Int32) -> Float32:
-    """(N, 6): lower and upper corners of the boxes around items."""
+    """Return (N, 6) lower and upper corners of the boxes around items."""
     boxes = np.empty((len(items), 6), np.float32)
     _in_threads(len(items), lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
     return boxes
 
 
 def tree_over(boxes: Float32) -> WideBvh:
-    """The tree over boxes (N, 6), whose order is lost."""
+    """Build the tree over boxes (N, 6), and change their order."""
     tree = build_in_threads(boxes)
     x, y, z = (boxes[:: max(1, len(boxes) // _ASKED), 3:] - boxes[:: max(1, len(boxes) // _ASKED), :3]).T
     return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
 
 
 class _WideNodes(NamedTuple):
-    """A `WideBvh` for the kernels: its children and `number`, and orders (W, 8) of `octant_orders`."""
+    """Data of a `WideBvh` for the kernels: its children, `number`, and orders (W, 8) of `octant_orders`."""
 
     children: NDArray[Any]
     number: Int32
@@ -72,7 +72,7 @@ class _WideNodes(NamedTuple):
 
 
 class _Geometry(NamedTuple):
-    """vertices (V, 3), faces (T, 3), items (N, 3), and of each triangle flags (T,)."""
+    """Geometry for the kernels: vertices (V, 3), faces (T, 3), items (N, 3) and flags (T,) of the triangles."""
 
     vertices: Float32
     faces: Int32
@@ -81,13 +81,13 @@ class _Geometry(NamedTuple):
 
 
 class CompiledSlots:
-    """The slots of a tree as `ray_bvh.Slots.table` has them, made when they are asked for, by ranges.
+    """Slots of a tree like those of `ray_bvh.Slots.table`, computed on request in ranges.
 
-    nodes : (W, 4, 4) uint32, the slots of the wide nodes
-    lanes : (W, 4), of each their children: a node's number, -2 - an item's, -1 for none
+    nodes : (W, 4, 4) uint32, slots of the wide nodes
+    lanes : (W, 4) children of the wide nodes: a node's number, -2 - an item's number, -1 for none
 
     geometry : vertices (V, 3), faces (T, 3), items (N, 3)
-    flags    : (T,) uint8, of each triangle
+    flags    : (T,) uint8, flags of the triangles
 
     The tree is not kept.
     """
@@ -103,7 +103,7 @@ class CompiledSlots:
         self.shape = (WIDTH * (len(wide) + 1), 4, 4)
 
     def __getitem__(self, which: slice) -> NDArray[np.uint32]:
-        """A range of whole groups."""
+        """Return the slots in a range of whole groups."""
         begin, end, step = which.indices(self.shape[0])
         assert (step, begin % WIDTH, end % WIDTH) == (1, 0, 0), "whole groups"
         slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
@@ -112,14 +112,14 @@ class CompiledSlots:
 
 
 def _in_threads(count: int, work: Callable[[int, int], Any]) -> None:
-    """Call `work` with ranges that make up 0 to `count`."""
+    """Call `work` in threads, with ranges that cover 0 to `count`."""
     with ThreadPoolExecutor(core_count()) as pool:
         list(pool.map(lambda begin: work(begin, min(begin + _CHUNK, count)), range(0, count, _CHUNK)))
 
 
 @kernel
 def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-untyped-def]
-    """Of triangles begin to end: which corner the next one lacks where both are a parallelogram, else -1."""
+    """Find the corner that the next triangle lacks if both form a parallelogram, or -1, for `begin` to `end`."""
     for i in range(begin, end):
         lacks[i] = -1
         if i + 1 == len(faces) or (len(paths) and paths[i] != paths[i + 1]):
@@ -134,7 +134,7 @@ def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-unty
             size = max(size, max(a, b, c) - min(a, b, c))
         for k in range(3):
             p, s1, s2 = faces[i, k], faces[i, (k + 1) % 3], faces[i, (k + 2) % 3]
-            # Bits: which of the wanted corners the next triangle has, and which of its own are wanted.
+            # Bits of the wanted corners that the next triangle has, and of its own corners that are wanted.
             wanted, own = 0, 0
             for corner in range(3):
                 q = faces[i + 1, corner]
@@ -153,7 +153,7 @@ def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-unty
 
 @kernel
 def _items(lacks, items):  # type: ignore[no-untyped-def]
-    """Fill the items, return how many there are. In a run of pairs every other one is taken."""
+    """Fill the items and return their number. In a run of pairs every other one is taken."""
     count, i = 0, 0
     while i < len(lacks):
         pair = lacks[i] >= 0
@@ -180,7 +180,7 @@ def _item_boxes(vertices, faces, items, begin, end, boxes):  # type: ignore[no-u
 
 @kernel
 def _fill_nodes(tree, wide_nodes, steps, nodes, lanes, begin, end):  # type: ignore[no-untyped-def]
-    """Fill nodes and lanes begin to end; steps: the grid's lower corner, step and pad."""
+    """Fill nodes and lanes `begin` to `end`. steps: lower corner, step and pad of the grid."""
     lower, upper, first, count, order = tree.lower, tree.upper, tree.first, tree.items, tree.order
     children, number, orders = wide_nodes.children, wide_nodes.number, wide_nodes.orders
     for wide in range(begin, end):
@@ -211,9 +211,9 @@ def _fill_nodes(tree, wide_nodes, steps, nodes, lanes, begin, end):  # type: ign
 
 @kernel
 def _fill(nodes, lanes, geometry, slots, floats, group):  # type: ignore[no-untyped-def]
-    """Fill slots, the first of which is the first of a group; floats: the same memory."""
+    """Fill slots, starting with the first slot of a group. `floats` is a float view of the same memory."""
     for at in range(len(slots)):
-        # Of group 0 the first is the root; all others are children of wide nodes.
+        # The first slot of group 0 is the root; all others are children of wide nodes.
         parent = group + at // WIDTH - 1
         child = lanes[parent, at % WIDTH] if parent >= 0 else (0 if at == 0 else -1)
         if child >= 0:

@@ -1,11 +1,11 @@
-"""A `Scene` as texels: what shaders read of it, as tables in numpy; `device_scene` puts them on the device.
+"""A `Scene` as texels: numpy tables of the data that shaders read; `device_scene` puts them on the device.
 
-The layout of both stores is declared here and nowhere else, and handed to GLSL as text (`#include <SCENE>`), on
-which `shaders/scene/surface.glsl` and its neighbours build. Triangles are three indices into a pool of vertices.
+The layout of both stores is declared only here and handed to GLSL as text (`#include <SCENE>`).
+`shaders/scene/surface.glsl` and its neighbours use it. Triangles are three indices into a pool of vertices.
 
-Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. A
-kind is then a range, and a loop over a kind fetches only what that kind needs. Engines that know triangles alone
-get a scene of triangles alone (`path_traceable`); their primitives' numbers are the triangles'.
+Primitives are numbered 0, 1, 2, ... in the order of their kinds: round spheres, ellipsoids, triangles, planes. Each
+kind is then a range, and a loop over a kind fetches only the data of that kind. Engines that support only triangles
+get a scene of triangles (`path_traceable`); their primitives' numbers are the triangles' numbers.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
 from glpath.scene.directional_albedo import CELLS, escapes
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
-#: The contents of an entry's texels, in order, by section.
+#: Contents of an entry's texels, in order, by section.
 FLOAT_LAYOUT: dict[str, dict[str, str]] = {
     "vertex": {"POSITION": "world space"},
     "shading": {"NORMAL": "of a vertex, where the scene has smooth normals: unit, world space; 0 for none"},
@@ -116,12 +116,12 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
-# A sphere's map may differ by this share from a similarity and still be round: rotations are rounded.
+# Relative deviation from a similarity up to which a sphere's map counts as round: rotations are rounded.
 _ROUND = 1e-12
 
 
 def scene_glsl() -> str:
-    """The layout as GLSL, for `#include <SCENE>`."""
+    """Return the layout as GLSL, for `#include <SCENE>`."""
     lines = [store_glsl("scene_floats", FLOATS, FLOAT_LAYOUT), store_glsl("scene_uints", UINTS, UINT_LAYOUT)]
     lines += ["TEXELS(rgba8, texture_bytes);"]
     lines += [f"const uint IMAGE_{name} = {value}u;" for name, value in IMAGE_FLAGS.items()]
@@ -130,7 +130,7 @@ def scene_glsl() -> str:
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
-    # Numbers from here on are of streamed triangles.
+    # Streamed triangles have the numbers from here on.
     lines += ["#ifdef STREAMED", "uniform int first_streamed;", "uniform int stream_count;", "#endif"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += [f"const int ALBEDO_CELLS = {CELLS};", *sheen_glsl()]
@@ -159,11 +159,11 @@ def scene_glsl() -> str:
 
 @dataclass(frozen=True)
 class Numbering:
-    """Which primitive of the scene has which number on the device.
+    """Numbers of the scene's primitives on the device.
 
-    spheres         : (S,) int, of each number, the index into `Scene.spheres`: round ones first, then ellipsoids
-    first_ellipsoid, first_triangle, first_plane, count : where the kinds begin, and the end
-    shape           : (count,) int32, index into `Scene.shapes` of each number
+    spheres         : (S,) int, index into `Scene.spheres` for each number: round spheres first, then ellipsoids
+    first_ellipsoid, first_triangle, first_plane, count : start of each kind, and the end
+    shape           : (count,) int32, index into `Scene.shapes` for each number
     """
 
     spheres: NDArray[np.intp]
@@ -175,14 +175,14 @@ class Numbering:
 
     @property
     def kinds(self) -> dict[str, range]:
-        """The numbers of each kind."""
+        """Range of numbers of each kind."""
         ends = (0, self.first_ellipsoid, self.first_triangle, self.first_plane, self.count)
         names = ("sphere", "ellipsoid", "triangle", "plane")
         return {name: range(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
 
 
 def number_primitives(scene: Scene) -> Numbering:
-    """The numbers that `DeviceScene` gives: kind by kind, within a kind in the scene's order."""
+    """Number the primitives for `DeviceScene`: kind by kind, and within a kind in the scene's order."""
     round_ = is_round(scene.spheres)
     order = np.concatenate([np.flatnonzero(round_), np.flatnonzero(~round_)])
     spheres, triangles, planes = (scene.shapes.primitive_shape(kind) for kind in ("sphere", "triangle", "plane"))
@@ -199,7 +199,7 @@ def number_primitives(scene: Scene) -> Numbering:
 
 
 def is_round(spheres: Float64) -> NDArray[np.bool_]:
-    """(S,) bool of (S, 3, 4) maps: those that keep the unit sphere a sphere."""
+    """Return (S,) bool for maps (S, 3, 4): True if the map keeps the unit sphere a sphere."""
     linear = spheres[:, :, :3]
     gram = np.einsum("nij,nik->njk", linear, linear)
     square = np.trace(gram, axis1=1, axis2=2) / 3
@@ -207,9 +207,9 @@ def is_round(spheres: Float64) -> NDArray[np.bool_]:
 
 
 def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]:
-    """(count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
+    """Return (count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
     spheres = scene.spheres[numbers.spheres]
-    # The extent of an ellipsoid along an axis is the length of that row of its map.
+    # The extent of an ellipsoid along an axis is the norm of that row of its map.
     extent, centre = np.linalg.norm(spheres[:, :, :3], axis=2), spheres[:, :, 3]
     infinite = np.full((len(scene.planes), 3), np.inf)
     lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf), -infinite])
@@ -227,13 +227,13 @@ def float_tables(
     has: Collection[str],
     instances: InstanceNumbers | None,
 ) -> dict[str, Rows]:
-    """The sections of FLOAT_LAYOUT, each (n, its texels, 4), for `make_store`.
+    """Return the sections of FLOAT_LAYOUT, each (n, texels, 4), for `make_store`.
 
-    lighting  : whose densities emitting triangles have
-    lights    : the punctual ones, in the order of the device's
-    densities : of `triangle_densities`
-    has       : the names that programs are compiled with: HAS_VERTEX_NORMALS, ...
-    instances : of which `scene` is the resident part
+    lighting  : lighting with the densities of emitting triangles
+    lights    : punctual lights, in the order of the device's
+    densities : result of `triangle_densities`
+    has       : names that programs are compiled with: HAS_VERTEX_NORMALS, ...
+    instances : instances whose resident part is `scene`; None if the scene has none
     """
     none, shapes = np.zeros((0, 4)), scene.shapes
     return {
@@ -269,11 +269,11 @@ def uint_tables(
     deviations: Sequence[float] | None,
     instances: InstanceNumbers | None,
 ) -> dict[str, NDArray[Any]]:
-    """The sections of UINT_LAYOUT, each (n, 1, 4) or (n, its texels, 4), for `make_store`.
+    """Return the sections of UINT_LAYOUT, each (n, 1, 4) or (n, texels, 4), for `make_store`.
 
-    lights     : the punctual ones, in the order of the device's
-    deviations : of each shape, where the scene is a simpler one
-    instances  : of which `scene` is the resident part
+    lights     : punctual lights, in the order of the device's
+    deviations : deviation of each shape from the original, if the scene is a simplified one
+    instances  : instances whose resident part is `scene`; None if the scene has none
     """
     triangles = np.s_[numbers.first_triangle : numbers.first_plane]
     apart = np.array(deviations or np.zeros(len(scene.shapes)), np.float32).view(np.uint32)
@@ -298,7 +298,7 @@ def uint_tables(
 
 
 def _texel(rows: NDArray[np.generic]) -> NDArray[np.generic]:
-    """(n, 1, 4) from (n, k), k <= 4."""
+    """Return texels (n, 1, 4) from rows (n, k), k <= 4."""
     table = np.zeros((len(rows), 1, 4), rows.dtype)
     table[:, 0, : rows.shape[1]] = rows
     return table
@@ -315,12 +315,12 @@ def _integers(rows: Sequence[tuple[int, ...]], columns: int) -> NDArray[np.int64
 
 
 def facets(triangles: Float64) -> Float64:
-    """(T, 1, 4): the planes of triangles (T, 3, 3)."""
+    """Return (T, 1, 4) planes of triangles (T, 3, 3)."""
     return facet_planes(triangles, unit_normals(triangles))[:, None, :]
 
 
 class _Facets:
-    """Those of a scene, made as they are written: in between they take ten times the memory."""
+    """Facet planes of a scene, computed as they are written, because computing all takes ten times the memory."""
 
     def __init__(self, scene: Scene) -> None:
         self._triangles = scene.triangles
@@ -369,7 +369,7 @@ def _emission(scene: Scene, lighting: Lighting) -> Float64:
 
 
 def triangle_densities(scene: Scene, lighting: Lighting) -> Float64:
-    """(ceil(T / 4), 1, 4): densities of light samples of all triangles; none where a shape's are alike."""
+    """Return (ceil(T / 4), 1, 4) light sample densities of all triangles; empty if each shape has one density."""
     density = lighting.triangle_density
     alike = all(
         shape.primitive != "triangle" or not shape.count or np.all(density[part] == density[part.start])
@@ -396,7 +396,7 @@ def _environment(scene: Scene) -> NDArray[np.float32]:
 
 
 def _profiles(scene: Scene) -> dict[str, Float64]:
-    """The sections of the lights' profiles; those of one file share their cells."""
+    """Return the sections of the lights' profiles; lights with the same profile share its cells."""
     rows, cells, first = [], [np.zeros((0, 4))], 0
     starts: dict[int, int] = {}
     for light in profiled_lights(scene):

@@ -1,8 +1,9 @@
-"""Ctrl-C where it must not break off: it waits until a function has ended.
+"""Delay of Ctrl-C in code that it must not interrupt: it waits until a function has ended.
 
-Python looks for signals where a function begins, so an `__exit__` written in Python can be broken off before its
-first line, and what it should let go is held for ever. Libraries in C that call Python may crash where that is
-broken off. Handlers wait for the end of such a function, in the main thread, the only one that gets signals.
+Python handles signals at the start of a function. So a signal can interrupt an `__exit__` written in Python before
+its first line, and the resource is never released. C libraries that call Python may crash if a signal interrupts
+the callback. Here handlers wait for the end of such a function. They act in the main thread, the only one that gets
+signals.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from glpath.system.signals import ENDING
 
 
 class SignalsWait:
-    """From `begin` to `end`, signals wait that come while a function of this code runs."""
+    """Delay of signals between `begin` and `end`, while a function with this code runs."""
 
     def __init__(self, code: CodeType) -> None:
         self._code = code
@@ -34,7 +35,7 @@ class SignalsWait:
                 signal.signal(number, self._handle)
 
     def end(self) -> None:
-        """Back to the handlers of before; they are called for what came meanwhile. In any thread."""
+        """Restore the earlier handlers, and raise the delayed signals. May be called in any thread."""
         if threading.current_thread() is not threading.main_thread():
             return
         for number, handler in self._before.items():

@@ -1,10 +1,10 @@
-"""The triangles of a scan that touch few cells of the path-buffer: a compute shader takes them, a draw the others.
+"""Small triangles of a scan, in few cells of the path-buffer: a compute shader scans them, a draw the others.
 
-Setting up a triangle costs a rasteriser more than the tests of a few cells do, and in Mesa's llvmpipe it is done in
-one thread, for each of three vertices.
+Setting up a triangle costs a rasteriser more than testing a few cells. Mesa's llvmpipe does it in one thread, for
+each of three vertices.
 
 Cost:     16 bytes a cell of the path-buffer and 24 a triangle; a pass over the cells.
-Poor at:  few triangles; such that touch many cells each.
+Poor at:  few triangles; triangles that touch many cells each.
 Source:   Karis et al. 2021, A Deep Dive into Nanite Virtualized Geometry.
 """
 
@@ -20,25 +20,25 @@ from glpath.gl.passes import Dispatch, Pass
 from glpath.gl.program import load_program
 from glpath.gl.program_parts import ProgramParts
 
-_GROUP = 64  # of scan_small.comp
+_GROUP = 64  # group size of scan_small.comp
 _WIDEST = 1 << 15  # groups across, below every device's limit
 
 
 def empty_words(gl: moderngl.Context, cells: tuple[int, int]) -> moderngl.Buffer:
-    """What the four paths of each cell have found: nothing. Scans leave it like that."""
+    """Create the hits of the four paths of each cell, initially none. Scans leave the buffer empty again."""
     return gl.buffer(data=b"\xff" * (16 * cells[0] * cells[1]))
 
 
 class TriangleList:
-    """The triangles that a scan draws.
+    """List of the triangles that a scan draws.
 
-    elements : three vertices of each
-    command  : that draws them
-    defines  : of path_scan.vert, which draws them
+    elements : three vertices of each triangle
+    command  : indirect command that draws them
+    defines  : defines of path_scan.vert, which draws them
 
     Parameters
     ----------
-    count : so many at most
+    count : maximum number of triangles
     """
 
     defines: ClassVar[dict[str, object]] = {"LISTED": 1}
@@ -50,20 +50,20 @@ class TriangleList:
         self._nothing = gl.buffer(data=np.array([0, 1, 0, 0, 0], np.uint32).tobytes())
 
     def clear(self) -> None:
-        """Draw nothing; on the device, in the order of its work."""
+        """Empty the list on the device, in the order of its commands."""
         self._gl.copy_buffer(self.command, self._nothing)
 
 
 class SmallTriangles:
-    """Scans the small triangles into a target, and lists the others.
+    """Scan of the small triangles into a target; it lists the others.
 
     Parameters
     ----------
-    parts  : of the scan's program
-    target : what the scan draws to
-    words  : `empty_words` of as many cells as the target has
-    listed : of at least so many triangles, times the views, as are scanned
-    blend, clear : of the target, before anything is drawn
+    parts  : parts of the scan's program
+    target : target of the scan
+    words  : `empty_words` for the cells of the target
+    listed : list with room for all scanned triangles, times the number of views
+    blend, clear : blending of the target, and its clear colour before the draw
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class SmallTriangles:
         )
 
     def run(self, uniforms: Mapping[str, object], count: int) -> None:
-        """Scan so many triangles."""
+        """Scan the first `count` triangles."""
         self._list.clear()
         groups = -(-count // _GROUP)
         given = {**uniforms, "listed_of": count}

@@ -1,6 +1,6 @@
-"""Streamed triangles in parts that fit into a budget, each with its BVH: one pass of reading serves all rays.
+"""Streamed triangles in parts that fit into a budget, each with its BVH: one reading pass serves all rays.
 
-Chunks are taken along a Z curve through the middles of their boxes, so that the box around a part is small.
+Chunks are taken along a Z curve through the centres of their boxes, so that the box around a part is small.
 `StreamParts` is for rays along directions that many points share, `glpath.gl.stream_occluders` for the shadow rays
 of pixels.
 """
@@ -21,21 +21,22 @@ from glpath.scene.stream import triangles_in_budget
 
 Float64 = NDArray[np.float64]
 
-#: Bytes a triangle of a part, while its BVH is built: corners, items, nodes, their order, and the device's copy.
+#: Bytes a triangle of a part during the build of its BVH: corners, items, nodes, their order, and the device's
+#: copy.
 BYTES_A_TRIANGLE = 580
-#: And of the largest chunk, as it is read: in 64 bits, before and after it is placed and checked.
+#: Bytes a triangle of the largest chunk while it is read: in 64 bits, before and after transformation and checks.
 BYTES_IN_THE_READING = 400
-# Triangles of a stream from which on compiled code builds the trees.
+# Number of streamed triangles from which compiled code builds the trees.
 _MANY = 200_000
 
 
 class PartTriangles(NamedTuple):
-    """The triangles of some chunks of a scene's streams.
+    """Triangles of some chunks of a scene's streams.
 
     corners : (T, 3, 3) float32
-    number  : (T,) int64, among all streamed triangles, in the order of the scene
-    chunk   : (T,) int64, of each triangle, along the curve
-    first, last : of the chunks, the end excluded
+    number  : (T,) int64, index among all streamed triangles, in the order of the scene
+    chunk   : (T,) int64, index of each triangle's chunk along the curve
+    first, last : range of chunks, the end excluded
     """
 
     corners: NDArray[np.float32]
@@ -46,12 +47,12 @@ class PartTriangles(NamedTuple):
 
 
 class ChunksInOrder:
-    """The chunks of all streams of a scene along a Z curve.
+    """Chunks of all streams of a scene, ordered along a Z curve.
 
-    scene  : as rays meet it, centred
+    scene  : centred scene in the space of the rays
 
-    lower, upper : (N, 3) corners of their boxes
-    counts  : (N,) int64, triangles of each
+    lower, upper : (N, 3) corners of the chunks' boxes
+    counts  : (N,) int64, number of triangles of each chunk
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -66,10 +67,10 @@ class ChunksInOrder:
         self.counts, self.lower, self.upper = counts[order], lower[order], upper[order]
 
     def parts(self, room: int, first: int = 0) -> Iterator[PartTriangles]:
-        """Part after part, from a chunk on, each of at most so many triangles, or of one chunk."""
+        """Yield parts from chunk `first` on, each of at most `room` triangles, or of one chunk."""
         while first < len(self.counts):
             last = first + max(1, int(np.searchsorted(np.cumsum(self.counts[first:]), room, side="right")))
-            yield self._read(first, last)  # without a name, which would keep it while the next one is read
+            yield self._read(first, last)  # not assigned to a name, which would keep it during the next read
             first = last
 
     def _read(self, first: int, last: int) -> PartTriangles:
@@ -89,9 +90,9 @@ class ChunksInOrder:
 class Part(NamedTuple):
     """Some chunks of a scene's streams.
 
-    bvh   : over their triangles
+    bvh   : BVH over their triangles
     lower, upper : (3,) corners of the box around them
-    done  : how many chunks there are up to the end of this part
+    done  : number of chunks up to the end of this part
     """
 
     bvh: PartBvh
@@ -101,13 +102,13 @@ class Part(NamedTuple):
 
 
 class StreamParts:
-    """The streams of a scene in parts.
+    """Streams of a scene in parts.
 
-    scene  : as rays meet it, centred
-    budget : MiB for a part, on the device and off it
+    scene  : centred scene in the space of the rays
+    budget : MiB for a part, on the device and in main memory
 
-    chunks : of all streams
-    Raises UsageError for a budget that has no room for the largest chunk.
+    chunks : number of chunks of all streams
+    Raises UsageError if the budget has no room for the largest chunk.
     """
 
     def __init__(self, scene: Scene, budget: int) -> None:
@@ -119,9 +120,9 @@ class StreamParts:
         self._compiled = int(counts.sum()) >= _MANY
 
     def __call__(self, gl: moderngl.Context, far: float, first: int = 0) -> Iterator[Part]:
-        """Part after part, from a chunk on; only one of them is to be kept at a time.
+        """Yield parts from chunk `first` on; the caller must keep only one at a time.
 
-        far : how large coordinates of a ray's start may be
+        far : maximum absolute coordinate of a ray's start
         """
         order = self._order
         for part in order.parts(self._room, first):

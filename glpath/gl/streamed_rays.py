@@ -1,12 +1,12 @@
-"""Which points see out along shared directions of a scene that is never in memory all at once: part after part.
+"""Visibility from points along common directions out of a scene that is read part by part, never all at once.
 
-A ray is blocked where any part blocks it, so parts may come in any order, and each only once: all directions of all
-points are asked while it is there. A ray that is blocked already is not cast again, nor is one of a square of
-points whose rays of its direction all pass the part's box.
+A ray is occluded if any part occludes it, so parts may come in any order, and each only once: all directions from
+all points are tested while it is loaded. Occluded rays are not cast again. A direction is also skipped for a square
+of points if all its rays miss the part's box.
 
 Cost:     the BVH of each part once, half a microsecond a triangle on two cores; a ray of `ParallelRays` for each
-          point, direction and part that it may meet. 16 bytes a point on the device.
-Poor at:  parts that lie in one another, whose boxes do not tell them apart.
+          point, direction and part that it may hit. 16 bytes a point on the device.
+Poor at:  parts that contain one another, so that their boxes do not separate them.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from glpath.gl.ray_bvh import PartBvh
 
 Float64 = NDArray[np.float64]
 
-# Points along a square: few enough that boxes around them are small; and of all squares of a draw, a word each.
+# Points along a square's side, few enough for small boxes; and words in a draw over all squares.
 _SQUARE, _POINTS_A_DRAW = 64, 1 << 17
-# Of the scene's extent: by so much boxes are wider than they are, for rounding.
+# Padding of boxes against rounding, as a fraction of the scene's extent.
 _MARGIN = 1e-5
-# What of a scene makes no difference to triangles that are streamed: those are opaque.
+# Defines that do not apply to streamed triangles, which are opaque.
 _NOT_STREAMED = ("HAS_ALPHA", "HAS_INSTANCES", "HAS_THIN_DIELECTRICS", "HAS_VARYING_THIN_DIELECTRICS")
 
 
 class StreamedRays(Owner):
-    """The points on the device.
+    """Points on the device, with rays through parts of a streamed scene.
 
     gl        : the context
-    scene     : what is not streamed
-    positions : (N, 3), in the space of the device's scene, already off the surfaces that they lie on
-    extent    : how large coordinates are, of the points and of all triangles
+    scene     : the part of the scene that is not streamed
+    positions : (N, 3), in the space of the device's scene, already offset from the surfaces
+    extent    : maximum absolute coordinate of the points and all triangles
     """
 
     def __init__(self, gl: moderngl.Context, scene: DeviceScene, positions: Float64, extent: float) -> None:
@@ -72,7 +72,7 @@ class StreamedRays(Owner):
         directions: Float64,
         words: NDArray[np.uint32],
     ) -> None:
-        """Clear those bits of words (ceil(D / 32), N) whose rays meet a part of the scene.
+        """Clear the bits of words (ceil(D / 32), N) whose rays hit a part of the scene.
 
         lower, upper : (3,) corners of the box around the part
         directions   : (D, 3) unit
@@ -121,7 +121,7 @@ class StreamedRays(Owner):
     def _drawn(
         self, rays: Pass, uniforms: dict[str, object], toward: NDArray[np.float32], asked: NDArray[np.uint32]
     ) -> NDArray[np.uint32]:
-        """(W, n): what is left of words."""
+        """Return the (W, n) words `asked` with the bits of occluded rays cleared."""
         count, texels = len(asked), _SQUARE**2
         where = self._texels[: asked.shape[1]]
         table = np.zeros((count, texels), np.uint32)
@@ -135,10 +135,10 @@ class StreamedRays(Owner):
 
 
 def meets(lower: Float64, upper: Float64, directions: Float64) -> NDArray[np.bool_]:
-    """(D,): which rays from the origin along directions (D, 3) meet the box between two corners (3,)."""
+    """Return (D,) bool: True if the ray from the origin along a direction (D, 3) hits the box of corners (3,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         near, far = lower / directions, upper / directions
-    # Along an axis that a ray does not move along, it is within the planes all the time, or never.
+    # A ray parallel to an axis's planes is between them always or never.
     within = (lower <= 0) & (upper >= 0)
     still = directions == 0
     near, far = np.minimum(near, far), np.maximum(near, far)

@@ -1,4 +1,4 @@
-"""Sums of samples for every pixel, exact in any order; the CPU's side of `shaders/film/accumulate.glsl`."""
+"""Sums of samples for every pixel, exact in any order; the CPU side of `shaders/film/accumulate.glsl`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Readback(NamedTuple):
     """Sums that were read back.
 
     radiance : (h, w, 3) float64, row 0 at the top; multiples of one power of two
-    low, high : (h, w) uint32, the events that were counted along
+    low, high : (h, w) uint32, counts of events beside the sums
     """
 
     radiance: NDArray[np.float64]
@@ -31,11 +31,11 @@ class Readback(NamedTuple):
 
 @dataclass(frozen=True)
 class Sums:
-    """One set of sums on the device.
+    """Set of sums on the device.
 
-    target   : framebuffer of a pass that writes them
-    textures : of a pass that reads them
-    written  : what the target is made of, by the names of the outputs
+    target   : framebuffer of a pass that writes the sums
+    textures : textures of a pass that reads the sums
+    written  : textures of the target, by the names of the outputs
     """
 
     target: moderngl.Framebuffer
@@ -44,18 +44,19 @@ class Sums:
 
 
 class PixelSums:
-    """Two sets of sums: a pass reads the one and writes the other, with what it adds.
+    """Two sets of sums: a pass reads one set and writes the other, with its own samples added.
 
-    max_radiance : radiance that has 36 bits; a little of 2**24 times that may still be added
-    split        : direct light is summed apart as well: a pass writes what a sample has of it, in quanta, and
-                   `path_set_added` takes it to the sums
-    order        : (h, w) where each pixel's sums are, as y * w + x, row 0 at the bottom; None: where the pixel is
+    max_radiance : radiance that takes 36 bits; the sum may reach nearly 2**24 times that
+    split        : True to sum direct light separately as well: a pass writes the direct light of a sample in
+                   quanta, and `path_set_added` adds it to the sums
+    order        : (h, w) positions of the pixels' sums, as y * w + x, row 0 at the bottom; None if each sum is at
+                   its pixel
 
     Attributes
     ----------
-    quanta   : the uniform, per unit of radiance
-    sets     : the two
-    defines  : for programs that include accumulate.glsl
+    quanta   : the uniform, quanta per unit of radiance
+    sets     : the two sets
+    defines  : defines of programs that include accumulate.glsl
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class PixelSums:
         self.size = size
         self._order = order
         self._direct: PixelSums | None = None
-        of_sample: dict[str, moderngl.Texture] = {}  # what a sample has of direct light, beside the sums
+        of_sample: dict[str, moderngl.Texture] = {}  # direct light of a sample, beside the sums
         if split:
             direct = gl.texture(size, 4, dtype="f4")
             direct.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -88,18 +89,18 @@ class PixelSums:
         self.sets: PingPong[Sums] = PingPong(*(_new_sums(gl, size, of_sample) for _ in range(2)))
 
     def path_set_added(self) -> None:
-        """After the pass of a path set, which has written the sums."""
+        """Swap the sets after the pass of a path set, which has written the sums, and add its direct light."""
         self.sets.swap()
         if self._direct is not None:
             self._add_direct.now.run({"quanta": 1.0})
             self._direct.sets.swap()
 
     def take_direct(self) -> NDArray[np.float64] | None:
-        """The sums of direct light, which are then empty, as `Readback.radiance` is; None where it isn't split."""
+        """Return the sums of direct light, like `Readback.radiance`, and clear them; None if light is not split."""
         return None if self._direct is None else self._direct.take().radiance
 
     def take(self) -> Readback:
-        """The sums, which are then empty."""
+        """Return the sums and clear them."""
         width, height = self.size
         textures = self.sets.read.textures
         read = (np.frombuffer(textures[name].read(), np.uint32).reshape(-1, 4) for name in _NAMES)

@@ -1,8 +1,8 @@
 """Tables in textures that shaders read texel by texel: sections of equal entries, floats or unsigned integers.
 
-Textures rather than storage buffers, as Mesa's llvmpipe fetches texels with vector gathers, but loads from buffers
-lane by lane, and since a vertex shader need not have storage buffers at all (GL 4.3 guarantees none). A layout is
-declared once, in Python, and handed to GLSL as text: constants, and one function to fetch from each section.
+Textures are used instead of storage buffers, because Mesa's llvmpipe fetches texels with vector gathers, but loads
+from buffers lane by lane. Also, GL 4.3 does not guarantee storage buffers to a vertex shader. A layout is declared
+once, in Python, and handed to GLSL as text: constants, and one fetch function for each section.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 
 from glpath.errors import SceneError
 
-#: Texels in a row.
+#: Number of texels in a row.
 WIDTH = 4096
 _SHIFT = WIDTH.bit_length() - 1
-# Of a store's rows so many are written at once, 16 MiB; and of a table's texels so many are asked for.
+# Rows of a store that are written at once (16 MiB), and texels of a table that are requested at once.
 _ROWS = 256
 _TEXELS = 1 << 16
 
-#: The contents of the texels of an entry, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
+#: Contents of an entry's texels, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
 Layout = Mapping[str, Mapping[str, str]]
 
 
 class Rows(Protocol):
-    """A section's table: an array, or what makes ranges of its entries when they are asked for."""
+    """Table of a section: an array, or an object that computes ranges of its entries on request."""
 
     @property
     def shape(self) -> tuple[int, ...]: ...
@@ -37,7 +37,7 @@ class Rows(Protocol):
 
 
 class Kind(NamedTuple):
-    """The type of a texel's four components."""
+    """Type of a texel's four components."""
 
     dtype: type[np.generic]
     gl: str  # moderngl's name
@@ -46,13 +46,16 @@ class Kind(NamedTuple):
 
 
 FLOATS = Kind(np.float32, "f4", "TEXELS(rgba32f, {})", "vec4")
-# Fractions of 255.
+# Components are fractions of 255.
 BYTES = Kind(np.uint8, "f1", "TEXELS(rgba8, {})", "vec4")
 UINTS = Kind(np.uint32, "u4", "UINT_TEXELS(rgba32ui, {})", "uvec4")
 
 
 def store_glsl(name: str, kind: Kind, layout: Layout) -> str:
-    """GLSL for the store `name`: of a section "sphere" the constants SPHERE_... and sphere_texel(number, which)."""
+    """Return GLSL for the store `name`.
+
+    A section "sphere" gets constants SPHERE_... and a function sphere_texel(number, which).
+    """
     lines = ['#include "gl/texels.glsl"', kind.declare.format(name) + ";"]
     for section, texels in layout.items():
         lines.append(f"uniform int {section}_base;")
@@ -71,7 +74,7 @@ def store_glsl(name: str, kind: Kind, layout: Layout) -> str:
 
 
 class StoreRows:
-    """A store's texels on the CPU as well, so that some can be changed: whole rows of them are written again."""
+    """Copy of a store's texels on the CPU, for changes: rows that change are written again as a whole."""
 
     def __init__(self, texture: moderngl.Texture, kind: Kind) -> None:
         self._texture = texture
@@ -79,7 +82,7 @@ class StoreRows:
         self._changed = np.zeros(texture.height, np.bool_)
 
     def put(self, numbers: NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
-        """Put texels (n, ..., 1 to 4) at their numbers (n,), the rest of each 0; see `write`."""
+        """Put texels (n, ..., 1 to 4) at their numbers (n,) and fill up each with 0; see `write`."""
         flat = self._rows.reshape(-1, 4)
         values = texels.reshape(len(numbers), -1)
         flat[numbers, : values.shape[1]] = values
@@ -87,7 +90,7 @@ class StoreRows:
         self._changed[numbers // self._texture.width] = True
 
     def write(self) -> None:
-        """Hand the rows that have changed to the device."""
+        """Write the changed rows to the device."""
         rows = np.flatnonzero(self._changed)
         for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             if len(part):
@@ -99,9 +102,9 @@ class StoreRows:
 def make_store(
     gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, Rows], source: str
 ) -> tuple[moderngl.Texture, dict[str, object]]:
-    """A texture of the sections' tables, each (n, texels of the section, 4), and the uniforms where they begin.
+    """Create a texture of the sections' tables, each (n, texels, 4), and the uniforms with their starts.
 
-    Raises SceneError, which names the `source`, for more than the device holds.
+    Raises SceneError, which names the `source`, if the tables exceed the device's limit.
     """
     assert set(tables) == set(layout), f"tables {sorted(tables)} for the layout {sorted(layout)}"
     bases: dict[str, object] = {}
@@ -119,12 +122,12 @@ def make_store(
             f'"{largest}"; this device holds at most {limit:,}',
             "Simplify the meshes, or render on a device with a larger texture limit.",
         )
-    # In a single row, only what is used: most scenes are small.
+    # A single row is only as wide as needed, because most scenes are small.
     width = min(WIDTH, max(1, total))
     height = max(1, -(-total // width))
     texture = gl.texture((width, height), 4, dtype=kind.gl)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    # Some rows at a time, as there may be gigabytes of them.
+    # Some rows at a time, because a store may have gigabytes.
     rows = np.zeros((min(height, _ROWS), width, 4), kind.dtype)
     flat, filled, row = rows.reshape(-1, 4), 0, 0
     for section, texels in layout.items():

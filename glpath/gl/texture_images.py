@@ -1,9 +1,9 @@
-"""The textures of a scene as tables for the device: slots of materials, and the images that they show.
+"""Textures of a scene as tables for the device: slots of materials, and their images.
 
-A texture lies on the device once, however many slots show it, and not at all where none does. Images of bytes lie
-in a store of bytes, with a quarter of what those of floats take; both are decoded and filtered texel by texel in
-`scene/texture.glsl`. There are no mipmaps: what the eye sees is averaged over the path sets' positions in a pixel,
-and what paths see over their directions.
+A texture lies on the device once, however many slots use it, and not at all if none does. Byte images lie in a byte
+store and take a quarter of the space of float images. Both are decoded and filtered texel by texel in
+`scene/texture.glsl`. Mipmaps are not needed: a pixel averages the path sets' positions in it, and paths average
+over their directions.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from glpath.scene.geometry import Mesh
 from glpath.scene.material import SLOTS, Material, Texture, TextureSlot, Wrap
 from glpath.scene.model import Scene
 
-#: The bits of `slot_texel(n, SLOT_IMAGE).w`, and where two bits of a wrap mode begin.
+#: Bits of `slot_texel(n, SLOT_IMAGE).w`, and the position of the two bits of each wrap mode.
 IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}
-#: Of each slot, its number among the components of the section "slots": others stand behind the first five.
+#: Index of each slot among the components of the section "slots"; three other values follow the first five.
 SLOT_COMPONENTS = {name: i if i < 5 else i + 3 for i, name in enumerate(SLOTS)}
 SLOT_TEXELS = -(-(len(SLOTS) + 3) // 4)
-#: By their numbers in GLSL.
+#: Wrap modes in the order of their numbers in GLSL.
 WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
 ALPHAS = ("opaque", "mask", "blend")
-#: Bytes that all textures may take on the device.
+#: Maximum bytes of all textures on the device.
 MAX_TEXTURE_BYTES = 2 << 30
 
 
 class TextureImages:
-    """The textures of a scene for shaders.
+    """Textures of a scene for shaders.
 
-    of_materials : (materials, its texels, 4) int64, section "slots"
+    of_materials : (materials, texels, 4) int64, section "slots"
     slots        : (slots, 1, 4) int64, section "slot"
     maps         : (slots, 2, 4) float64, section "slot_map"
     floats       : (texels, 1, 4) float32, section "image"
-    defines      : for `load_program`
+    defines      : defines for `load_program`
 
     Raises SceneError for more than MAX_TEXTURE_BYTES, and for `uv1` of exact spheres and planes.
     """
@@ -115,7 +115,7 @@ class TextureImages:
             self.maps[i, 0, 3] = material.clearcoat_normal_scale if coat else material.normal_scale
 
     def bytes_on_device(self) -> moderngl.Texture:
-        """The images of bytes, written one by one, as all together are large."""
+        """Create the store of byte images, written one by one, because all together are large."""
         size = (self._width, self._rows) if self._bytes else (1, 1)
         store = self._gl.texture(size, 4, dtype="f1", alignment=1)
         store.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -130,7 +130,7 @@ class TextureImages:
         return store
 
     def _wide_enough(self, scene: Scene) -> int:
-        """Texels of a row of the store of bytes, a power of two; each image begins a row."""
+        """Return the byte-store row width in texels, a power of two; each image starts a row."""
         max_size, width = int(self._gl.info["GL_MAX_TEXTURE_SIZE"]), WIDTH
         while sum(_rows(t, width) for t in self._bytes) > max_size:
             width *= 2
@@ -148,14 +148,14 @@ _COLOURS = {
     "diffuse_transmission_colour_texture",
     "sheen_texture",
 }
-# Of which alpha is read alone, which no encoding changes.
+# Slots of which only alpha is read, which no encoding changes.
 _ALPHAS = {"specular_texture", "diffuse_transmission_texture", "sheen_roughness_texture"}
-# The slots whose texels `scene/surface.glsl` asks for as numbers, red, green or blue.
+# Slots whose texels `scene/surface.glsl` reads as numbers: red, green or blue.
 _NUMBERS = set(SLOTS) - _COLOURS - _ALPHAS
 
 
 def _coat_has_normals(material: Material) -> bool:
-    """Whether its clearcoat and its base have different normals."""
+    """Return True if the material's clearcoat and base have different normals."""
     return material.roughness is not None and material.clearcoat > 0 and bool(_NORMAL_MAPS & material.slots.keys())
 
 
@@ -173,7 +173,7 @@ def _flags(texture: Texture, slot: TextureSlot) -> int:
 
 
 def texture_bytes(texture: Texture) -> int:
-    """Bytes that a texture takes on the device."""
+    """Return the bytes that a texture takes on the device."""
     height, width = texture.image.shape[:2]
     return int(height * width * (4 if texture.image.dtype == np.uint8 else 16))
 

@@ -1,4 +1,4 @@
-"""Variants of programs whose rays go straight through thin dielectrics."""
+"""Variants of programs whose rays cross thin dielectrics without a change of direction."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from glpath.scene.model import Scene
 
 
 def thin_dielectric_variants(scene: Scene) -> dict[str, object]:
-    """Of thin dielectrics alike all over, rays to lights ask their material alone."""
+    """Return the defines for a scene's thin dielectrics.
+
+    If all of them are uniform, rays to lights read only their material.
+    """
     shapes, thin = scene.shapes, [scene.materials[shape.material].is_thin_dielectric for shape in scene.shapes]
     varying = False
     for number in np.flatnonzero(thin):

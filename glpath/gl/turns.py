@@ -1,7 +1,7 @@
-"""Whose turn it is: a lock for what one thread at a time may use, given in the order of asking.
+"""Fair lock for a resource of one thread at a time, granted in the order of requests.
 
-Python's own locks are not given in order: a thread that releases one and asks again at once, as a render does
-between its steps, has it again before another wakes up.
+Python's own locks are not granted in order. A thread that releases one and requests it again at once, as a render
+does between its steps, gets it again before another wakes up.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 
 class _Waiting:
-    """A thread that asked and sleeps at its gate until it is its turn, or until it is refused."""
+    """Waiting thread, which sleeps at its gate until its turn, or until it is refused."""
 
     def __init__(self, thread: int) -> None:
         self.thread = thread
@@ -22,38 +22,41 @@ class _Waiting:
 
 
 class Turns:
-    """A reentrant lock. Its holder may `keep` it; others are refused then, as it may never come back.
+    """Reentrant lock. Its holder may `keep` it; other threads are then refused, because it may never be released.
 
     thread : identifier of the holder, None while it is free
     """
 
     def __init__(self, refusal: Callable[[int], Exception]) -> None:
-        """refusal : the error for a request while the thread of that identifier keeps it"""
+        """Create a free lock.
+
+        refusal : function that returns the error for a request while the thread of that identifier keeps the lock
+        """
         self.thread: int | None = None
         self._refusal = refusal
         self._entered = 0
         self._kept = False
         self._waiting: deque[_Waiting] = deque()
-        # Held for a few lines of Python at a time. C code takes and releases it, which no signal can come between.
+        # Held for a few lines of Python at a time. C code acquires and releases it, so no signal can come between.
         self._changing = threading.Lock()
 
     @property
     def mine(self) -> bool:
-        """This thread has it."""
+        """True if this thread has the lock."""
         return self.thread == threading.get_ident()
 
     @property
     def kept(self) -> bool:
-        """Its thread keeps it beyond what it entered."""
+        """True if its thread keeps the lock after its last exit."""
         return self._kept
 
     @property
     def depth(self) -> int:
-        """How often this thread entered and did not yet exit."""
+        """Number of this thread's entries without an exit yet."""
         return self._entered if self.mine else 0
 
     def enter(self) -> None:
-        """Wait for it, or enter once more. Raises the refusal."""
+        """Wait for the lock, or enter once more. Raises the refusal."""
         if self.mine:
             self._entered += 1
             return
@@ -70,7 +73,7 @@ class Turns:
             if me.refused:
                 raise self._refusal(self.thread or 0)
         except BaseException:
-            # Ctrl-C while it waited; or just after it was its turn, which then is the next one's.
+            # Ctrl-C during the wait, or just after the lock was granted; then the next thread gets it.
             with self._changing:
                 if me in self._waiting:
                     self._waiting.remove(me)
@@ -80,18 +83,18 @@ class Turns:
 
     @property
     def last(self) -> bool:
-        """What is left is one entry: `exit` will pass it on."""
+        """True if one entry is left, so that `exit` will pass the lock on."""
         return self._entered == 1 and not self._kept
 
     def exit(self) -> None:
-        """Leave what was entered last, and with the first of all pass it on."""
+        """Undo the last entry, and pass the lock on after the first one."""
         with self._changing:
             self._entered -= 1
             if not self._entered and not self._kept:
                 self._pass_on()
 
     def keep(self) -> None:
-        """This thread, which has it, keeps it until `drop`; all who wait are refused."""
+        """Keep the lock in this thread, which has it, until `drop`; all waiting threads are refused."""
         with self._changing:
             self._kept = True
             for one in self._waiting:
@@ -100,7 +103,7 @@ class Turns:
             self._waiting.clear()
 
     def drop(self) -> None:
-        """No longer keep it; others have it once all that was entered is left."""
+        """Stop keeping the lock; others get it once all entries have ended."""
         with self._changing:
             self._kept = False
             if not self._entered:

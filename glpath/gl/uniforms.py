@@ -1,4 +1,4 @@
-"""Values of uniforms in the form that moderngl takes."""
+"""Uniform values in the form that moderngl takes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 
 def vectors(vectors: Sequence[NDArray[np.float64]] | NDArray[np.float64], size: int = 0) -> object:
-    """As moderngl takes an array of vec3: a tuple for one, a list of tuples for more.
+    """Return vectors in moderngl's form for an array of vec3: a tuple for one, a list of tuples for more.
 
-    size : of the array in the shader; the last vector fills up what is left of it
+    size : length of the array in the shader; the last vector fills the rest
     """
     tuples = [tuple(float(x) for x in v) for v in vectors]
     tuples += tuples[-1:] * (size - len(tuples))

@@ -1,7 +1,7 @@
-"""The defines of shaders: the variants of a program, and the numbers in its text.
+"""Defines of shaders: the variants of a program, and the numbers in its text.
 
-A variant leaves out what a scene lacks, or says what a program is for. `defined` makes the defines of variants,
-`load_program` refuses what is not declared here. docs/explanation/developing.md has the table, which
+A variant leaves out features that a scene lacks, or selects the purpose of a program. `defined` makes the defines
+of variants; `load_program` refuses undeclared names. docs/explanation/developing.md has the table, which
 `.ci/tables.py` writes.
 """
 
@@ -14,8 +14,10 @@ from glpath.gl.material_texels import MATERIAL_VARIANTS
 
 
 class Variant(NamedTuple):
-    """meaning : where it is defined
-    set_by  : the module that sets it, below glpath; "shaders" for what a shader defines itself
+    """Variant of a shader.
+
+    meaning : condition for the variant
+    set_by  : module of glpath that sets it; "shaders" if a shader defines it itself
     """
 
     meaning: str
@@ -75,14 +77,14 @@ VARIANTS: dict[str, Variant] = {
     "HAS_POSITIONAL_LIGHTS": Variant("light comes from positions", _LIGHTS),
     "HAS_DISTANT_LIGHTS": Variant("light comes from infinitely far", _LIGHTS),
     "HAS_SKY": Variant("rays that hit nothing see light", _LIGHTS),
-    # Where paths start.
+    # Starts of paths.
     "EYE_ORTHOGRAPHIC": Variant("the camera is orthographic", _CAMERA),
     "EYE_PANORAMA": Variant("the camera sees all around", _CAMERA),
     "EYE_LENS": Variant("every pixel has a point of the lens of its own", _CAMERA),
     "START_POINTS": Variant("paths start at points, not at a camera", "integrators.start_points"),
     "START_SHADING": Variant("points have normals to shade with", "integrators.start_points"),
     "START_VERTEX": Variant("the first vertex of a path is made here", "shaders"),
-    # Paths with rays of their own.
+    # Paths with per-path rays.
     "LANE_STRIDE": Variant("pixels share random numbers; so far apart", "gl.lanes"),
     "HAS_FAR_NODES": Variant("the BVH has more nodes than 20 bits count", "gl.ray_bvh"),
     "COMPUTE": Variant("a compute shader instead of a fragment shader", _RAYS),
@@ -142,7 +144,7 @@ VARIANTS: dict[str, Variant] = {
     "TEXELS_ARE_IMAGES": Variant("texels are read as images: llvmpipe", "gl.program"),
 }
 
-#: Numbers and words in a program's text: how large its arrays are, how texels are packed.
+#: Numbers and words in a program's text: sizes of arrays, formats of texels.
 VALUES: dict[str, str] = {
     "AOV_QUANTA": "quanta of albedo and normal in 1",
     **{f"{name}_1": "the number of the second output" for name, group in GROUPS.items() if len(group.sums) > 1},
@@ -171,14 +173,14 @@ VALUES: dict[str, str] = {
 
 
 def defined(**variants: bool) -> dict[str, object]:
-    """The defines of those variants that are true."""
+    """Return the defines of the variants that are true."""
     unknown = variants.keys() - VARIANTS.keys()
     assert not unknown, f"{sorted(unknown)}: not in the table of variants"
     return {name: 1 for name, there in variants.items() if there}
 
 
 def check_declared(defines: dict[str, object]) -> None:
-    """Refuse undeclared names, and variants set to false: #ifdef does not ask for the value."""
+    """Refuse undeclared names, and variants set to false, because #ifdef ignores the value."""
     unknown = defines.keys() - VARIANTS.keys() - VALUES.keys()
     assert not unknown, f"{sorted(unknown)}: neither a variant nor a value"
     absent = [name for name, value in defines.items() if value is False or value is None]

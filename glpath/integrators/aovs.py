@@ -1,14 +1,14 @@
-"""AOVs: what the eye sees of the surfaces themselves, summed over the path sets as radiance is.
+"""AOVs: properties of the visible surfaces, summed over the path sets as radiance is.
 
-They come from the same eye rays, so that an edge is as soft in them as in the picture. All sums are whole numbers
-of quanta, exact in any order; which shapes are seen is counted on the CPU, as many as there are.
+They use the same eye rays as the image, so edges are as soft in them as in the image. All sums are whole numbers of
+quanta, exact in any order. The CPU counts the visible shapes, because their number is not limited.
 
-Cost:     a draw over the pixels for each path set: albedo and normal, or depth and position, or ids, add some 3 %
-          of processor time to a set of `cornell-box-36`, all AOVs with direct light 14 %. Nothing where none is
-          asked for.
-Poor at:  mirrors and clear glass, which show what others are: they have their own position and name here. Albedo
-          and normal are those of what they show where rays are cast (`path`, `gather`), else their own, and a
-          denoiser blurs what is seen in them.
+Cost:     a draw over the pixels for each path set. Albedo and normal, or depth and position, or ids, add some 3 %
+          of processor time to a set of `cornell-box-36`; all AOVs with direct light add 14 %. Nothing if no AOV is
+          requested.
+Poor at:  mirrors and clear glass: position and name are their own, not those of the reflected surfaces. Albedo and
+          normal are those of the reflected surfaces if rays are cast (`path`, `gather`). Otherwise they are the
+          mirror's own, and a denoiser blurs the reflection.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal, along delta paths.
 """
 
@@ -36,25 +36,25 @@ from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-# A word of the sums holds those of so many path sets, of numbers up to 2: coordinates of a normal are 1 more than
-# they are (`shaders/film/aov.glsl`).
+# Quanta per unit, and maximum number of path sets that a 32-bit word can sum. Values are at most 2, because normal
+# coordinates are stored plus 1 (`shaders/film/aov.glsl`).
 _QUANTA, _MAX_PATH_SETS = 1 << 20, (1 << 11) - 1
-# Positions have so many bits: those of a float, and how far beyond the scene endless planes are seen.
+# Bits per position: float precision plus the range that infinite planes need beyond the scene.
 _POSITION_BITS = 36
-#: In extents of the scene about the origin of the world.
+#: Maximum distance of recorded positions, in extents of the scene about the world's origin.
 FARTHEST = 1024
-# Texture coordinates of a tiled floor reach this far.
+# Maximum texture coordinate, enough for a tiled floor.
 _UV_EXTENT = 2.0**12
-# Path sets whose shapes are read back together.
+# Number of path sets whose shapes are read back together.
 _SETS_READ = 8
 
 
 def light_aovs(
     settings: IntegratorSettings, sums: PixelSums, dropped: NDArray[np.integer[Any]]
 ) -> dict[str, NDArray[np.float64]]:
-    """The sums of the AOVs of light for `Film.add`, when radiance has been taken.
+    """Return the sums of the AOVs of light for `Film.add`, after radiance was taken.
 
-    dropped : (h, w) samples that were not finite
+    dropped : (h, w) number of samples that were not finite
     """
     found = {"dropped": dropped[..., None].astype(np.float64)} if "samples" in settings.aovs else {}
     direct = sums.take_direct()
@@ -63,12 +63,12 @@ def light_aovs(
 
 @dataclass(frozen=True)
 class Seen:
-    """The first hit of every pixel of a window.
+    """First hit of every pixel of a window.
 
-    buffer  : (w, h) uint, the primitive + 1, 0 for none; of two components: and the bits of its t
-    defines : of the sensor, see `gl.camera.camera_defines`
-    hit_records : records of streamed triangles, by the name in GLSL, where the scene has such
-    bvh     : where the albedo and normal of mirrors and clear glass are those of what they show
+    buffer  : (w, h) uint, the primitive + 1, 0 for none; with two components, the second has the bits of its t
+    defines : defines of the sensor, see `gl.camera.camera_defines`
+    hit_records : records of streamed triangles, by the name in GLSL, if the scene has such
+    bvh     : BVH for the albedo and normal of surfaces behind mirrors and clear glass; None to use their own
     """
 
     scene: DeviceScene
@@ -79,9 +79,9 @@ class Seen:
 
 
 class EyeAovs:
-    """The AOVs of one window of the image, of those that are of surfaces.
+    """AOVs of surfaces in one window of the image.
 
-    names : out of `film.aovs.AOVS`
+    names : subset of `film.aovs.AOVS`
     """
 
     def __init__(self, names: Iterable[str], seen: Seen) -> None:
@@ -89,7 +89,7 @@ class EyeAovs:
         self._gl, self._names, self._size = gl, set(names), seen.buffer.size
         groups = {name: group for name, group in GROUPS.items() if not self._names.isdisjoint(group.aovs)}
         sums = [name for group in groups.values() for name in group.sums]
-        # From the scene alone, so that films by several cameras, and crops, have one quantum.
+        # Depends only on the scene, so that films by several cameras, and crops, have the same quantum.
         extent = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
         self._position_quanta = 2.0 ** min(_POSITION_BITS - int(np.ceil(np.log2(extent))), 120)
         self._uniforms = {
@@ -106,7 +106,7 @@ class EyeAovs:
         textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.hit_records}
         self._pass: InTurn[Pass] | None = None
         if groups:
-            # The first output of each group, and the second: GLSL 4.30 adds none up.
+            # Numbers of each group's first and second output, computed here because GLSL 4.30 cannot add them.
             outputs = {name: sums.index(group.sums[0]) for name, group in groups.items()}
             outputs |= {f"{name}_1": outputs[name] + 1 for name, group in groups.items() if len(group.sums) > 1}
             parts = ProgramParts.of(scene)
@@ -132,7 +132,7 @@ class EyeAovs:
         if not self._names.isdisjoint(ID_AOVS):
             self._make_shape_passes(seen, textures)
         self._path_sets = 0
-        self._unread = 0  # path sets whose shapes are on the device
+        self._unread = 0  # number of path sets whose shapes are still on the device
         self._aov_sums: dict[str, NDArray[np.float64]] = {}
         self._shape_sets: list[NDArray[np.uint32]] = []
         self._begin()
@@ -140,13 +140,13 @@ class EyeAovs:
 
     @classmethod
     def of(cls, names: Iterable[str], seen: Seen) -> EyeAovs | None:
-        """None where none of the AOVs is of surfaces."""
+        """Create the AOVs, or return None if none of the names is an AOV of surfaces."""
         surfaces = {name for group in GROUPS.values() for name in group.aovs} | set(ID_AOVS)
         asked = surfaces.intersection(names)
         return cls(asked, seen) if asked else None
 
     def add(self, eye: Uniforms) -> None:
-        """One more path set, whose eye buffer is filled."""
+        """Add a path set, whose eye buffer is filled."""
         if self._pass is not None:
             if self._path_sets == _MAX_PATH_SETS:
                 self._collect()
@@ -160,7 +160,7 @@ class EyeAovs:
             self._unread += 1
 
     def take(self) -> dict[str, NDArray[np.float64] | NDArray[np.uint32]]:
-        """Their sums for `Film.add`, over the path sets since the last call."""
+        """Return the sums for `Film.add`, over the path sets since the last call."""
         self._collect()
         found: dict[str, NDArray[np.float64] | NDArray[np.uint32]] = {
             name: sums for name, sums in self._aov_sums.items() if name in self._names
@@ -182,11 +182,11 @@ class EyeAovs:
         self._shape_sets = []
 
     def _collect(self) -> None:
-        """Add what the device has to what was taken, and begin anew there."""
+        """Add the device's sums to the collected ones, and clear them on the device."""
         sums = {name: self._read(texture) for name, texture in self._sums.read.items()}
         if "sum_first" in sums:
             first, second = (sums[name].astype(np.float64) for name in ("sum_first", "sum_second"))
-            # Samples that were not finite are not in the sum, so the 1 isn't either.
+            # Samples that were not finite are not in the sum, so the offset of 1 isn't either.
             normal = np.concatenate([first[..., 3:], second[..., :2]], axis=2) / _QUANTA
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))
@@ -243,9 +243,9 @@ class EyeAovs:
 
 
 def _joined(low: NDArray[np.uint32], high: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Sums (h, w, 4) of whole numbers from their two words, and (h, w, 1) how many were added (`add_exactly`)."""
+    """Return integer sums (h, w, 4) from their two words, and the number of addends (h, w, 1) (`add_exactly`)."""
     hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
     last = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
-    # The upper word has the sign; the last number has none.
+    # The upper word has the sign; the last number is unsigned.
     upper = np.concatenate([high[..., :3].view(np.int32), last], axis=2)
     return (upper << 32) + low.astype(np.int64), hits

@@ -1,4 +1,4 @@
-"""The integrators by the names that users give, and all their options as keyword arguments."""
+"""Integrators by the names that users give, and all their options as keyword arguments."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from glpath.integrators.whitted_settings import ClassicSettings, TBufferSettings
 
 Integrator = Literal["auto", "path", "path-buffer", "gather", "classic", "t-buffer"]
 
-#: The integrator that is chosen for a scene, see `glpath.rendering.choice`.
+#: Name for the automatic choice of an integrator, see `glpath.rendering.choice`.
 AUTO: Integrator = "auto"
 
-#: A new integrator is a line here, and one in `glpath.rendering.factory.PLANS`.
+#: Settings of each integrator. A new integrator needs a line here, and one in `glpath.rendering.factory.PLANS`.
 INTEGRATORS: dict[str, type[IntegratorSettings]] = {
     settings.integrator: settings
     for settings in (PathSettings, PathBufferSettings, GatherSettings, ClassicSettings, TBufferSettings)
@@ -22,4 +22,4 @@ INTEGRATORS: dict[str, type[IntegratorSettings]] = {
 
 
 class IntegratorKeywords(SharedKeywords, PathBufferKeywords, GatherKeywords, WhittedKeywords, total=False):
-    """The options of all integrators as keyword arguments, for type checkers; None is not given."""
+    """Options of all integrators as keyword arguments, for type checkers; None means not given."""

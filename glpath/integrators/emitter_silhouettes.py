@@ -1,11 +1,11 @@
-"""Emitter silhouette antialiasing: each set samples the pixels where a lamp ends at several points.
+"""Emitter silhouette antialiasing: each path set samples the pixels at an emitter's edge at several points.
 
-A lamp is a hundred times as bright as what it lights, and all pixels sample its edge at the same position, one a
-set: in a denoised picture this is most of the remaining error. Eight more rays for these few pixels cost next to
-nothing. What lamps light is not affected.
+An emitter is a hundred times as bright as the surfaces that it lights. Each set samples its edge at the same
+position in all pixels. In a denoised image this is most of the remaining error. Eight more rays for these few
+pixels cost very little. Illumination by emitters is not affected.
 
-Cost:     five views of the scene for each window, and a draw of the pixels that are found for each set.
-Poor at:  lamps narrower than a pixel, some of which are not found; their paths see them, as everything else.
+Cost:     five views of the scene for each window, and a draw of the edge pixels for each set.
+Poor at:  emitters narrower than a pixel; some pixels at their edges are not found and are sampled normally.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ from glpath.gl.variants import defined
 from glpath.sampling import Sampling
 from glpath.sampling.points import pixel_samples
 
-#: Samples of a pixel in each path set, a power of two.
+#: Number of samples of a pixel in each path set, a power of two.
 SUBSAMPLES = 8
-# Where edges are looked for, x to the right and y down: one that goes through a pixel has some of the pixel's
-# corners on one side and some on the other. They are the same for all path sets, so that what a set finds has no
-# part in where it looks, and the pixel's own, so that a picture in tiles has the bits of the picture in one.
+# Positions in a pixel at which edges are searched, x to the right and y down. An edge through a pixel has some of
+# the pixel's corners on one side and some on the other. All path sets use the same positions, so that the samples
+# of a set do not influence the search. The positions are in the pixel itself, so that an image in tiles is
+# bit-identical to the whole image.
 _SEARCH = ((0.5, 0.5), (-0.05, -0.05), (1.05, -0.05), (-0.05, 1.05), (1.05, 1.05))
 
 
 class EmitterSilhouettes:
-    """The light of emitters' silhouettes in one window of the image.
+    """Light of emitters' silhouettes in one window of the image.
 
     size     : (width, height) of the window, pixels
-    textures : for programs that include emitter_silhouettes.glsl
+    textures : textures for programs that include emitter_silhouettes.glsl
     eye_defines : see `gl.camera.camera_defines`
     """
 
@@ -60,8 +61,8 @@ class EmitterSilhouettes:
             **bvh.uniforms,
         }
         emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
-        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # where nothing is seen
-        # Their pixels side by side, as a device shades them in squares.
+        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # last: no hit
+        # Edge pixels lie side by side, because a device shades them in squares.
         self._max_across = -(-math.isqrt(size[0] * size[1]) // 8) * 8 + 8
         square = (self._max_across,) * 2
         self.textures = {
@@ -93,15 +94,16 @@ class EmitterSilhouettes:
 
     @staticmethod
     def are_in(scene: DeviceScene) -> bool:
-        """Does any triangle shine?"""
+        """Return True if any triangle emits."""
         return any(shape.emits and shape.primitive == "triangle" for shape in scene.scene.shapes)
 
     def find(self, seen_from: Callable[[NDArray[np.float64]], NDArray[np.int64]]) -> None:
-        """Find the pixels of another window or sensor.
+        """Find the edge pixels of another window or sensor.
 
-        seen_from : from a position in the pixels to the number of the triangle that each sees, (h, w), -1 for none
+        seen_from : function from a position in the pixels to the index of each pixel's visible triangle, (h, w), -1
+                    for none
         """
-        # No instance shines; their triangles have numbers beyond all others.
+        # Instances do not emit; their triangles have numbers beyond all others.
         shines = [self._shines[np.minimum(seen_from(np.array(at)), len(self._shines) - 1)] for at in _SEARCH]
         edges = np.any(shines, axis=0) & ~np.all(shines, axis=0)
         y, x = np.nonzero(edges[::-1])
@@ -116,7 +118,7 @@ class EmitterSilhouettes:
         self._pass.area = (0, 0, across, int(row.max(initial=-1)) + 1)
 
     def see(self, index: int, sample: NDArray[np.float64], eye: Mapping[str, object]) -> None:
-        """Sample a path set's light. sample: the set's own position in the pixels, which `eye` is of."""
+        """Sample a path set's light. sample: the set's own position in the pixels, for which `eye` was computed."""
         if self._pass.area is None or not self._pass.area[3]:
             return
         if self._sampling == "random":
@@ -128,5 +130,5 @@ class EmitterSilhouettes:
 
 
 def _packed(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """Texels as emitter_silhouettes.glsl reads it; 0 is none."""
+    """Return texel positions in the format of emitter_silhouettes.glsl; 0 is none."""
     return (x | y << 16).astype(np.uint32) + np.uint32(1)

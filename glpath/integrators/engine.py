@@ -1,4 +1,4 @@
-"""The frame of every integrator: it is made, prepared, traces path sets into exact sums, and is closed."""
+"""Base class of every integrator's engine: create, prepare, trace path sets into exact sums, and close."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Window = tuple[int, int, int, int]
 
 
 class Engine(Owner, ABC):
-    """The path sets of one window of the image.
+    """Path sets of one window of the image.
 
     Constructors store their arguments; `prepare` allocates on the device, before all other calls. Subclasses define
     `prepare` and `trace_path_set`.
@@ -34,11 +34,11 @@ class Engine(Owner, ABC):
     Parameters
     ----------
     window   : (x, y, width, height) in pixels of the whole image, y from the top; at most 2**20 pixels
-    sensor   : where paths start
-    timings  : measure how long stages take, which costs some time itself
+    sensor   : start points of the paths
+    timings  : True to measure the time of each stage, which takes some time itself
     """
 
-    _sampler: PathSetSampler  # these three are made by `prepare`
+    _sampler: PathSetSampler  # these three are created by `prepare`
     _sums: PixelSums
     _aovs: EyeAovs | None
 
@@ -63,14 +63,14 @@ class Engine(Owner, ABC):
 
     @abstractmethod
     def prepare(self) -> Self:
-        """Make what it needs on the device; returns itself. Raises SceneError where there is no room for it."""
+        """Allocate on the device and return the engine. Raises SceneError if the device has no room."""
 
     @abstractmethod
     def trace_path_set(self, index: int) -> None:
-        """Add one sample to every pixel; which, the index says alone."""
+        """Add one sample to every pixel, determined by the index alone."""
 
     def look_at(self, window: Window) -> None:
-        """Look at another window of the same size."""
+        """Switch to another window of the same size."""
         assert window[2:] == self.window[2:], f"a window of {window[2:]}, made for {self.window[2:]}"
         self.window = window
 
@@ -81,9 +81,9 @@ class Engine(Owner, ABC):
         self.sensor = sensor
 
     def take(self) -> NDArray[np.float64]:
-        """The sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
+        """Return the sum of radiance over the path sets since the last call, (h, w, 3), row 0 at the top.
 
-        Multiples of one power of two, so that float64 adds them without rounding.
+        Values are multiples of one power of two, so float64 adds them without rounding.
         """
         readback = self._sums.take()
         dropped = readback.high >> DROPPED_SHIFT
@@ -93,14 +93,14 @@ class Engine(Owner, ABC):
         return readback.radiance
 
     def take_aovs(self) -> dict[str, NDArray[Any]]:
-        """The sums of the AOVs for `Film.add`, over the path sets of the last `take`."""
+        """Return the sums of the AOVs for `Film.add`, over the path sets of the last `take`."""
         return self._aov_sums if self._aovs is None else self._aov_sums | self._aovs.take()
 
     def statistics(self) -> dict[str, object]:
-        """The counts of the path sets taken so far.
+        """Return counts of the path sets taken so far.
 
-        dropped_samples : not finite, and counted as 0
-        stage_ms        : milliseconds by stage, where timed
+        dropped_samples : number of samples that were not finite and count as 0
+        stage_ms        : milliseconds by stage, if timed
         """
         counts: dict[str, object] = {"dropped_samples": self._dropped}
         if self.stopwatch.enabled:
@@ -108,11 +108,11 @@ class Engine(Owner, ABC):
         return counts
 
     def forget_statistics(self) -> None:
-        """Begin to count anew."""
+        """Reset the counts."""
         self._dropped = 0
         self.stopwatch.milliseconds.clear()
 
-    # The parts of frames.
+    # Parts of frames.
 
     def _add_aovs(self, eye: Uniforms) -> None:
         if self._aovs is not None:
@@ -120,10 +120,10 @@ class Engine(Owner, ABC):
                 self._aovs.add(eye)
 
     def _count(self, readback: Readback) -> None:
-        """Count what else an engine's shaders count along with the sums."""
+        """Add the engine's other counts, which its shaders sum beside radiance."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """The kind of sensor that programs and passes are made for."""
+        """Return the kind of sensor that programs and passes are made for."""
         return (*sensor.kind, None)
 
 

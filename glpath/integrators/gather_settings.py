@@ -1,4 +1,4 @@
-"""The options of the gather from a radiosity solution."""
+"""Options of the gather from a radiosity solution."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Cast = Literal["bvh", "path-buffer"]
 
 _ALL_OF_A_GATHER = "A gather has light of all bounces; lookup_depth says at which vertex it looks up the solution."
-# Options by how rays are cast.
+# Options that apply to only one method of casting rays.
 _OF_BVH = ("guide", "branches")
 _OF_PATH_BUFFER = (
     "directions",
@@ -40,25 +40,25 @@ _OF_PATH_BUFFER = (
     "cosine_roulette",
     "geometry_budget",
 )
-# Of these the film has the digest of the solution, or they decide nothing.
+# Options that are not recorded: the film has the solution's digest instead, or they do not affect the image.
 _NOT_RECORDED = ("radiosity", "radiosity_lookup", "geometry_budget", "or_path", "refined")
 
 
 class Solution(Protocol):
-    """A `glpath.RadiositySolution`, named without loading it: all of radiosity is slow to import."""
+    """Interface of a `glpath.RadiositySolution`, declared here because importing all of radiosity is slow."""
 
     def check_scene(self, scene: Scene) -> None:
-        """Raise SceneError for another scene than the solution's."""
+        """Raise SceneError if the solution belongs to another scene."""
 
 
 @dataclass(frozen=True)
 class GatherSettings(SharedDirections, PathSetSettings):
-    """The image gathered from a radiosity solution [PB 4]: light of all bounces at what the eye sees.
+    """Image gathered from a radiosity solution [PB 4]: light of all bounces at the visible surfaces.
 
     With cast "path-buffer" it is the paper's local pass; its `directions` are a setting for experiments.
 
     or_path : take "path" instead if the measured bias is too large, as `auto` does
-    refined : the solution has finer elements than by default, because the bias was too large with those
+    refined : True if the solution has finer elements than by default, because the bias was too large with those
     """
 
     integrator = "gather"
@@ -70,7 +70,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
     }
 
-    # Not for a gather: its solution is of the scene itself, and has light of all bounces.
+    # Fixed for a gather, because its solution belongs to the scene itself and has light of all bounces.
     bounce_lod: ClassVar[None] = None
     ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
 
@@ -151,15 +151,15 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """Return the vertex from which on roulette ends paths: those by mirrors and glass, and those in gaps."""
+        """Return the vertex from which on roulette ends paths by mirrors and glass, and paths in gaps."""
         return ROULETTE_OF_GATHER
 
     def lookup_uniforms(self) -> dict[str, object]:
-        """Where the solution is looked up, as path/path_rays.glsl knows it."""
+        """Return the uniforms of path/path_rays.glsl that control the look-up of the solution."""
         return {"lookup_depth": self.lookup_depth - 1, "lookup_distance": self.lookup_distance}
 
     def recorded(self) -> dict[str, Any]:
-        """Those that decide something. What is recorded of the solution is its digest, known when it is there."""
+        """Return the options that affect the image; the solution is recorded by its digest, once it exists."""
         unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
         if not self.interleaved:
             unused = (*unused, "interleave")
@@ -178,7 +178,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
 
 
 class GatherKeywords(TypedDict, total=False):
-    """The options of "gather" alone; see `SharedKeywords`."""
+    """Options of "gather" alone; see `SharedKeywords`."""
 
     lookup_depth: int | None
     cast: Cast | None

@@ -1,10 +1,10 @@
-"""The ground that catches a model's shadow: see `glpath.scene.background`.
+"""Ground that catches a model's shadow: see `glpath.scene.background`.
 
-Where the eye sees the ground, a ray goes in a direction that is as dense as the light it would bring: the share of
-these rays that meets nothing is the share of the light that is left, without noise where nothing stands in between.
+Where the ground is visible, a ray is cast with a density proportional to the light from its direction. The fraction
+of unoccluded rays is then the fraction of the light that remains, without noise if nothing occludes it.
 
-Cost:     a ray for each path that meets the ground and no shape.
-Poor at:  light from lamps of the model itself, which the ground does not show.
+Cost:     a ray for each path that hits the ground and no shape.
+Poor at:  light from emitters of the model itself, which the ground does not show.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from glpath.scene import Background, Environment, Scene, Sky
 
 Float64 = NDArray[np.float64]
 
-# Of a path set; which of them a pixel takes is random.
+# Number of ray directions in a path set; each pixel takes a random one.
 _DIRECTIONS = 16
-# Steps of sequences of three numbers: powers of the root of x^4 = x + 1 [Roberts 2018], and square roots.
+# Steps of three-dimensional sequences: powers of the root of x^4 = x + 1 [Roberts 2018], and square roots.
 _SET_STEP = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 _DIRECTION_STEP = np.sqrt([2.0, 3.0, 5.0]) % 1.0
-# Texels of the map of a sky that has none.
+# Size in texels of the map for a sky without an image.
 _HEIGHT, _WIDTH = 32, 64
 
 
 class Ground:
-    """The ground of a scene that has one, in engines that cast rays.
+    """Ground of a scene, in engines that cast rays.
 
-    uniforms, defines : constant ones, for path_rays.glsl
+    uniforms, defines : constant inputs of path_rays.glsl
     """
 
     def __init__(self, background: Background, sky: Sky | Environment, seed: int) -> None:
@@ -45,21 +45,21 @@ class Ground:
 
     @classmethod
     def of(cls, scene: Scene, seed: int) -> Ground | None:
-        """None where the eye sees no ground, or none that light comes to."""
+        """Create the ground, or return None if the scene has no ground or no light on it."""
         background, sky = scene.background, scene.sky
         if background is None or background.ground is None or sky is None or not sky.mean_integral > 0:
             return None
         return cls(background, sky, seed)
 
     def of_set(self, index: int) -> dict[str, object]:
-        """Uniforms of a path set."""
+        """Return the uniforms of a path set."""
         numbers = np.arange(_DIRECTIONS)[:, None] * _DIRECTION_STEP
         u = (self._first + index * _SET_STEP + numbers) % 1.0
         return {"ground_lights": self._light.directions(u).astype(np.float32).tobytes()}
 
 
 def _light_from_above(sky: Sky | Environment, up: Float64) -> Environment:
-    """The sky, its radiance times the cosine to the ground: as dense as light comes to it."""
+    """Return the sky with radiance times the cosine to the ground, proportional to its light on the ground."""
     height, width = (_HEIGHT, _WIDTH) if isinstance(sky, Sky) else sky.image.shape[:2]
     empty = Environment(np.zeros((height, width, 3), np.float32), up)
     theta = (np.arange(height) + 0.5)[:, None] * (np.pi / height)
@@ -72,5 +72,5 @@ def _light_from_above(sky: Sky | Environment, up: Float64) -> Environment:
     light = of_map.radiance(local @ empty.frame) * np.maximum(np.cos(theta), 0.0)[..., None]
     if sun is not None:
         sun = replace(sun, irradiance=sun.irradiance * max(float(sun.direction @ up), 0.0))
-    # A tent of the row below the horizon would reach above it.
+    # Rows below the horizon are 0, because the filter tent of a nonzero row would extend above it.
     return Environment(light.astype(np.float32), up, sun=sun)

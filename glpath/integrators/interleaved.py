@@ -1,9 +1,10 @@
-"""Four pictures of every second pixel across and down, each with path sets of its own, as one.
+"""Four images of every second pixel across and down, each with its own path sets, combined into one.
 
-The paths of a set share their directions and a light sample, so that what a set has of error is like a picture: a
-denoiser takes it for one. Of neighbouring pixels in different sets it is noise, which a denoiser removes.
+The paths of a set share their directions and a light sample. The error of a set is therefore smooth over the image,
+and a denoiser takes it for image content. If neighbouring pixels belong to different sets, the error becomes noise,
+which a denoiser removes.
 
-Cost:    each of the four scans the scene, so that work per triangle is done four times, per pixel once.
+Cost:    each of the four scans the scene, so work per triangle is done four times, work per pixel once.
 Source:  Keller & Heidrich 2001, Interleaved Sampling.
 """
 
@@ -25,14 +26,14 @@ from glpath.integrators.settings import PathSetSettings
 from glpath.sampling.points import counter_hash
 from glpath.sensors.sensor import CameraSensor, Sensor
 
-# Of the first pixel, right and down.
+# Offsets of each image's first pixel, right and down.
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
 class Interleaved(Engine):
-    """The path sets of four engines, one for every second pixel; see `Engine` for the other parameters.
+    """Path sets of four engines, one for every second pixel; see `Engine` for the other parameters.
 
-    make : an engine of every second pixel of a window, as `path_engine`
+    make : constructor of an engine for every second pixel of a window, like `path_engine`
     """
 
     settings: PathSetSettings
@@ -53,7 +54,7 @@ class Interleaved(Engine):
             offset: make(
                 gl,
                 scene,
-                # The film's seed stays as it is.
+                # The first engine keeps the film's seed.
                 replace(settings, seed=counter_hash(settings.seed, number, 0, 15) if number else settings.seed),
                 window,
                 sensor=sensor,
@@ -112,7 +113,7 @@ class Interleaved(Engine):
         return self._parts[0, 0]._kind_of(sensor)
 
     def _joined(self, parts: dict[tuple[int, int], NDArray[Any]]) -> NDArray[Any]:
-        """Arrays of every second pixel (h, w, K), row 0: top, as one of all."""
+        """Combine arrays of every second pixel (h, w, K), row 0 at the top, into one array."""
         first = parts[0, 0]
         width, height = self._size
         whole = np.empty((height, width, *first.shape[2:]), first.dtype)

@@ -1,11 +1,11 @@
-"""The integrator "path-buffer": path tracing by scan conversion [PB 3, appendices A and B].
+"""Integrator "path-buffer": path tracing by scan conversion [PB 3, appendices A and B].
 
-The frame is `PathBufferTracer.trace_path_set`; `path_buffer_stages` says what is done otherwise than in the paper.
+The frame is `PathBufferTracer.trace_path_set`; `path_buffer_stages` lists the differences from the paper.
 
-Poor at: highlights (directions are shared, not chosen by the surface; sharp ones are refused); scenes that are
-lit only through small openings; lamps that nearly touch a surface, whose 1/r^2 is unbounded at the last vertex,
-where no direction shares the light; paths spread over very different scales (a far horizon), which crowd into few
-cells.
+Poor at: highlights (directions are shared, not chosen by the surface; sharp highlights are refused); scenes that
+are lit only through small openings; paths at very different scales (a far horizon), which crowd into few cells.
+Also emitters that nearly touch a surface: their 1/r^2 is unbounded at the last vertex, where no sampled direction
+complements the light sample.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from glpath.sensors.sensor import Sensor
 
 
 class PathBufferTracer(PathBufferStages):
-    """Traces path sets of one window of the image; see `PathBufferStages` for the parameters."""
+    """Engine that traces path sets of one window of the image; see `PathBufferStages` for the parameters."""
 
     settings: PathBufferSettings
 
@@ -37,7 +37,7 @@ class PathBufferTracer(PathBufferStages):
         offset: tuple[int, int] | None = None,
     ) -> None:
         self._ambient = tuple(scene.scene.ambient) if settings.ambient is None else settings.ambient
-        # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
+        # With path length 1, ambient radiance replaces the sky's light, so sampling the sky would waste path sets.
         ambient_alone = settings.max_depth == 1 and max(self._ambient) > 0
         super().__init__(
             gl,
@@ -59,9 +59,9 @@ class PathBufferTracer(PathBufferStages):
         )
 
     def trace_path_set(self, index: int) -> None:
-        """One path for every pixel [PB table 3]."""
+        """Trace one path for every pixel [PB table 3]."""
         sample = self._sampler[index]
-        self.move_to(index)  # what moves, to the set's time
+        self.move_to(index)  # moving objects, to the set's time
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
         self.light_from_infinity(index, 0, light, last=self.settings.max_depth == 1)
@@ -70,7 +70,7 @@ class PathBufferTracer(PathBufferStages):
             self.scan_scene(depth, scan)  # the nearest surface beyond z0
             last = depth == self.settings.max_depth - 1 or self._all_ended(depth)
             self.advance(index, depth, sample, light, scan, last)  # radiance, throughput, new positions
-            self.light_from_infinity(index, depth, light, last)  # shadows of parallel light, by one scan more
+            self.light_from_infinity(index, depth, light, last)  # shadows of parallel light, by another scan
             if last:
                 break
 
@@ -78,7 +78,10 @@ class PathBufferTracer(PathBufferStages):
         return self.settings.roulette is not None and depth >= self.settings.roulette
 
     def _all_ended(self, depth: int) -> bool:
-        """Have all paths ended by roulette? Asking makes the CPU wait, so only where it can save scans."""
+        """Return True if roulette has ended all paths.
+
+        The query stalls the CPU, so it runs only if it can save scans.
+        """
         return self._plays_roulette(depth) and not self.path_buffer.any_paths()
 
     def _constant_uniforms(self) -> Uniforms:

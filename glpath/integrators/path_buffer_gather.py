@@ -1,19 +1,19 @@
-"""The integrator "gather" with cast "path-buffer": the local pass of a two-pass method [PB 4, A.4].
+"""Integrator "gather" with cast "path-buffer": the local pass of a two-pass method [PB 4, A.4].
 
-A path is that of `PathBufferTracer` up to its second vertex; the indirect light that arrives there is looked up in
-the solution, and reflected, instead of traced. So each path carries light of any number of bounces, and a coarse
-mesh will do: what the eye sees is an integral over it. Stages and sampling are those of `path_buffer_stages`;
-direct light and emission are weighed as there.
+A path equals that of `PathBufferTracer` up to its second vertex. The indirect light that arrives there is looked up
+in the solution and reflected, instead of traced. So each path carries light of any number of bounces. A coarse mesh
+is enough, because the visible light is an integral over it. Stages and sampling are those of `path_buffer_stages`,
+with the same weights for direct light and emission.
 
-What is done otherwise than in the paper, which looks up all light there:
+Differences from the paper, which looks up all light there:
 
-- Direct light at the second vertex has the set's shadow-buffer, so that no element smears a shadow's edge; close to
-  a lamp, whose 1/r^2 has no bound, it is the solution's (`glpath.radiosity.lookup`).
-- A path that comes back from nearer than an element is wide would show the element itself, in corners and at
-  contacts. It continues to a third vertex instead, the more often the nearer, so that no seam shows. (To cast
-  them in one set of four, with four times the weight, has three times the variance.)
+- Direct light at the second vertex uses the set's shadow-buffer, so that elements do not blur shadow edges. Close
+  to an emitter, whose 1/r^2 has no bound, the solution's light is used (`glpath.radiosity.lookup`).
+- A path shorter than an element's width would show the element itself, in corners and at contacts. It continues to
+  a third vertex instead, with a probability that grows with proximity, so that no seam shows. (Casting them in one
+  set of four, with four times the weight, has three times the variance.)
 
-Cost:     a path set of depth three; whatever the solver took. A camera that moves needs no new solution.
+Cost:     a path set of depth three, plus the solver's time. A moving camera needs no new solution.
 Poor at:  highlights, which shared directions seldom hit.
 Source:   Rushmeier 1988, Realistic image synthesis for scenes with radiatively participating media; Reichert 1992,
           A two-pass radiosity method driven by lights and viewer position. The random distance is that of
@@ -35,9 +35,9 @@ from glpath.sensors.sensor import Sensor
 
 
 class PathBufferGather(PathBufferStages):
-    """Gathers path sets of one window of the image; see `PathBufferStages` for the other parameters.
+    """Engine that gathers path sets of one window of the image; see `PathBufferStages` for the other parameters.
 
-    radiosity : the solution, of the scene's own triangles
+    radiosity : solution for the scene's own triangles
     """
 
     settings: GatherSettings
@@ -66,7 +66,7 @@ class PathBufferGather(PathBufferStages):
             offset=offset,
         )
         self._radiosity = radiosity
-        # Else all light is looked up, and no scan for its shadows is needed.
+        # Otherwise all light is looked up, and its shadows need no scan.
         self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
 
     def _prepare_stages(self) -> None:
@@ -85,7 +85,7 @@ class PathBufferGather(PathBufferStages):
         )
 
     def trace_path_set(self, index: int) -> None:
-        """One path for every pixel, ended by the solution [PB table 3, A.4]."""
+        """Trace one path for every pixel, ended by the solution [PB table 3, A.4]."""
         sample = self._sampler[index]
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
@@ -97,8 +97,8 @@ class PathBufferGather(PathBufferStages):
                 self.advance(index, depth, sample, light, scan, last=False)
                 self.light_from_infinity(index, depth, light)
         again = depth < self._bounces()
-        self.look_up(index, depth, sample, light, scan, last=not again)  # what the solution says of the surface
-        if again:  # for paths that ended near by
+        self.look_up(index, depth, sample, light, scan, last=not again)  # the solution's irradiance
+        if again:  # for paths too short for the look-up
             scan = self.scan_positions(index, depth + 1, sample)
             self.scan_scene(depth + 1, scan)
             self.look_up(index, depth + 1, sample, light, scan, last=True)
@@ -106,9 +106,9 @@ class PathBufferGather(PathBufferStages):
     def look_up(
         self, index: int, depth: int, sample: PathSetSample, light: SetLight, scan: Scan, last: bool
     ) -> None:
-        """Direct light, emission found, and radiosity reflected at the vertex that the scan found; then the sums.
+        """Add direct light, emission, and reflected radiosity at the scanned vertex; then update the sums.
 
-        Not `last`: paths that ended near by continue instead.
+        last : False if paths that are too short continue instead
         """
         goes_on = depth < self._bounces()
         uniforms = {
@@ -124,7 +124,7 @@ class PathBufferGather(PathBufferStages):
             self.light_from_infinity(index, depth, light, last)
 
     def _constant_uniforms(self) -> Uniforms:
-        # Nothing stands for light from beyond the last vertex.
+        # No ambient light is assumed beyond the last vertex.
         return super()._constant_uniforms() | {"ambient": (0.0, 0.0, 0.0)}
 
     def _bounces(self) -> int:

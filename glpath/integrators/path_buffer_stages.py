@@ -1,26 +1,26 @@
-"""The stages of a path set, for any order [PB 3, appendix B].
+"""Stages of a path set, for any order [PB 3, appendix B].
 
-A path set is one path for every pixel. Its paths share their directions and one light sample, so that a bounce is
-one scan of the path-buffer and direct light one shadow-buffer. `PathBufferTracer` and `PathBufferGather` are frames
-made of these stages; they differ in what becomes of a path's last vertex.
+A path set is one path for every pixel. Its paths share their directions and one light sample, so a bounce is one
+scan of the path-buffer, and direct light is one shadow-buffer. `PathBufferTracer` and `PathBufferGather` are frames
+made of these stages; they differ in the treatment of a path's last vertex.
 
-What is done otherwise than in the paper, and why:
+Differences from the paper, and reasons:
 
-- A set has two directions a bounce. Each serves both hemispheres, a path turning it to the side that it can see,
-  and a path takes the one nearer to its normal: its density is then the cosine over pi, importance sampling that
-  needs no more than a comparison. `directions="hemisphere"` has one direction, density 1/(2 pi); `"lattice"` has
-  one for the first bounce, a point of an extensible lattice: what the eye sees of all bounces is first of all a
-  smooth integral over the hemisphere, which a lattice does best. `"sphere"` is the paper's, 1/(4 pi), which loses
-  every other path.
-- Light points and directions, but for the lattice's, come from a scrambled Sobol sequence; `sampling="random"` is
+- A set has two directions a bounce. Each serves both hemispheres, because a path flips it to its visible side. A
+  path takes the direction nearer to its normal, so the density is the cosine over pi: importance sampling by a
+  single comparison. `directions="hemisphere"` has one direction, density 1/(2 pi). `"lattice"` has one for the
+  first bounce, a point of an extensible lattice: indirect light at the visible surfaces is mainly a smooth integral
+  over the hemisphere, which a lattice samples best. `"sphere"` is the paper's, 1/(4 pi), which loses every other
+  path.
+- Light samples and directions, except the lattice's, come from a scrambled Sobol sequence; `sampling="random"` is
   the paper's, for all of them.
-- An emitter is found by the light sample and by the direction as well, weighed by the power heuristic (Veach 1997),
-  so that light from near by, whose 1/r^2 has no bound, does not speckle. With the sphere it is the light sample
-  alone, as in the paper's equation 5.
-- Where there is one direction, a path that leaves at a flat angle continues with the probability of the cosine,
-  or it would crowd the cells. So do paths at surfaces that parallel light grazes.
-- Point lights see all around, by a cube instead of a hemicube; the shadow of parallel light and of the sky is one
-  scan of a path-buffer along its direction, for the vertices of all paths.
+- Both the light sample and the direction can find an emitter. They are weighted by the power heuristic (Veach
+  1997), so that light from near emitters, whose 1/r^2 has no bound, does not cause fireflies. With the sphere only
+  the light sample counts, as in the paper's equation 5.
+- With one direction, a path that leaves at a grazing angle continues with the probability of the cosine; otherwise
+  such paths would crowd the cells. The same holds for paths at surfaces that parallel light grazes.
+- Point lights illuminate all directions, by a cube instead of a hemicube. The shadow of parallel light and of the
+  sky is one scan of a path-buffer along its direction, for the vertices of all paths.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ from glpath.sampling.points import (
 )
 from glpath.scene.simplify import density_of, simplified
 
-# In a simpler surface's deviation: how near to its start a path from the eye's surface hits nothing. It may leave
-# at a flat angle.
+# Distance from its start within which a path from the visible surface hits nothing, in deviations of the simplified
+# surface. It is above 1 because paths may leave at a grazing angle.
 _SKIPPED = 4.0
 
 _STATE = ("path_position", "path_beta", "path_radiance")
@@ -66,12 +66,12 @@ _STATE = ("path_position", "path_beta", "path_radiance")
 
 @dataclass(frozen=True)
 class PathStates:
-    """The paths of a set after one of their vertices.
+    """Paths of a set after one of their vertices.
 
-    position : world space, and in w the direction code; see path_buffer/path_state.glsl
-    light    : what the paths have gathered: radiance, and where it is split direct light
-    target   : framebuffer of a pass that makes the next vertex of each
-    textures : of a pass that reads them
+    position : world space, with the direction code in w; see path_buffer/path_state.glsl
+    light    : light gathered by the paths: radiance, and direct light if it is split
+    target   : framebuffer of a pass that computes each path's next vertex
+    textures : textures of a pass that reads the states
     """
 
     position: moderngl.Texture
@@ -82,11 +82,11 @@ class PathStates:
 
 @dataclass(frozen=True)
 class VertexPasses:
-    """One stage of the frame.
+    """Passes of one stage of the frame.
 
-    inner : from states to states; None where no path continues
-    last  : from states, by turns of these, to the sums, by turns of theirs; None where no path ends
-    unlit : the last ones leave states too, as their light from infinity is still to come
+    inner : passes from states to states; None if no path continues
+    last  : passes from states to the sums, for each state of both pairs; None if no path ends
+    unlit : True if the last passes write states too, because their light from infinity follows later
     """
 
     inner: InTurn[Pass] | None
@@ -96,7 +96,7 @@ class VertexPasses:
 
 @dataclass(frozen=True)
 class SetLight:
-    """The light of a path set: its sample, and the uniforms of lights/direct.glsl."""
+    """Light of a path set: its sample, and the uniforms of lights/direct.glsl."""
 
     sample: LightSample
     uniforms: Uniforms
@@ -107,20 +107,20 @@ class SetLight:
 
 
 class PathBufferStages(PathSetEngine):
-    """The stages of one window of the image; subclasses define `trace_path_set`.
+    """Stages of one window of the image; subclasses define `trace_path_set`.
 
-    offset : of the first pixel, right and down, where it is the engine of every second one alone, across and down;
-             see `interleaved`. `PathSetEngine` has the other parameters
+    offset : offset of the first pixel, right and down, if the engine computes only every second pixel across and
+             down; see `interleaved`. `PathSetEngine` has the other parameters
     """
 
     settings: PathBufferSettings | GatherSettings
-    _advance_passes: VertexPasses  # made by the frame
+    _advance_passes: VertexPasses  # created by the subclass
 
     def __init__(self, *args: Any, offset: tuple[int, int] | None = None, **options: Any) -> None:
         super().__init__(*args, **options)
         self._offset: tuple[int, int] | None = None
         if offset is not None:
-            # Rows of textures are counted from the bottom.
+            # Texture rows are counted from the bottom.
             (right, down), (width, height) = offset, self._size
             self._size = (width - right + 1) // 2, (height - down + 1) // 2
             self._offset = right, height - 1 - down - 2 * (self._size[1] - 1)
@@ -144,7 +144,7 @@ class PathBufferStages(PathSetEngine):
             if simpler
             else self.shadow_buffer
         )
-        # One direction for all paths, so that each scan has one view of it.
+        # All paths share one direction, so each scan has one view of it.
         distant = _cells(settings.cell_share, size)
         self._distant_buffer = PathBuffer(gl, scene, size, distant, occlusion=True) if lights.infinite else None
         self._deep_distant = (
@@ -157,7 +157,7 @@ class PathBufferStages(PathSetEngine):
         self._constant = self._constant_uniforms()
 
     def look_at(self, window: Window) -> None:
-        """Look at another window of the same size."""
+        """Switch to another window of the same size."""
         super().look_at(window)
         self._constant = self._constant_uniforms()
 
@@ -171,17 +171,17 @@ class PathBufferStages(PathSetEngine):
             return x, y, width, height
         return (x + self._offset[0]) // 2, (y + self._offset[1]) // 2, (width + 1) // 2, (height + 1) // 2
 
-    # The stages, in the order of a frame.
+    # Stages, in the order of a frame.
 
     def light_from(self, index: int, u: NDArray[np.float64]) -> SetLight:
-        """A light sample, and its shadow-buffer where it has a position [PB 3.3]."""
+        """Draw a light sample, and fill its shadow-buffer if it has a position [PB 3.3]."""
         light = NO_LIGHT if self.lighting.dark else self.lighting.sample(u)
         roll = 2.0 * np.pi * counter_hash(self.settings.seed, index, 0, 1) / 2**32
         uniforms = sample_uniforms(light)
         if light is NO_LIGHT or light.distant:
             frame = self.shadow_buffer.frame(self.scene.centre, light.direction, roll)
             return SetLight(light, uniforms | frame.uniforms)
-        # A point light's cube is turned anew for each set, so that the texels' edges average out.
+        # A point light's cube is rotated for each set, so that texel edges average out.
         axis = uniform_sphere(u[1:]) if light.kind == "point" else light.direction
         frame = self.shadow_buffer.frame(light.position, axis, roll, one_sided=light.kind == "area")
         with self.stopwatch.stage("shadow-buffer"):
@@ -192,7 +192,7 @@ class PathBufferStages(PathSetEngine):
         return SetLight(light, uniforms | frame.uniforms)
 
     def start_at_eye(self, index: int, sample: PathSetSample, light: SetLight) -> None:
-        """Primary hits, with a sub-pixel jitter that is the antialiasing, and direct light there."""
+        """Find primary hits, with a sub-pixel jitter for antialiasing, and their direct light."""
         eye = self._eye_uniforms(sample.pixel, index)
         self._see(eye)
         with self.stopwatch.stage("first vertex"):
@@ -200,7 +200,7 @@ class PathBufferStages(PathSetEngine):
             self._run_vertex(self._start_passes, index, 0, sample, eye | light.uniforms, last)
 
     def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Scan:
-        """z0 of every live path."""
+        """Compute z0 of every live path."""
         counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(3)]
         view = ScanView(
             directions=self._directions(sample, depth - 1),
@@ -211,8 +211,8 @@ class PathBufferStages(PathSetEngine):
             return self.path_buffer.scan_positions(self._states.read.position, view)
 
     def scan_scene(self, depth: int, scan: Scan) -> None:
-        """The nearest surface beyond z0."""
-        # The simpler surface may lie before the one that the eye sees, on which paths begin.
+        """Find each path's nearest surface beyond z0."""
+        # The simplified surface may lie in front of the visible one, where paths start.
         skipped = _SKIPPED if depth == 1 else 0.0
         with self.stopwatch.stage("scan scene"):
             self.path_buffer.scan_scene(scan, skipped)
@@ -220,16 +220,16 @@ class PathBufferStages(PathSetEngine):
     def advance(
         self, index: int, depth: int, sample: PathSetSample, light: SetLight, scan: Scan, last: bool
     ) -> None:
-        """Radiance, throughput and new positions from what the scan found [PB table 6]; at last, the sums."""
+        """Update radiance, throughput and positions from the scan [PB table 6], or at the last vertex the sums."""
         with self.stopwatch.stage("advance"):
             uniforms = light.uniforms | scan.uniforms
             self._run_vertex(self._advance_passes, index, depth, sample, uniforms, last)
 
     def light_from_infinity(self, index: int, depth: int, light: SetLight, last: bool = False) -> None:
-        """A directional light or the sky, at the vertices just made: one scan along its direction is the shadow.
+        """Add light from a directional light or the sky at the newest vertices, with one scan for shadows.
 
-        Paths that ended there are lit as well. Nothing to do where the set's light is near by, except that the last
-        vertex's light is not in the sums before this stage.
+        Paths that ended there are lit as well. If the set's light is not distant, nothing is done, except that the
+        last vertex's light is not in the sums before this stage.
         """
         if self._distant_buffer is None or not (light.distant or last):
             return
@@ -257,12 +257,12 @@ class PathBufferStages(PathSetEngine):
                 assert passes.inner is not None, "made with every light from infinity"
                 passes.inner.now.run(self._distant_scan | vertex)
 
-    # The stages of the frame.
+    # Helpers of the stages.
 
     def _scene_of_bounces(self) -> DeviceScene:
-        """The scene for paths from their second vertex on, which may be a simpler one [PB 6.1].
+        """Return the scene for paths from their second vertex on, which may be a simplified one [PB 6.1].
 
-        All that concerns those vertices is of it: scans, shadows and surfaces.
+        It is used for everything at those vertices: scans, shadows and surfaces.
         """
         full, share = self.scene, self.settings.bounce_lod
         if share is None or self._bounces() == 0:
@@ -281,11 +281,11 @@ class PathBufferStages(PathSetEngine):
         return tuple(uniform_hemisphere(u[: _views(self.settings, bounce)]))
 
     def _bounces(self) -> int:
-        """How many directions a path takes at most."""
+        """Return the maximum number of directions of a path."""
         return self.settings.path_length - 1
 
     def _plays_roulette(self, depth: int) -> bool:
-        """Does Russian roulette end paths at vertex `depth`, the one that the eye sees being 0?"""
+        """Return True if Russian roulette may end paths at vertex `depth`; the visible vertex is 0."""
         return False
 
     def _run_vertex(
@@ -297,7 +297,7 @@ class PathBufferStages(PathSetEngine):
         uniforms: Uniforms,
         last: bool,
     ) -> None:
-        """Run a vertex pass from the current states into the others, or at the last vertex into the sums."""
+        """Run a vertex pass from the current states into the other ones, or at the last vertex into the sums."""
         uniforms = uniforms | {
             "random_seed": counter_hash(self.settings.seed, index, depth, 5),
             "first_bounce": depth == 1,
@@ -337,7 +337,7 @@ class PathBufferStages(PathSetEngine):
         }
 
     def _make_states(self, size: tuple[int, int]) -> None:
-        # Start and light of what waits for a scan along the direction of the set's light.
+        # Start and light of paths that wait for a scan along the direction of the set's light.
         self._pending = [self._texture(size, 4, "f4") for _ in range(2 if self._distant_buffer else 0)]
         self._states = PingPong(*(self._new_states(size) for _ in range(2)))
         self._textures = {
@@ -357,7 +357,7 @@ class PathBufferStages(PathSetEngine):
             self._light_passes = self._deep_light_passes = self._distant_light_passes(self._distant_buffer)
             if self._deep_distant is not None and self._deep_distant is not self._distant_buffer:
                 self._deep_light_passes = self._distant_light_passes(self._deep_distant)
-            # Until the first scan brings its own.
+            # Placeholders until the first scan.
             self._distant_scan = {"permutation_seed": 0, "path_columns": size[0]}
 
     def _new_states(self, size: tuple[int, int]) -> PathStates:
@@ -398,11 +398,11 @@ class PathBufferStages(PathSetEngine):
         lit: bool = True,
         deep: bool = False,
     ) -> VertexPasses:
-        """The passes of a stage, as far as they are needed.
+        """Return the passes of a stage that are needed.
 
-        parts : what it includes beyond the other stages
-        lit  : its vertices get light from the light sample
-        deep : its vertices are the second or a further one of their paths
+        parts : includes in addition to those of the other stages
+        lit  : True if its vertices get light from the light sample
+        deep : True if its vertices are at least the second ones of their paths
         """
         scene, own = (self._deep, self._deep_textures) if deep else (self.scene, self._textures)
         unlit = lit and self._distant_buffer is not None
@@ -432,7 +432,7 @@ class PathBufferStages(PathSetEngine):
         return VertexPasses(continuing, ending, unlit)
 
     def _distant_light_passes(self, buffer: PathBuffer) -> VertexPasses:
-        """From what the scan along the light's direction found to the paths' radiance, or to the sums."""
+        """Return the passes that add light from infinity, found by a scan, to the paths or to the sums."""
         name = "light from infinity"
         inner, last = (
             load_program(
@@ -467,10 +467,10 @@ class PathBufferStages(PathSetEngine):
 
 
 def _views(settings: PathBufferSettings | GatherSettings, bounce: int) -> int:
-    """How many directions the paths have to choose from, the first bounce being 0."""
+    """Return the number of directions that the paths select from, for a bounce counted from 0."""
     return 2 if settings.directions == "pair" or (settings.directions == "lattice" and bounce > 0) else 1
 
 
 def _cells(share: float, size: tuple[int, int]) -> tuple[int, int]:
-    """(columns, rows) of a view of the path-buffer for a window of that size."""
+    """Return (columns, rows) of a path-buffer view for a window of that size."""
     return max(1, round(share * size[0])), max(1, round(share * size[1]))

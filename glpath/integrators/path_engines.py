@@ -1,4 +1,4 @@
-"""Which engine traces the path sets of an integrator's settings."""
+"""Choice of the engine that traces the path sets of an integrator's settings."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from glpath.integrators.settings import PathSetSettings
 from glpath.scene.model import Scene
 from glpath.sensors.sensor import Sensor
 
-# Highlights of a lower one are so small that few of the shared directions meet them.
+# Minimum roughness for shared directions: smaller highlights would be hit too seldom.
 _SHARED_ROUGHNESS = 0.2
 
-#: By the integrator's name, and whether scans of the path-buffer cast its rays.
+#: Engine by the integrator's name, and by True if scans of the path-buffer cast its rays.
 ENGINES: Mapping[tuple[str, bool], Callable[..., PathSetEngine]] = {
     ("path", False): RayPathEngine,
     ("path-buffer", True): PathBufferTracer,
@@ -42,11 +42,11 @@ def path_engine(
     timings: bool = False,
     offset: tuple[int, int] | None = None,
 ) -> PathSetEngine:
-    """The engine, which is not prepared yet; see `PathSetEngine` for the parameters.
+    """Create the engine, not prepared yet; see `PathSetEngine` for the parameters.
 
-    sensor    : where paths start; the scene's camera, where it is not given
-    radiosity : of a gather, and of guided paths: the solution, of the scene's own triangles
-    offset    : of every second pixel alone, see `PathBufferStages`
+    sensor    : start points of the paths; by default the scene's camera
+    radiosity : solution for the scene's own triangles, for a gather and for guided paths
+    offset    : offset of an engine for every second pixel, see `PathBufferStages`
     """
     assert (radiosity is not None) == settings.needs_solution, "a solution that the engine does not use, or none"
     if settings.by_path_buffer:
@@ -59,7 +59,7 @@ def path_engine(
 
 
 def check_shared(scene: Scene) -> None:
-    """Raise SceneError for materials that shared directions miss nearly always."""
+    """Raise SceneError for materials that shared directions nearly always miss."""
     of_kinds: dict[str, list[str]] = {}
     for material in (scene.materials[i] for i in sorted({shape.material for shape in scene.shapes})):
         kinds = ["a mirror"] * bool(np.any(material.mirror > 0))

@@ -1,15 +1,15 @@
-"""Path guiding by a radiosity solution: where light comes to a surface from, known before a path is traced.
+"""Path guiding by a radiosity solution: the distribution of incident light, known before a path is traced.
 
-A gather's error is nearly all that of its first bounce: most directions lead to dark walls, few to bright ones.
-The solution knows which. Elements that are neighbours with a common normal share a guide: the root mean square of
-the radiance that comes to them from each of 16 x 16 cells of directions, alike under the cosine; some is added to
-all, so that nothing that it does not know of is rare. A path's two numbers are moved down a tree of the cells,
-which keeps much of their evenness, and its weight is divided by the density. Fronts of triangles have guides,
-backs none.
+A gather's error is nearly all that of its first bounce: most directions lead to dark walls, few to bright ones. The
+solution contains that information. Neighbouring elements with a common normal share a guide: the root mean square
+of their incident radiance in each of 16 x 16 cells of directions, equal under the cosine. A constant is added to
+all cells, so that no light unknown to the guide gets a low probability. A path's two random numbers are warped down
+a tree of the cells, which keeps much of their uniformity. The path's weight is divided by the density. Fronts of
+triangles have guides, backs have none.
 
-Cost:     340 bytes a guide, of which there are 2048 at most; building, eight rays for each pixel of the picture, at
-          least half a million. A choice: five texels.
-Poor at:  light that differs between the elements that share a guide, beside a lamp or behind a small opening.
+Cost:     340 bytes a guide, at most 2048 guides; eight rays for each pixel of the image to build them, at least
+          half a million. A choice reads five texels.
+Poor at:  light that differs between the elements that share a guide, beside an emitter or behind a small opening.
 Source:   Jensen 1995, Importance driven path tracing using the photon map; Clarberg et al. 2005, Wavelet importance
           sampling; Vorba et al. 2014, On-line learning of parametric mixture models for light transport simulation.
 """
@@ -34,14 +34,15 @@ Int64 = NDArray[np.int64]
 
 _LEVELS = 4
 _MAX_GUIDES = 2048
-_POINTS = 16  # of a guide, where its rays start
-# Rays of a cell at least; at most one from each point. Those of all guides take as long as a path set or two.
-# Four times as many take a tenth off the squared error of `room`, whose guides are shared, half of that off
-# the box's; four times the guides, with as many rays in all, do no better.
+_POINTS = 16  # start points of a guide's rays
+# Minimum rays of a cell (at most one from each point), minimum ray budget, and rays for each image pixel. Rays for
+# all guides take as long as one or two path sets. Four times as many reduce the squared error by a tenth in `room`,
+# whose guides are shared, and by half that in the Cornell box. Four times the guides, with as many rays in all, do
+# no better.
 _MIN_RAYS, _MIN_BUDGET, _RAYS_A_PIXEL = 2, 1 << 19, 8
 _TESTS_A_RAY = 100
-# Share of the density given to plain cosine sampling. A smaller share gives more weight to hits in directions that
-# no guide ray found.
+# Fraction of the density given to plain cosine sampling. A smaller fraction gives more weight to hits in directions
+# that no guide ray found.
 _UNGUIDED = 0.3
 
 _LAYOUT = {
@@ -55,19 +56,19 @@ _POINTS_LAYOUT = {"guide_point": {"POSITION": "world space; number of its triang
 
 
 def path_guide_glsl() -> str:
-    """The layout as GLSL, for `#include <PATH_GUIDE>`."""
+    """Return the layout as GLSL, for `#include <PATH_GUIDE>`."""
     return store_glsl("path_guide", BYTES, _LAYOUT)
 
 
 class PathGuide:
     """Guides for the elements of a solution, on the device.
 
-    radiosity : the solution, with all of its light
-    pixels    : of the whole image; the more there are, the more rays are worth their time
-    rays      : the parts of the rays' program, with what it knows of the lights
+    radiosity : solution, with all of its light
+    pixels    : number of pixels of the whole image; more pixels justify more rays
+    rays      : parts of the rays' program, including the lights
 
-    textures, uniforms, generated, defines : for programs that include path_guide.glsl
-    seconds : that they took
+    textures, uniforms, generated, defines : inputs of programs that include path_guide.glsl
+    seconds : time to build the guides
     """
 
     def __init__(
@@ -124,11 +125,11 @@ class PathGuide:
 
 
 def guide_nodes(light: Float64) -> NDArray[np.uint8]:
-    """(G, N, 4): the nodes of each guide's tree, level by level, row by row, from (G, 2^k, 2^k) of its cells.
+    """Return (G, N, 4) nodes of the guides' trees, level by level, row by row, from their cells (G, 2^k, 2^k).
 
     The second axis is the distance from the normal, the last the angle about it, or in the reverse order.
     """
-    # Cells are smoothed with their neighbours, as each has few rays. The axis of angles wraps around.
+    # Cells are smoothed with their neighbours, because each has few rays. The axis of angles wraps around.
     around = np.roll(light, 1, 1) + 2.0 * light + np.roll(light, -1, 1)
     edged = np.pad(around, ((0, 0), (0, 0), (1, 1)), mode="edge")
     smooth = edged[..., :-2] + 2.0 * around + edged[..., 2:]
@@ -140,7 +141,7 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
         levels.append(quarters.reshape(len(density), -1, 4))
         density = quarters.mean(axis=-1)
     nodes = np.concatenate(levels[::-1], axis=1)
-    # Every share is 1 or more, as a cell with share 0 would never be sampled.
+    # Every share is 1 or more, because a cell with share 0 would never be sampled.
     shares = 255.0 * nodes / nodes.max(axis=-1, keepdims=True)
     return np.asarray(np.rint(shares).clip(1, 255), np.uint8)
 
@@ -148,11 +149,11 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
 def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tuple[Int64, Float64]:
     """Return the guide of each element of the triangles' lattices (E,), and points on each guide (G, P, 4).
 
-    divisions : (T,) parts of each triangle's edges
+    divisions : (T,) number of segments of each triangle's edges
     leaf      : (E,) number of the solver's element that each lattice element is part of
 
-    A point has its position, world space, and the number of its triangle. If the solver's elements are few, each
-    has a guide of its own, of the same number.
+    A point has its position, world space, and the index of its triangle. If the solver has few elements, each
+    element has its own guide with the same index.
     """
     from glpath.radiosity.mesh.mesh import Elements
 
@@ -172,7 +173,7 @@ def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tup
     shares = (np.arange(_POINTS) + 0.5) / _POINTS
     at = start[:, None] + shares * (stop - start)[:, None]
     chosen = order[np.minimum(np.searchsorted(ends, at), max(0, count - 1))]
-    # Within an element, a sequence of the golden ratio's; what lies beyond the diagonal is folded back.
+    # Points within an element follow a golden-ratio sequence; points beyond the diagonal are folded back.
     b = np.arange(1, chosen.size + 1)[:, None] * (0.7548776662466927, 0.5698402909980532) % 1.0
     b = np.where(b.sum(axis=1, keepdims=True) > 1.0, 1.0 - b, b).reshape(*chosen.shape, 2)
     of = corners[chosen]

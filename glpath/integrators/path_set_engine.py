@@ -1,4 +1,4 @@
-"""The base of engines with path sets: where paths start, at a camera's eye or at points."""
+"""Base of engines with path sets: starts of paths at a camera's eye or at points."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
 
 class PathSetEngine(Engine):
-    """One path for every pixel, or point, in each path set; see `Engine` for the other parameters.
+    """Engine with one path for every pixel, or point, in each path set; see `Engine` for other parameters.
 
-    sensor    : where paths start; the scene's camera, where it is not given
-    max_radiance : what a path may bring home besides emission, for the quantum of the sums
-    lighting  : what path sets are lit by; the scene's, where it is not given
+    sensor    : start points of the paths; by default the scene's camera
+    max_radiance : maximum radiance of a path besides emission, for the quantum of the sums
+    lighting  : lights of the path sets; by default the scene's
 
-    own_lens : of an engine: every pixel has a point of a camera's lens of its own, not one for all of a path set
+    own_lens : class attribute, True if each pixel has its own lens point, False if a path set shares one
     """
 
     own_lens: ClassVar[bool] = False
@@ -67,10 +67,10 @@ class PathSetEngine(Engine):
         self.lighting = lighting or scene.lighting
         self._max_radiance = max(scene.max_radiance, max_radiance)
         self._eye_defines = camera_defines(scene.scene.camera, self.own_lens)
-        self._cast = self._lost = 0  # rays of paths, and how many of them lost the collision in their cell
-        self._bvh: RayBvh | None = None  # where rays are cast
+        self._cast = self._lost = 0  # rays of paths, and rays that lost the collision in their cell
+        self._bvh: RayBvh | None = None  # None unless rays are cast
         self._hit_textures: dict[str, moderngl.Texture] = {}  # records of streamed triangles
-        self._eye_of: object = None  # sensor and window of `_eye`, the camera's uniforms for all path sets
+        self._eye_of: object = None  # sensor and window for `_eye`, the camera's uniforms for all path sets
         self._eye: Uniforms = {}
         self._camera = scene.scene.camera
         self._eye_constant: Uniforms = scene.uniforms
@@ -100,39 +100,41 @@ class PathSetEngine(Engine):
         return self
 
     def share(self, other: PathSetEngine, *, solution: bool = True) -> None:
-        """Before `prepare`, take the tree of an engine of the same scene, and what else depends on no view.
+        """Take the BVH, and other data that do not depend on the view, of an engine of the same scene.
 
-        solution : both have the same radiosity solution
+        Call it before `prepare`.
+
+        solution : True if both have the same radiosity solution
         """
         self._bvh = other._bvh
 
     def _seen_in_mirrors(self) -> RayBvh | None:
-        """By which AOVs find what mirrors show; None: they do not."""
+        """Return the BVH for AOVs of mirrored surfaces; None to use the mirrors' own."""
         return None
 
     @property
     def _shares_lanes(self) -> bool:
-        """Whether paths are traced in the order of `glpath.gl.lanes`."""
+        """True if paths are traced in the order of `glpath.gl.lanes`."""
         return False
 
     @abstractmethod
     def _prepare_stages(self) -> None:
-        """Make what an engine's stages need besides the eye."""
+        """Create the resources of an engine's stages, except the eye's."""
 
     def seen(self) -> NDArray[np.int64]:
-        """(h, w) number of the triangle that each pixel sees in the last path set, -1 for none; row 0: top.
+        """Return (h, w) index of each pixel's visible triangle in the last path set, -1 for none; row 0 at the top.
 
-        Of points, the triangle that each lies on.
+        For points, return the triangle that each lies on.
         """
         width, height = self._size
         numbers = np.frombuffer(self._eye_buffer.read(), np.uint32).reshape(height, width)
         return numbers[::-1].astype(np.int64) - 1
 
     def statistics(self) -> dict[str, object]:
-        """As of every engine, and:
+        """Return the counts of every engine, and:
 
-        paths_cast : rays of paths, those to lights not counted
-        paths_lost : of these, how many lost the collision in their cell of the path-buffer
+        paths_cast : number of path rays, without shadow rays
+        paths_lost : number of path rays that lost the collision in their cell of the path-buffer
         """
         return {"paths_cast": self._cast, "paths_lost": self._lost} | super().statistics()
 
@@ -144,10 +146,10 @@ class PathSetEngine(Engine):
         self._cast += int(readback.low.sum(dtype=np.int64))
         self._lost += int((readback.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
 
-    # The parts of the frame.
+    # Parts of the frame.
 
     def move_to(self, index: int) -> None:
-        """Put what moves where it is at the time of a path set; the eye goes by its own uniforms."""
+        """Move objects to the time of a path set; the eye's motion is in its own uniforms."""
         moving = self.scene.moving
         if moving is None:
             return
@@ -157,11 +159,11 @@ class PathSetEngine(Engine):
             if self._bvh is not None:
                 self._bvh.move_to(moving.corners())
             if moving.lamps:
-                # The chances of lights stay, or they would not be those that emission is weighed by.
+                # Selection probabilities of lights must stay equal to those that weight emission.
                 self.lighting = replace(self.lighting, scene=moving.at(time))
 
     def _see(self, eye: Uniforms) -> None:
-        """Which triangle every pixel of the window sees, and the AOVs of what it sees."""
+        """Find the visible triangle of every pixel of the window, and add the AOVs."""
         with self.stopwatch.stage("eye"):
             self._look(eye)
         self._add_aovs(eye)
@@ -179,7 +181,7 @@ class PathSetEngine(Engine):
             self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
-        """The uniforms of the eye's rays, or points: their position in each pixel, and the path set's number."""
+        """Return the uniforms of eye rays or points: the position in each pixel, and the path set's index."""
         seed, sample = self.settings.seed, (float(pixel[0]), float(pixel[1]))
         own = {"opacity_seed": counter_hash(seed, 0, 0, 12), "opacity_set": index}
         if self._points is not None:
@@ -212,12 +214,12 @@ class PathSetEngine(Engine):
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """The kind of sensor that programs and passes are made for."""
+        """Return the kind of sensor that programs and passes are made for."""
         moving = self.scene.moving is not None
         return (*sensor.kind, sensor.shutter if moving else None)
 
     def _see_by_scan(self) -> None:
-        """See by a scan conversion of the scene."""
+        """Set up primary visibility by scan conversion."""
         gl, scene, size = self.gl, self.scene, self._size
         self._eye_pass = Pass(
             "eye",
@@ -248,12 +250,15 @@ class PathSetEngine(Engine):
             )
 
     def _keep_records(self) -> None:
-        """Make room for records of streamed triangles: of what eye rays hit, then of what paths do."""
+        """Create the records of streamed triangles, for the hits of eye rays and then of paths."""
         assert self.scene.stream is not None, "who streams"
         self._hit_textures = {"hit_records": self.scene.stream.records(self._size)}
 
     def _look_by_rays(self) -> None:
-        """See by eye rays from now on, not by scan conversion, of one eye for all pixels and no panorama."""
+        """Switch primary visibility to eye rays.
+
+        Scan conversion needs one eye for all pixels, and no panorama.
+        """
         gl, scene = self.gl, self.scene
         self._bvh = self._bvh or RayBvh(gl, scene)
         parts = ProgramParts.of(scene, self._bvh)
@@ -269,7 +274,7 @@ class PathSetEngine(Engine):
         self._eye_constant = parts.uniforms
 
     def _image_window(self) -> tuple[int, int, int, int]:
-        """x, y of the window's lower left pixel in the image, and the image's size."""
+        """Return x, y of the window's lower left pixel in the image, and the image's size."""
         width, height = self.sensor.resolution
         x, y, _, h = self.window
         return x, height - y - h, width, height

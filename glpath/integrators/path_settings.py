@@ -1,4 +1,4 @@
-"""The options of path tracing: "path", with rays of each path's own, and "path-buffer"."""
+"""Options of path tracing: "path", with per-path rays, and "path-buffer"."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from glpath.integrators.settings import (
     SharedDirections,
 )
 
-# Of paths that nothing else ends.
+# Roulette start for paths that nothing else ends.
 _ROULETTE = 4
-# Diffuse bounces of a path before a radiosity solution is its control variate.
+# Number of diffuse bounces of a path before a radiosity solution becomes its control variate.
 _CORRECTED_FROM = 2
 
 
@@ -47,7 +47,7 @@ class PathSettings(PathSetSettings):
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 
-    # Only a gather has this choice: its guides are of the solution that it looks up; a path has no branches.
+    # Fixed here, because only a gather has a choice.
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
 
@@ -88,28 +88,30 @@ class PathSettings(PathSetSettings):
 
     @property
     def branches(self) -> int:
-        """Directions that a path takes from its first vertex."""
+        """Number of directions that a path takes from its first vertex."""
         return 2 if self.corrects else 1
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """The vertex from which on Russian roulette ends paths; where a solution is a control variate, those by
-        mirrors and glass alone."""
+        """Return the vertex from which on Russian roulette ends paths, or None.
+
+        With a solution as control variate, roulette ends only paths by mirrors and glass.
+        """
         if self.corrects:
             return ROULETTE_OF_MIRRORED if mirrored else None
         return self.roulette
 
     def lookup_uniforms(self) -> dict[str, object]:
-        """Of paths whose control variate is a radiosity solution."""
+        """Return the uniforms of paths whose control variate is a radiosity solution."""
         return {"lookup_depth": _CORRECTED_FROM} if self.corrects else {}
 
     def recorded(self) -> dict[str, Any]:
-        """Without a guide where there is none, and without a depth where that ends nothing."""
+        """Return the settings, without an unused guide and without a depth that ends nothing."""
         unused = [name for name, used in (("guide", self.guided), ("max_depth", not self.endless)) if not used]
         return {k: v for k, v in super().recorded().items() if k not in unused}
 
 
 def _completed(settings: PathSettings | PathBufferSettings) -> dict[str, Any]:
-    """Of paths of all bounces, the vertex from which on chance ends them."""
+    """Return the default roulette start for paths of all bounces."""
     return {"roulette": _ROULETTE} if settings.max_depth == DEEPEST and settings.roulette is None else {}
 
 
@@ -164,7 +166,7 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
         return True
 
     def recorded(self) -> dict[str, Any]:
-        """Those that decide something: memory does not."""
+        """Return the options that affect the image, so the memory budget is left out."""
         given = super().recorded()
         del given["geometry_budget"]
         if self.endless:
@@ -177,6 +179,6 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
 
 
 class PathBufferKeywords(TypedDict, total=False):
-    """The options of "path-buffer" alone; see `SharedKeywords`."""
+    """Options of "path-buffer" alone; see `SharedKeywords`."""
 
     bounce_lod: float | None

@@ -1,21 +1,21 @@
-"""The integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
+"""Integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
 
 A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
-Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the light from there
-(`path_guide`). It selects one of a sample of each light, by its contribution; of twelve lights with a position or
-more, a tree of lights chooses one for each vertex (`glpath.lights.tree`). Rectangular lamps close to surfaces are
-sampled by solid angle (`glpath.lights.rectangles`), the sky also through portals (`glpath.scene.portal`).
-A gather's path branches at its first vertex, which has nearly all of the error: branches share the eye's ray and
-the light there, 0.4 of a set's cost.
-No ray is lost in a crowded cell, and the error is noise without streaks. A ray costs the logarithm of the number of
-triangles, a scan their number. docs/explanation/accuracy.md has measurements.
+Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the incident light
+(`path_guide`). It selects one of a sample of each light, by its contribution. From twelve lights with a position
+on, a tree of lights selects one for each vertex (`glpath.lights.tree`). Rectangular emitters close to surfaces are
+sampled by solid angle (`glpath.lights.rectangles`), the sky also through portals (`glpath.scene.portal`). A
+gather's path branches at its first vertex, the source of nearly all its error: branches share the eye's ray and the
+light there, 0.4 of a set's cost. No ray is lost in a crowded cell, and the error is noise without streaks. A ray
+costs the logarithm of the number of triangles, a scan their number. docs/explanation/accuracy.md has measurements.
 
 A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`). On a
-graphics card a compute shader does, bit-identical, as some of these shade pixels in few of their cores.
+graphics card a compute shader does, with bit-identical results, because some cards shade pixels in few of their
+cores.
 
-Cost:     the BVH; per path set and vertex a ray and a shadow ray.
-Poor at:  caustics, which directions seldom find; scenes lit through small openings without portals; geometry
-          that does not fit into memory.
+Cost:     the BVH; a ray and a shadow ray per path set and vertex.
+Poor at:  caustics, which directions seldom find; scenes lit through small openings without portals; geometry that
+          does not fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
           global illumination.
 """
@@ -55,34 +55,35 @@ from glpath.sampling.points import PathSetSampler, counter_hash, radical_inverse
 from glpath.scene.model import Environment
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
-#: Light samples of a path set at most, for its paths to choose from.
+#: Maximum number of light samples of a path set, from which its paths select.
 LIGHTS = 16
-# Parts of all lights at most: a vertex looks at a sample of each, for 2 % of a set's time, and asks
-# for the shadow of one.
+# Maximum number of parts of all lights: a vertex evaluates a sample of each, for 2 % of a set's time, and casts a
+# shadow ray for one.
 _PARTS = 8
-# Samples that a tree of lights draws for each vertex. A second one takes as long as a third of a set, and leaves
-# less error only where lights have profiles.
+# Number of samples that a light tree draws for each vertex. A second one takes a third of a set's time, and reduces
+# the error only if lights have profiles.
 _TREE_SAMPLES = 1
-# Lights with a position from which on a tree chooses among them.
+# Number of lights with a position from which a tree selects among them.
 _TREE_MIN = 12
-# Triangles and punctual lights up to which it does: its build takes some 50 microseconds for each.
+# Maximum number of triangles and punctual lights for a tree: its build takes some 50 microseconds for each.
 _TREE_MAX = 1 << 16
-_LIGHT_BLOCK = 64  # sets whose light samples are made at once; a divisor of the sampler's own block
-# Bounces beyond have independent random numbers.
+_LIGHT_BLOCK = 64  # number of sets whose light samples are computed at once; a divisor of the sampler's own block
+# Number of bounces with sequence numbers; later bounces have independent random numbers.
 _MAX_BOUNCES = 14
-#: Vertices of a path that only chance ends: a safety. With a reflectance of 0.999 all around, what is beyond is
-#: 1e-7 of the light; of a closed room that absorbs nothing, which has no answer, each path gets here.
+#: Maximum number of vertices of a path that only roulette ends, a safeguard. With a reflectance of 0.999
+#: everywhere, the light beyond is 1e-7 of all. In a closed room without absorption, which has no solution, each
+#: path reaches it.
 CEILING = 1 << 14
-# For how many vertices of a path a draw is cut into areas at most.
+# Maximum number of vertices of a path for dividing a draw into areas.
 _USUAL_DEPTH = 64
-# Boxes and triangles that a ray and a shadow ray meet in a large scene, about.
+# Approximate number of boxes and triangles that a ray and a shadow ray test in a large scene.
 _TESTS_A_VERTEX = 200
 
 
 class RayPathEngine(PathSetEngine):
-    """Traces path sets of one window of the image; see `PathSetEngine` for the parameters.
+    """Engine that traces path sets of one window of the image; see `PathSetEngine` for the parameters.
 
-    radiosity : the solution of the scene's triangles that a gather looks up, and that guides paths
+    radiosity : solution for the scene's triangles, which a gather looks up, and which guides paths
     """
 
     own_lens = True
@@ -100,7 +101,7 @@ class RayPathEngine(PathSetEngine):
         timings: bool = False,
     ) -> None:
         self._ambient = scene.scene.ambient if settings.ambient is None else np.asarray(settings.ambient)
-        # Ambient radiance stands for the sky's light at the last vertex: sets lit by it would be dark ones.
+        # With path length 1, ambient radiance replaces the sky's light, so sampling the sky would waste path sets.
         ambient_alone = settings.path_length == 1 and bool(np.any(self._ambient > 0))
         super().__init__(
             gl,
@@ -118,19 +119,19 @@ class RayPathEngine(PathSetEngine):
         self._light_tables: list[bytes] = []
         self._edges_of: object = None
 
-    # The frame.
+    # Frame.
 
     def trace_path_set(self, index: int) -> None:
-        """One path for every pixel: what the eye sees, and then all of its rays in one draw."""
+        """Trace one path for every pixel: the visible triangles, then all path rays in one draw."""
         pixel = self._sampler[index].pixel
-        self.move_to(index)  # what moves, to the set's time
+        self.move_to(index)  # moving objects, to the set's time
         eye = self._eye_uniforms(pixel, index)
-        self.see_silhouettes(index, pixel, eye)  # the light of the pixels where a lamp ends
+        self.see_silhouettes(index, pixel, eye)  # light of the pixels at an emitter's edge
         self._see(eye)  # the triangle of each pixel
-        self.follow_paths(index, eye)  # each to its end, and into the sums
+        self.follow_paths(index, eye)  # each path to its end, and its light into the sums
 
     def see_silhouettes(self, index: int, sample: NDArray[np.float64], eye: Uniforms) -> None:
-        """The light of the pixels where a lamp ends; which these are is found at a window's first path set."""
+        """Sample the pixels at an emitter's edge; a window's first path set finds these pixels."""
         if self._silhouettes is None:
             return
         with self.stopwatch.stage("emitter silhouettes"):
@@ -141,13 +142,13 @@ class RayPathEngine(PathSetEngine):
             self._silhouettes.see(index, sample, eye)
 
     def follow_paths(self, index: int, eye: Uniforms) -> None:
-        """All rays of all paths; see path/path_rays.glsl."""
+        """Trace all rays of all paths; see path/path_rays.glsl."""
         uniforms = self._constant | eye | self._of_set(index)
         with self.stopwatch.stage("paths"):
             run_in_areas(self._paths.now, self._areas, uniforms)
         self._sums.path_set_added()
 
-    # Its parts.
+    # Parts of the frame.
 
     def _seen_in_mirrors(self) -> RayBvh | None:
         clear = any(self.scene.scene.materials[shape.material].is_clear for shape in self.scene.scene.shapes)
@@ -157,7 +158,7 @@ class RayPathEngine(PathSetEngine):
         return self._bvh
 
     def share(self, other: PathSetEngine, *, solution: bool = True) -> None:
-        """Take the guides as well, which are of the solution."""
+        """Take the other engine's guides as well if both have the same solution."""
         super().share(other)
         if isinstance(other, RayPathEngine) and solution:
             self.guide = other.guide
@@ -171,20 +172,20 @@ class RayPathEngine(PathSetEngine):
         hardware = context_of(gl).info.hardware
         self._bounces = min(max(2, settings.path_length), _MAX_BOUNCES)
         self._branches = settings.branches
-        # One goes ahead of the other, and a sampler holds the numbers of but few sets.
+        # Two samplers, because one runs ahead of the other, and a sampler caches the numbers of only few sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
         self._by_tree = _chosen_by_tree(self.lighting) and not (scene.moving and scene.moving.lamps)
         self._in_parts = others(self.lighting) if self._by_tree else self.lighting
-        # Bounds of the numbers that select a light: a part is a light, or an eighth of them all.
+        # Bounds of the numbers that select a light; a part is a light, or an eighth of all lights.
         self._light_edges = np.zeros(1) if self._by_tree and self._in_parts.dark else _light_edges(self._in_parts)
         self._parts = len(self._light_edges) - 1
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
-        # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices do. By the whole image, so that a
-        # picture in tiles has the bits of the picture in one.
+        # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices. The whole image decides, so that
+        # an image in tiles is bit-identical to the whole.
         many = not hardware and len(scene.scene.triangles) > width * height
         camera = scene.scene.camera
         wide = camera.projection == "panorama" or camera.aperture_radius > 0
@@ -192,12 +193,12 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Few paths that only roulette ends have more vertices. llvmpipe ends no draw that takes long, and shares
-        # out squares of 64 x 64: a draw of one would be one core's.
+        # Only few paths that roulette alone ends have more vertices. llvmpipe has no watchdog, and distributes
+        # squares of 64 x 64: a draw of one square would use one core.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         tests = self._branches * vertices * _TESTS_A_VERTEX
         self._areas = draw_areas(self._size, tests) if hardware else [(0, 0, *self._size)]
-        # llvmpipe runs both on all cores, and sooner as pixels.
+        # llvmpipe runs both on all cores, but pixels faster.
         make = self._dispatch if hardware else self._pass
         self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))
 
@@ -219,13 +220,13 @@ class RayPathEngine(PathSetEngine):
             **(LANE_DEFINES if self._shares_lanes else {}),
             **self._sums.defines,
         }
-        # Measurements at points are also averaged: with shared light samples all errors would be alike.
+        # Measurements at points are also averaged; shared light samples would correlate all their errors.
         self._draws: LightDraws | None = None
         independent = isinstance(self.sensor, PointSensor) and self.sensor.independent
-        # A tree has the chances of single triangles.
+        # A tree has its own probabilities for single triangles.
         still = not self._by_tree and not (scene.moving and scene.moving.lamps)
         rectangles = LampRectangles.that_pay(self.lighting) if still else None
-        # What a set shares knows no positions, by which trees, portals and solid angles choose.
+        # Shared light samples cannot depend on positions, but trees, portals and solid angles select by position.
         if self._by_tree or independent or rectangles or by_portals(self.lighting):
             samples = _TREE_SAMPLES if self._by_tree else 0
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples, rectangles)
@@ -253,9 +254,9 @@ class RayPathEngine(PathSetEngine):
 
     def _new_silhouettes(self, bvh: RayBvh) -> EmitterSilhouettes | None:
         scene, camera = self.scene, self.scene.scene.camera
-        # Edges out of focus or in motion are wide: no search at a few positions finds them.
+        # Edges out of focus or in motion are wide, so a search at a few positions does not find them.
         wide = camera.aperture_radius > 0 or camera.moves or scene.moving
-        # And they know no ground.
+        # Silhouettes do not support a ground.
         if self._points is not None or wide or self._ground is not None or not EmitterSilhouettes.are_in(scene):
             return None
         return EmitterSilhouettes(
@@ -284,21 +285,24 @@ class RayPathEngine(PathSetEngine):
         return PixelDispatch("paths", self.gl, program, textures, frozenset(written))
 
     def _seen_from(self, position: NDArray[np.float64]) -> NDArray[np.int64]:
-        """`seen` by rays through a position in the pixels."""
+        """Return `seen` for eye rays through a position in the pixels."""
         self._look(self._eye_uniforms(position))
         return self.seen()
 
     def statistics(self) -> dict[str, object]:
-        """As of every engine; nothing is lost in a cell. `paths_cut`: at a length that only roulette should end."""
+        """Return the counts of every engine; no ray is lost in a cell.
+
+        paths_cut : number of paths cut at the safeguard length, if any
+        """
         counts = super().statistics()
         cut = counts.pop("paths_lost")
         return counts | ({"paths_cut": cut} if cut else {})
 
-    # The uniforms of the draw.
+    # Uniforms of the draw.
 
     def _of_set(self, index: int) -> Uniforms:
         seed = self.settings.seed
-        # Branches are as even as so many sets, over all of a pixel's paths.
+        # Branches use consecutive sets of the sequence, so all paths of a pixel are evenly distributed.
         branches = range(self._branches * index, self._branches * (index + 1))
         each = np.concatenate([self._branch_sampler[i].directions[: self._bounces] for i in branches])
         points, choices = _words(each[:, 0]), _words(each[:, 1, 0])
@@ -319,11 +323,11 @@ class RayPathEngine(PathSetEngine):
         return {"sequence_point": tuple(map(int, _words(self._sampler[index].light)))}
 
     def _light_table(self, index: int) -> bytes:
-        """The set's light samples, class by class, each at the sequence's point shifted by numbers of its own.
+        """Return the set's light samples, class by class, each at the sequence's point shifted by its own numbers.
 
-        Made for many sets at once, as a call into numpy costs more than what it does for a single one.
+        They are computed for many sets at once, because numpy's overhead exceeds the work for a single set.
         """
-        # Where lamps move, each set's are elsewhere.
+        # Moving emitters are elsewhere in each set.
         size = 1 if self.scene.moving and self.scene.moving.lamps else _LIGHT_BLOCK
         block, index_in_block = divmod(index, size)
         if self._light_block != block:
@@ -367,21 +371,21 @@ class RayPathEngine(PathSetEngine):
 
 
 def _chosen_by_tree(lighting: Lighting) -> bool:
-    """So many lights with a position that a tree is better than a look at some of them."""
+    """Return True if the lights with a position are so many that a tree is better than sampling some of them."""
     punctual = len(positional(lighting))
     pieces = punctual + sum(len(side.cdf) - 1 for side in lighting.sides)
     return len(lighting.sides) + punctual >= _TREE_MIN and pieces <= _TREE_MAX
 
 
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
-    """(parts + 1,) of the numbers in [0, 1] that choose a light: a part is a light, or an eighth of them all.
+    """Return (parts + 1,) bounds in [0, 1] that select a light: a part is a light, or an eighth of all lights.
 
-    An environment map is two, or the shadow of its sun would be asked for where the rest of it is to be seen: of
-    such a scene the squared error is 0.6 of what it is with one, and little less with more.
+    An environment map is two parts; otherwise shadow rays would go to its sun even where the rest of the map is
+    visible. The squared error is 0.6 of that with one part; more parts gain little.
     """
     edges = lighting.cdf
-    # With portals it is one light: of two samples that are chosen by contribution, the one that is not through a
-    # portal would win, which seldom arrives.
+    # With portals it is one light: of two samples selected by contribution, the one outside the portals would win,
+    # although it is usually occluded.
     if isinstance(lighting.sky, Environment) and not by_portals(lighting):
         edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
     parts = len(edges) - 1
@@ -389,5 +393,5 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
 
 
 def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:
-    """Numbers in [0, 1) as fractions of 2**32."""
+    """Return numbers in [0, 1) as integer multiples of 2**-32."""
     return np.asarray(u * 2.0**32, np.uint64).astype(np.uint32)

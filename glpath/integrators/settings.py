@@ -1,16 +1,16 @@
-"""The options of integrators: what all settings are, and the options that several have.
+"""Options of integrators: the base of all settings, and the options that several integrators have.
 
-Each integrator's own are in `path_settings`, `gather_settings` and `whitted_settings`; `by_name` lists them all. An
-option is written in one of these modules and nowhere else.
+The options of single integrators are in `path_settings`, `gather_settings` and `whitted_settings`; `by_name` lists
+them all. An option is declared in one of these modules and nowhere else.
 
-A field is an option where its type is `Annotated[type, Meta(description=...)]`: then `render` and `render_frames`
-have a parameter of that name, `glpath render` has it as --name with the description as its help, values are checked
-against the type and the bounds, a `RenderJob` writes it to JSON and a film's metadata names it. A field without a
-description is a setting for experiments: only an instance of the class can have it otherwise than by default.
+A field is an option if its type is `Annotated[type, Meta(description=...)]`. Then `render` and `render_frames` have
+a parameter of that name, and `glpath render` has --name with the description as its help. Values are checked
+against the type and the bounds, a `RenderJob` writes the option to JSON, and a film's metadata contains it. A field
+without a description is a setting for experiments: only an instance of the class can change its default.
 
-Literal types are words to choose from, a tuple of these any number of words, `Rgb` is one number or three.
-`Meta.extra` may hold "metavar", what the help shows for a value, and "flag", its name on the command line. These
-modules load nothing heavy, as the command line reads them before it knows what is asked for.
+Literal types are words to choose from, a tuple of these is any number of words, `Rgb` is one number or three.
+`Meta.extra` may hold "metavar", the help's placeholder for a value, and "flag", the name on the command line. These
+modules import nothing slow, because the command line reads them before it knows the command.
 """
 
 from __future__ import annotations
@@ -33,29 +33,30 @@ Guide = Literal["solution", "cosine"]
 Interleave = Literal["always", "never"]
 Rgb = tuple[float, float, float]
 
-#: A path counts its casts in eleven bits, up to two a vertex. As `max_depth` it stands for all bounces.
+#: Maximum of `max_depth`, which stands for all bounces: a path counts its rays in eleven bits, up to two rays a
+#: vertex.
 DEEPEST = 1000
-#: Russian roulette ends paths by mirrors and glass from this vertex on, where others end sooner.
+#: Vertex from which on Russian roulette ends paths by mirrors and glass, if others end sooner.
 ROULETTE_OF_MIRRORED = 6
-#: Russian roulette ends paths of a gather that do not come to a look-up from this vertex on.
+#: Vertex from which on Russian roulette ends paths of a gather without a look-up.
 ROULETTE_OF_GATHER = 4
-#: Of integrators without a solution.
+#: Remedies of integrators without a solution.
 NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 
-# AOVs of a film of points: those of light, not of the surfaces that an eye sees.
+# AOVs that a film of points can have: those of light, because no eye sees a surface.
 _POINT_AOVS = ("direct", "indirect", "samples")
 
 
 @dataclass(frozen=True)
 class IntegratorSettings(ABC):
-    """The options that decide the image; each integrator has its own.
+    """Options that affect the image; each integrator has its own.
 
-    integrator  : the name that users know it by
-    default_spp : path sets by default
-    noisy       : whether another seed is another image. Samples of a ray tracer differ only within their pixel
-    biased      : whether more samples come to another picture than the light that there is
-    any_scene   : whether an engine takes another scene; else another sensor alone
-    remedies    : what to do instead of an option that another integrator has
+    integrator  : name for users
+    default_spp : default number of path sets
+    noisy       : True if another seed gives another image. Samples of a ray tracer differ only within their pixel
+    biased      : True if the estimator is biased: more samples do not converge to the exact radiance
+    any_scene   : True if an engine can change its scene; otherwise it can only change its sensor
+    remedies    : alternatives to options that other integrators have
     """
 
     integrator: ClassVar[str]
@@ -75,41 +76,41 @@ class IntegratorSettings(ABC):
     ] = ()
 
     def recorded(self) -> dict[str, Any]:
-        """The settings by name, as a film's metadata has them: films merge where these are equal.
+        """Return the settings by name for a film's metadata; films merge only if these are equal.
 
-        Without the AOVs, which are not part of the image.
+        AOVs are left out, because they are not part of the image.
         """
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "aovs"}
 
     @property
     @abstractmethod
     def path_length(self) -> int:
-        """How many vertices a path has at most."""
+        """Maximum number of vertices of a path."""
 
     @property
     def splits_light(self) -> bool:
-        """Whether direct light is summed apart."""
+        """True if direct light is summed separately."""
         return "direct" in self.aovs or "indirect" in self.aovs
 
     def check_points(self) -> None:
-        """Raise UsageError where paths cannot start at points, or what is asked for is not known there."""
+        """Raise UsageError if paths cannot start at points, or if an option does not apply there."""
         raise UsageError(
             f'integrator: "{self.integrator}" with a sensor of points; its rays start at a camera.',
             'Take integrator="path", "path-buffer" or "gather".',
         )
 
     def check_together(self, given: Mapping[str, Any]) -> None:  # noqa: B027 - few need it
-        """Raise UsageError for options that mean nothing with others; `given` has what changes the settings."""
+        """Raise UsageError for options that conflict; `given` holds the options that change the settings."""
 
     def completed(self, solvable: Callable[[], bool]) -> Self:
-        """With what was left open: an option that is None where that means "as the scene allows".
+        """Return the settings with open options decided: those that are None for "as the scene allows".
 
-        solvable : whether the scene can have a radiosity solution, in time that is worth it
+        solvable : function that returns True if the scene can have a radiosity solution in reasonable time
         """
         return self
 
 
-# Options that several integrators have.
+# Options of several integrators.
 DEPTH = (
     "vertices of a path: 1 is direct light only, 3 two bounces; 1000 is all bounces. With ambient light of the "
     "scene, which stands for further ones, 5 by default"
@@ -123,7 +124,7 @@ Ambient = Annotated[
         "scene's ambient light",
     ),
 ]
-#: MiB; see `GeometryBudget`.
+#: Default of `GeometryBudget`, MiB.
 GEOMETRY_BUDGET = 1024
 GeometryBudget = Annotated[
     int,
@@ -163,7 +164,7 @@ LightResolution = Annotated[
 
 @dataclass(frozen=True)
 class PathSetSettings(IntegratorSettings):
-    """The options of all integrators with path sets: "path", "path-buffer" and "gather"."""
+    """Options of all integrators with path sets: "path", "path-buffer" and "gather"."""
 
     default_spp = 256
     noisy = True
@@ -188,37 +189,37 @@ class PathSetSettings(IntegratorSettings):
 
     @property
     def by_path_buffer(self) -> bool:
-        """Are rays cast by scans of the path-buffer, along directions that all paths of a set share?"""
+        """True if scans of the path-buffer cast the rays, along directions that all paths of a set share."""
         return False
 
     @property
     def interleaved(self) -> bool:
-        """Are four pictures of every second pixel made, each with shared directions of its own?"""
+        """True if four images of every second pixel are made, each with its own shared directions."""
         return False
 
     @property
     def guided(self) -> bool:
-        """Do paths choose directions by a radiosity solution?"""
+        """True if a radiosity solution guides the directions of paths."""
         return False
 
     @property
     def endless(self) -> bool:
-        """Does chance alone end paths? Then the largest max_depth is no end."""
+        """True if only roulette ends paths; then the largest max_depth is no limit."""
         return False
 
     @property
     def looks_up(self) -> bool:
-        """Do paths end by looking up a radiosity solution?"""
+        """True if paths end with a look-up of a radiosity solution."""
         return False
 
     @property
     def corrects(self) -> bool:
-        """Is a radiosity solution a control variate of paths?"""
+        """True if a radiosity solution is a control variate of paths."""
         return False
 
     @property
     def needs_solution(self) -> bool:
-        """Does the engine have a radiosity solution, as a guide or to look it up?"""
+        """True if the engine needs a radiosity solution, as a guide or for look-ups."""
         return self.guided or self.looks_up
 
 
@@ -227,8 +228,8 @@ class SharedDirections:
     """Settings of scans of the path-buffer.
 
     directions      : see `PathBufferSettings`
-    cell_share      : the root of the path-buffer's number of cells, in that of the window's pixels
-    cosine_roulette : of bounces with one direction, paths whose cosine is below 1 / this are thinned
+    cell_share      : square root of the ratio of path-buffer cells to window pixels
+    cosine_roulette : for bounces with one direction, paths whose cosine is below 1 / this value are thinned
     """
 
     directions: Directions = "pair"
@@ -251,7 +252,7 @@ class SharedDirections:
 
 
 class SharedKeywords(TypedDict, total=False):
-    """The options that several integrators have as keyword arguments, for type checkers; None is not given."""
+    """Options of several integrators as keyword arguments, for type checkers; None means not given."""
 
     seed: int
     aovs: str | tuple[Aov, ...]

@@ -1,4 +1,4 @@
-"""A radiosity solution as engines look it up: on the device, and as a digest in a film's metadata."""
+"""Radiosity solutions for engines: on the device for look-ups, and as a digest in a film's metadata."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def device_radiosity(
     sensor: Sensor,
     proxies: Proxies | None = None,
 ) -> DeviceRadiosity:
-    """Return the solution of a scene in triangles, on the device. Raises SceneError if that cannot hold it.
+    """Return the solution of a scene of triangles on the device. Raises SceneError if it does not fit.
 
-    sensor  : where paths start
-    proxies : simpler meshes of a scene with streams, of which the solution is
+    sensor  : start points of the paths
+    proxies : simplified meshes of a scene with streams, for which the solution was computed
     """
     from glpath.radiosity.irradiance_volume import IrradianceVolume
-    from glpath.radiosity.lookup import lookup_table  # with all of radiosity, which is slow to import
+    from glpath.radiosity.lookup import lookup_table  # imports all of radiosity, which is slow
 
     traced, volume = settings.direct_light == "traced", None
     if proxies is not None:
@@ -56,7 +56,7 @@ def device_radiosity(
 
 
 def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
-    """SHA-256 (hex) of what is looked up: pictures add up only when it is the same."""
+    """Return the SHA-256 (hex) of the looked-up data: films add up only if it is the same."""
     h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
     h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
     h.update(np.ascontiguousarray(solution.leaf_size, "<u2").data)

@@ -1,11 +1,11 @@
-"""Points where paths start, instead of what an eye sees: the first vertex of each is a white receiver there.
+"""Points where paths start, instead of a camera: the first vertex of each path is a white receiver at a point.
 
-Points are uploaded for a window, and which triangle each lies on is found by a short ray, once where they stay:
-rays from there do not meet it, and guides are those of its element. Streamed triangles are not looked for: a point
-on one starts a rounding above it, by its own normal, as a point in the air does.
+Points are uploaded for a window. A short ray finds the triangle that each lies on, once unless the points move.
+Rays from there do not hit that triangle, and guides are those of its element. Streamed triangles are not searched:
+a point on one starts slightly above it, along the point's normal, like a point in the air.
 
 Cost:     a short ray for each point, whenever they change; with several tables, in each path set.
-Poor at:  points in the edge between two surfaces, of which they lie on one only.
+Poor at:  points in the edge between two surfaces: only one is found.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ Uniforms = dict[str, object]
 
 
 class StartPoints:
-    """The points of one window of a sensor, on the device.
+    """Points of one window of a sensor, on the device.
 
     size       : (width, height) of the window
-    eye_buffer : where the triangles are written that they lie on, + 1, 0 for none
+    eye_buffer : target for the index + 1 of the triangle under each point, 0 for none
 
-    textures, defines : for programs that include start_points.glsl
+    textures, defines : inputs of programs that include start_points.glsl
     """
 
     def __init__(
@@ -41,18 +41,18 @@ class StartPoints:
         eye_buffer: moderngl.Texture,
     ) -> None:
         self._scene, self._bvh = scene, bvh
-        self._of: object = None  # sensor, window and table of what is uploaded
-        self._found = False  # the triangles, for these
+        self._of: object = None  # sensor, window and table of the uploaded points
+        self._found = False  # True if their triangles are known
         self.defines: dict[str, object] = {"START_POINTS": 1}
         names = ["start_positions", "start_normals"]
         if sensor.smooth:
             names.append("start_shading")
-            # Also for scenes without any, where other code has made some.
+            # Needed also for scenes without shading normals, because the points bring their own.
             self.defines |= {"START_SHADING": 1, "HAS_NORMALS": 1}
         self.textures = {name: gl.texture(size, 4, dtype="f4") for name in names}
         for texture in self.textures.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        # Triangles of a far part of the scene have the rounding of their own coordinates.
+        # Triangles far from the origin have the rounding of their own coordinates.
         self._uniforms: Uniforms = {"start_extent": float(np.linalg.norm(scene.centre) + scene.radius)}
         self._pass = Pass(
             "points",
@@ -69,7 +69,7 @@ class StartPoints:
         )
 
     def at(self, sensor: PointSensor, window: tuple[int, int, int, int], u: float) -> Uniforms:
-        """Take the points of a window, of the table that a number from 0 to 1 chooses; returns the uniforms."""
+        """Upload the points of a window, from the table that a number from 0 to 1 selects; return the uniforms."""
         table = min(int(u * sensor.tables), sensor.tables - 1)
         of = (sensor, window, table)
         if self._of != of:
@@ -95,11 +95,11 @@ class StartPoints:
             if name == "start_positions" and any(points.origin):
                 texels[..., :3] = array[table, rows, columns] + np.array(points.origin)
             texels[..., 3] = points.valid[rows, columns]
-            # Row 0 of the device is at the bottom.
+            # Row 0 on the device is at the bottom.
             texture.write(np.ascontiguousarray(texels[::-1]).tobytes())
 
     def find(self, start: Uniforms) -> None:
-        """Which triangle each point lies on, where that is not known yet. start: what `at` has returned."""
+        """Find the triangle that each point lies on, unless it is known. start: result of `at`."""
         if self._found and self._scene.moving is None:
             return
         self._pass.run({**self._scene.uniforms, **self._bvh.uniforms, **start})

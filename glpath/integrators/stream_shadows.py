@@ -1,11 +1,11 @@
-"""Shadow rays of the ray tracer that streamed triangles block: a bit for each ray of each pixel [TB VI].
+"""Occlusion of the ray tracer's shadow rays by streamed triangles: a bit for each ray of each pixel [TB VI].
 
-A shadow ray wants all triangles, of which a stream has only some in memory. So before pixels are shaded, their rays
-are cast at part after part of the stream, and what is blocked is remembered. Shading casts the same rays at what is
-resident. Light from lights with shadow-buffers has no rays.
+A shadow ray needs all triangles, but only part of a stream is in memory. So before pixels are shaded, their rays
+are tested against part after part of the stream, and occluded rays are recorded. Shading tests the same rays
+against the resident triangles. Lights with shadow-buffers need no rays.
 
-Cost:     a ray for each part, pixel and light that it may still see; 8 bytes for each pixel and 32 lights.
-Poor at:  budgets that cannot keep all parts: the stream is read, and its BVHs are built, for every path set.
+Cost:     a ray for each part, pixel and light that is still unoccluded; 8 bytes for each pixel and 32 lights.
+Poor at:  budgets that cannot cache all parts: each path set reads the stream and builds its BVHs.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ _WORD = 32
 
 
 class StreamShadows(Owner):
-    """The bits of a window's pixels.
+    """Occlusion bits of a window's pixels.
 
-    objects   : with a stream
-    occluders : its triangles; they have their share of the budget afterwards
+    objects   : scene with a stream
+    occluders : triangles of the stream; they reserve their part of the budget here
     size      : (columns, rows) of the window
-    rays      : so many from each pixel
-    parts     : what pixels are shaded by
-    tests     : where intersection tests are counted; None for nowhere
+    rays      : number of rays from each pixel
+    parts     : program parts for shading the pixels
+    tests     : buffer for the count of intersection tests; None to count nothing
 
-    defines, uniforms : for programs that include stream_shadows.glsl, as are `textures` after `find`
+    defines, uniforms : inputs of programs that include stream_shadows.glsl, like `textures` after `find`
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class StreamShadows(Owner):
             vertex="gl/fullscreen.vert",
             fragment="t_buffer/stream_shadows.frag",
             generated={**objects.generated, "BVH": bvh_glsl(), "OCCLUDERS": occluders_glsl()},
-            # What is streamed is opaque.
+            # Streamed triangles are opaque.
             defines={k: v for k, v in parts.defines.items() if k != "HAS_ALPHA"} | self.defines,
         )
         self._textures = parts.textures
@@ -76,7 +76,7 @@ class StreamShadows(Owner):
         return {"stream_shadows": self._words.read[0]}
 
     def find(self, uniforms: Mapping[str, object]) -> None:
-        """Find which rays are blocked; the uniforms are those that pixels are shaded with."""
+        """Find the occluded rays. The uniforms are those of the shading pass."""
         texture, target = self._words.read
         clear_integers(target, (0, 0, *texture.size))
         for part in self._occluders:
@@ -90,13 +90,13 @@ class StreamShadows(Owner):
             )
             ask.run({**uniforms, **self.uniforms, **part.uniforms})
             self._words.swap()
-            # The part is let go of, and a watchdog counts what a device was given at once.
+            # The part is released, and the wait keeps the device's watchdog from counting all parts as one task.
             self._gl.finish()
             del ask, part
 
 
 def _pictures(size: tuple[int, int], words: int, limit: int) -> tuple[int, tuple[int, int]]:
-    """How many pictures of words lie side by side, and the (columns, rows) of texels of all."""
+    """Return the number of word images side by side, and the (columns, rows) of texels of all."""
     columns = min(words, limit // size[0])
     texels = (columns * size[0], -(-words // columns) * size[1])
     if texels[1] > limit:

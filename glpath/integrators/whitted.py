@@ -1,16 +1,16 @@
 """Recursive ray tracing: the classical algorithm, and the T-buffer's [TB].
 
-One path set is one ray through every pixel, all at the same position in their pixels, and all that follows from it.
-The frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorithm or the T-buffer, light shadow
-rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, as its section VI hopes.
-The routines of intersection and shading are the same for all.
+One path set is one ray through every pixel, all at the same position in their pixels, and all secondary rays. The
+frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorithm or the T-buffer; light uses shadow
+rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, which its section VI
+proposes. All share the routines of intersection and shading.
 
-Added to the paper: emitting shapes, and the sky without ambient light, send light samples to a path set, shared by
-all pixels as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are seen, throw shadows and
-are mirrored by nothing, as a reflected ray wants all of them in memory.
+Additions to the paper: a path set has light samples of emitting shapes, and of the sky if there is no ambient
+light. All pixels share them, as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are visible
+and cast shadows, but are not reflected, because a reflected ray needs all of them in memory.
 
-Poor at: indirect light (it is one number, `ambient`); refraction; soft shadows from few
-path sets, as they are sums of hard ones.
+Poor at: indirect light (one number, `ambient`); refraction; soft shadows from few path sets, which are sums of hard
+shadows.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ from glpath.sensors.sensor import CameraSensor
 
 
 class WhittedTracer(Engine):
-    """Traces path sets of one window of the image; see `Engine` for the other parameters.
+    """Engine that traces path sets of one window of the image; see `Engine` for the other parameters.
 
-    moving : the scene, where some of its objects move while the shutter is open: all is put on the device anew for
-             each path set, whose rays have one time
+    moving : the scene, if some of its objects move while the shutter is open; the device scene is then created
+             again for each path set, whose rays have one time
     """
 
     settings: WhittedSettings
@@ -72,7 +72,7 @@ class WhittedTracer(Engine):
         self.count_tests = settings.count_tests
         self._moving = moving
         self._max_radiance = max_radiance(scene.scene)
-        self._held = np.zeros((*self._size[::-1], 3))  # of the path sets before the objects moved
+        self._held = np.zeros((*self._size[::-1], 3))  # sums of the path sets before the objects moved
         self._held_aovs: dict[str, NDArray[Any]] = {}
         self._tests = _no_tests()
         self._occluders: StreamOccluders | None = None
@@ -83,7 +83,7 @@ class WhittedTracer(Engine):
         return self
 
     def change_scene(self, scene: Scene) -> None:
-        """Take another scene. Shadow-buffers of lights that stay are kept where no primitive has changed."""
+        """Take another scene. Shadow-buffers of unchanged lights are kept if no primitive has changed."""
         self._count_shadow_buffer()
         same = self.scene.geometry_digest
         self._moving = scene if scene.moving_shapes else None
@@ -100,21 +100,21 @@ class WhittedTracer(Engine):
         self.take()
         self._set_up(objects, bvh, kept)
 
-    # The frame.
+    # Frame.
 
     def trace_path_set(self, index: int) -> None:
-        """One ray for every pixel, and what follows from it [TB IV]."""
+        """Trace one ray for every pixel, and its secondary rays [TB IV]."""
         self.move_to(index)
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         objects, pixel = self.scene, pixel_sample(self.settings.seed, index)
-        # An endless plane may be nearer than what has a size.
+        # An infinite plane may be nearer than the bounded objects.
         ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
         eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
         eye |= {"opacity_seed": counter_hash(self.settings.seed, 0, 0, 12), "opacity_set": index}
         self.fill_shadow_buffers()
-        # Rays that meet at the eye share what follows from it, see t_buffer/eye_hit.glsl.
+        # Primary rays with a common origin share computations, see t_buffer/eye_hit.glsl.
         parallel = camera.projection == "orthographic"
         self.fill_eye_buffer(eye if parallel else eye | eye_uniforms(camera, self.window, pixel, lens))
         self._add_aovs(eye)
@@ -123,7 +123,7 @@ class WhittedTracer(Engine):
         self.shade(uniforms)
 
     def move_to(self, index: int) -> None:
-        """Put all where it is at the time of a path set, where something moves."""
+        """Move all objects to the time of a path set, if something moves."""
         if self._moving is None:
             return
         with self.stopwatch.stage("motion"):
@@ -135,7 +135,7 @@ class WhittedTracer(Engine):
             self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:
-        """Fill the shadow-buffers, unless they are and neither light nor object has moved."""
+        """Fill the shadow-buffers, unless they are filled and neither light nor object has moved."""
         if self.shadow_buffer is None:
             return
         with self.stopwatch.stage("shadow-buffer"):
@@ -143,12 +143,12 @@ class WhittedTracer(Engine):
                 self.shadow_buffer.fill(self.scene.lights[number].position, number)
 
     def fill_eye_buffer(self, eye: Uniforms) -> None:
-        """(object, t) for every pixel: primary rays, by the T-buffer or one by one."""
+        """Find (object, t) for every pixel: primary rays, by the T-buffer or one by one."""
         with self.stopwatch.stage("eye"):
             self.eye_buffer.fill(eye)
 
     def ask_stream(self, uniforms: Uniforms) -> None:
-        """Shadow rays from what was found, part after part of streamed triangles."""
+        """Cast shadow rays from the primary hits, against part after part of the streamed triangles."""
         if self._stream_shadows is None:
             return
         with self.stopwatch.stage("streamed shadows"):
@@ -157,7 +157,7 @@ class WhittedTracer(Engine):
         shading.textures = {**shading.textures, **self._stream_shadows.textures}
 
     def shade(self, uniforms: Uniforms) -> None:
-        """Light and shadow at what was found, and the path on by reflection."""
+        """Compute light and shadow at the primary hits, and follow reflections."""
         with self.stopwatch.stage("shade"):
             run_in_areas(self._shading.now, self._areas, uniforms)
         self._sums.path_set_added()
@@ -183,20 +183,20 @@ class WhittedTracer(Engine):
         return found
 
     def _with_held(self) -> dict[str, NDArray[Any]]:
-        """The objects on the device, with what was held when objects moved."""
+        """Return the AOVs read from the device, merged with those saved before objects moved."""
         found = super().take_aovs()
         for name, held in self._held_aovs.items():
-            if name == SHAPES:  # a picture for each path set
+            if name == SHAPES:  # one image for each path set
                 found[name] = np.concatenate([held, found[name]], axis=2)
             else:
                 add_aov(name, found[name], held)
         return found
 
     def statistics(self) -> dict[str, object]:
-        """As of every engine, and:
+        """Return the counts of every engine, and:
 
-        intersection_tests : pairs of a ray and a primitive, by the ray's purpose, where counted: "primary" from the
-                             eye, "shadow_buffer" to fill it, "shadow" rays, "secondary" for reflections
+        intersection_tests : number of ray-primitive tests by the ray's purpose, if counted: "primary" from the eye,
+                             "shadow_buffer" to fill it, "shadow" rays, "secondary" for reflections
         """
         counts = super().statistics()
         return {**counts, "intersection_tests": dict(self._tests)} if self.count_tests else counts
@@ -205,7 +205,7 @@ class WhittedTracer(Engine):
         super().forget_statistics()
         self._tests = _no_tests()
 
-    # The parts of the frame.
+    # Parts of the frame.
 
     def _light_samples(self, index: int) -> Uniforms:
         lighting, n = self._area_lighting, self.settings.light_samples
@@ -243,7 +243,7 @@ class WhittedTracer(Engine):
         defines |= camera_defines(objects.scene.camera)
         self._constant: Uniforms = {**objects.uniforms, **_air(objects.scene)}
         self._constant |= {"max_depth": settings.max_depth, "quanta": self._sums.quanta}
-        # Ambient light stands for the sky's on surfaces; both would count it twice.
+        # Ambient light replaces the sky's light on surfaces; using both would count it twice.
         self._area_lighting: Lighting = Lighting.of(
             objects.scene, punctual=False, sky=not np.any(objects.scene.ambient > 0)
         )
@@ -315,7 +315,7 @@ class WhittedTracer(Engine):
         return CubeShadowBuffer(self.gl, objects, resolution, objects.positional_lights)
 
     def _shadows_of_stream(self, parts: ProgramParts) -> StreamShadows | None:
-        """None where nothing is streamed, or no ray asks for it."""
+        """Return the shadows of streamed triangles, or None if nothing is streamed or no shadow ray is cast."""
         objects, settings = self.scene, self.settings
         by_rays = len(objects.lights)
         if self.shadow_buffer is not None:
@@ -329,7 +329,7 @@ class WhittedTracer(Engine):
         )
 
     def _rays_loop_over(self) -> int:
-        """Ray-primitive tests that the shading of a pixel may take, where they are a loop over all primitives."""
+        """Return the maximum ray-primitive tests for shading a pixel, as far as they are a loop over primitives."""
         settings, objects = self.settings, self.scene
         planes = objects.numbering.count - objects.numbering.first_plane
         loop = objects.count if settings.secondary == "classic" else planes
@@ -364,7 +364,7 @@ def _no_tests() -> dict[str, int]:
 
 
 def check_shadows(scene: Scene) -> None:
-    """Raise SceneError for what shadow-buffers cannot hold."""
+    """Raise SceneError for materials that shadow-buffers cannot represent."""
     blended = sorted({m.name for m in (scene.materials[s.material] for s in scene.shapes) if m.alpha == "blend"})
     if blended:
         raise SceneError(
@@ -375,5 +375,5 @@ def check_shadows(scene: Scene) -> None:
 
 
 def _air(scene: Scene) -> Uniforms:
-    """The radiance without any object: ambient light and the sky."""
+    """Return the uniforms of radiance without any object: ambient light and the sky."""
     return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky), **background_uniforms(scene)}

@@ -1,4 +1,4 @@
-"""The options of Whitted's ray tracing: "t-buffer" and "classic"."""
+"""Options of Whitted's ray tracing: "t-buffer" and "classic"."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Secondary = Literal["classic", "bvh"]
 
 _OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
 
-# Two integrators have it, with another default each.
+# Shared by two integrators with different defaults.
 SecondaryRays = Annotated[
     Secondary,
     Meta(
@@ -37,7 +37,7 @@ SecondaryRays = Annotated[
 
 @dataclass(frozen=True)
 class WhittedSettings(IntegratorSettings):
-    """Whitted's ray tracing [TB IV]; `primary` says how what the eye sees is found."""
+    """Whitted's ray tracing [TB IV]; `primary` selects the algorithm of primary visibility."""
 
     default_spp = 16
     noisy = False
@@ -90,7 +90,7 @@ class WhittedSettings(IntegratorSettings):
     ] = False
 
     def recorded(self) -> dict[str, Any]:
-        """Those that decide something: counting does not, and shadow rays have no shadow-buffer."""
+        """Return the options that affect the image: not counting, and with shadow rays no shadow-buffer options."""
         given = super().recorded()
         del given["count_tests"]
         if self.shadows == "rays":
@@ -104,7 +104,7 @@ class WhittedSettings(IntegratorSettings):
 
     @property
     def stream_budget(self) -> int | None:
-        """MiB for streamed triangles; None where all triangles have to be in memory."""
+        """MiB for streamed triangles; None if all triangles must be in memory."""
         return None
 
     def check_together(self, given: Mapping[str, Any]) -> None:
@@ -130,7 +130,7 @@ class ClassicSettings(WhittedSettings):
 
 @dataclass(frozen=True)
 class TBufferSettings(WhittedSettings):
-    """Ray tracing with the T-buffer [TB III]: object by object, only the rays of its projection."""
+    """Ray tracing with the T-buffer [TB III]: object by object, only with the rays in its projection."""
 
     integrator = "t-buffer"
     primary = "t-buffer"
@@ -138,7 +138,7 @@ class TBufferSettings(WhittedSettings):
     geometry_budget: GeometryBudget = GEOMETRY_BUDGET
 
     def recorded(self) -> dict[str, Any]:
-        """Without the memory, which decides nothing."""
+        """Return the options that affect the image, without the memory budget."""
         given = super().recorded()
         del given["geometry_budget"]
         return given
@@ -149,7 +149,7 @@ class TBufferSettings(WhittedSettings):
 
 
 class WhittedKeywords(TypedDict, total=False):
-    """The options of "t-buffer" and "classic" alone; see `SharedKeywords`."""
+    """Options of "t-buffer" and "classic" alone; see `SharedKeywords`."""
 
     shadows: Shadows | None
     shadow_resolution: int | None

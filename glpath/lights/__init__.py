@@ -1,1 +1,1 @@
-"""All lights of a scene asked through one interface: samples, densities, what each sends."""
+"""Interface to all lights of a scene: samples, densities, and the light that they send."""

@@ -1,12 +1,12 @@
-"""The light of a scene, asked through one interface: a light sample, its density, and what punctual lights send.
+"""Interface to the light of a scene: light samples, their density, and the light of punctual lights.
 
 Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
-the sky. A light is chosen by the power that it sends towards the scene, or, half of the time, as any other; a point
-of a shape is uniform by area, a direction of the sky has the density of its radiance.
+the sky. A light is selected with a probability that is half proportional to its power towards the scene, and half
+uniform. A point of a shape is uniform by area, a direction of the sky has the density of its radiance.
 
-Cost:     a search in a table of the lights a sample; made on the CPU, as a path set needs one.
-Poor at:  very many lights of which each part of the scene sees but a few: the choice knows no position. Paths with
-          rays of their own choose by `glpath.lights.tree` there.
+Cost:     a search in a table of the lights for each sample; made on the CPU, because a path set needs only one.
+Poor at:  very many lights of which each part of the scene sees only a few, because the selection ignores position.
+          Per-path rays use `glpath.lights.tree` there.
 Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations;
           Owen & Zhou 2000, Safe and effective importance sampling, for the mixture.
 """
@@ -25,20 +25,20 @@ from glpath.scene.appearance import Appearance
 from glpath.scene.geometry import sphere_areas
 from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky, unit_normals
 
-# Share of the choice among a shape's triangles, where a texture colours its light, that is by area alone.
+# Probability of selecting a triangle by area alone, if a texture modulates the shape's emission.
 _UNSEEN = 0.2
 
 
 @dataclass(frozen=True)
 class _Side:
-    """An emitting side of a shape.
+    """Emitting side of a shape.
 
     first     : number of the shape's first triangle, or sphere
-    cdf       : (n + 1,) cumulated chance of its primitives: by area, where a texture colours the light by what each
-                sends
-    area      : of all of them, scene units squared
+    cdf       : (n + 1,) cumulative probability of its primitives: by area, or by power if a texture modulates the
+                emission
+    area      : area of all primitives, scene units squared
     sign      : +1 front, -1 back
-    radiance  : (3,) the mean over it
+    radiance  : (3,) mean radiance over the side
     """
 
     shape: int
@@ -52,12 +52,13 @@ class _Side:
 
 @dataclass(frozen=True)
 class Lighting:
-    """The lights of a scene as one table to choose from. `Lighting.of` makes it.
+    """Lights of a scene as one table for selection. `Lighting.of` creates it.
 
-    cdf              : (L + 1,) cumulated probability of the lights: emitting sides, punctual lights, the sky; (1,)
+    cdf              : (L + 1,) cumulative probability of the lights: emitting sides, punctual lights, the sky; (1,)
                        for a scene without light
-    triangle_density : (T,) per area, of a light sample on the triangle (on either side, where both emit); 0: dark
-    centre, radius   : a sphere about the scene, towards which lights are weighed
+    triangle_density : (T,) density per area of a light sample on the triangle (on each side, if both emit); 0 if it
+                       does not emit
+    centre, radius   : sphere about the scene, towards which the power of lights is measured
     """
 
     scene: Scene
@@ -71,28 +72,27 @@ class Lighting:
 
     @classmethod
     def of(cls, scene: Scene, *, punctual: bool = True, sky: bool = True) -> Lighting:
-        """The lights of a scene.
+        """Collect the lights of a scene.
 
-        punctual : False leaves point, spot and directional lights out: what is left are lights with an extent,
-                   where a caller takes the others one by one
-        sky      : False leaves it out, where ambient light stands for it
+        punctual : False to leave out point, spot and directional lights, for a caller that handles these one by one
+        sky      : False to leave out the sky, if ambient light replaces it
 
-        A shape that emits on both sides counts as two, one per side. Planes shine, but are not sampled: no point
-        of an endless one has a density by area.
+        A shape that emits on both sides counts as two, one per side. Planes emit, but are not sampled, because no
+        point of an infinite plane has a density by area.
         """
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
         shining = tuple(x for x in scene.lights if _shines(x)) if punctual else ()
         shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
-        # Power over pi; the mean of the channels, so that no coloured light is starved.
+        # Power over pi; the mean of the channels, so that no coloured light is undersampled.
         power = [side.area * side.radiance.mean() for side in sides]
         power += [_power(light, scene, centre, radius) for light in shining]
         power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        # Power sent to the whole scene says little about what is seen: a lamp over a wide ground under the sky,
-        # which lights all that is looked at, sends a hundredth of the power. So no light is more than twice as rare
-        # as if all were alike, nor than by its power.
+        # Power towards the whole scene does not predict visible importance: an emitter over a wide ground under the
+        # sky may send only a hundredth of the power, but light everything in view. So each light's probability is
+        # at least half of a uniform one, and at least half of that by power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
         appearance = Appearance(scene)
@@ -117,45 +117,46 @@ class Lighting:
 
     @property
     def count(self) -> int:
-        """Lights to choose from: emitting sides of shapes, punctual ones and the sky."""
+        """Number of lights to choose from: emitting sides of shapes, punctual lights and the sky."""
         return len(self.cdf) - 1
 
     @property
     def dark(self) -> bool:
-        """There is no light to sample."""
+        """True if the scene has no light to sample."""
         return len(self.cdf) == 1
 
     @property
     def infinite(self) -> bool:
-        """Some light comes from infinitely far: a directional light, or the sky."""
+        """True if some light is distant: a directional light, or the sky."""
         return self.sky is not None or any(light.kind == "directional" for light in self.punctual)
 
     @property
     def positional(self) -> bool:
-        """Some light is a point or a spot."""
+        """True if some light is a point or a spot."""
         return any(light.kind != "directional" for light in self.punctual)
 
     @property
     def sky_chance(self) -> float:
-        """That a light sample is of the sky."""
+        """Probability that a light sample belongs to the sky."""
         return 0.0 if self.sky is None else self._probability(len(self.cdf) - 2)
 
     @property
     def sky_pdf_scale(self) -> float:
-        """The density per solid angle of a sample of the sky, over the sum of its radiance's channels there."""
+        """Density per solid angle of a sky sample, divided by the sum of its radiance's channels."""
         if self.sky is None:
             return 0.0
         return self.sky_chance / (3 * self.sky.mean_integral)
 
     def sample(self, u: ArrayLike) -> LightSample:
-        """The light sample of u (3,), see `samples`."""
+        """Return the light sample for u (3,), see `samples`."""
         return self.samples(np.asarray(u, np.float64)[None])[0]
 
     def samples(self, u: ArrayLike) -> LightSamples:
-        """Light samples from u (N, 3) in [0, 1): u[:, 0] chooses the light, the others a point or direction of it.
+        """Return light samples for u (N, 3) in [0, 1).
 
-        Within a shape, a primitive is chosen by area with the same random number that then positions the point, so
-        that a quad keeps a two-dimensional stratification.
+        u[:, 0] selects the light, the others a point or direction of it. Within a shape, the same random number
+        selects a primitive by area and then positions the point, so that a quad keeps a two-dimensional
+        stratification.
         """
         assert not self.dark, "no light to sample"
         u = np.asarray(u, np.float64)
@@ -171,7 +172,7 @@ class Lighting:
                 samples.put_punctual(which, light, chance, profile_number(self.scene, light))
             else:
                 assert self.sky is not None, "the last light"
-                # Below one, as rounding might not leave it.
+                # Clipped below one, because rounding may exceed it.
                 left = np.clip((u[which, 0] - self.cdf[number]) / chance, 0.0, np.nextafter(1.0, 0.0))
                 wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
                 samples.kind[which] = LIGHT_KINDS.index("sky")
@@ -181,16 +182,16 @@ class Lighting:
         return samples
 
     def sky_density(self, directions: ArrayLike) -> Float64:
-        """(N,) per solid angle, with which `sample` finds the sky in unit directions (N, 3), choice included."""
+        """Return (N,) density per solid angle of sky samples in unit directions (N, 3), sky selection included."""
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
         return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_pdf_scale)
 
     def varies(self, shape: int) -> bool:
-        """Whether a shape's emission is not the same all over it."""
+        """Return True if a shape's emission varies over its surface."""
         return bool(self._varies[shape])
 
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
-        """(N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), nothing between."""
+        """Return (N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), unoccluded."""
         x = np.asarray(positions, np.float64).reshape(-1, 3)
         n = np.asarray(normals, np.float64).reshape(-1, 3)
         total = np.zeros((len(x), 3))
@@ -205,7 +206,7 @@ class Lighting:
 
     @cached_property
     def _varies(self) -> NDArray[np.bool_]:
-        """(shapes,) whose emission is not the same all over them."""
+        """Flags (shapes,), True if the emission varies over the shape."""
         return self._appearance.varies("emission")
 
     def _probability(self, number: int) -> float:
@@ -226,7 +227,7 @@ class Lighting:
             if self._varies[side.shape]:
                 radiance = self._appearance.sphere_emission(side.shape, unit)
         else:
-            # Area-preserving: parallel lines to the edge opposite corner 0.
+            # Area-preserving map: the root selects a line parallel to the edge opposite corner 0.
             root, v = np.sqrt(s)[:, None], u[:, 1:]
             triangles = self.scene.triangles[side.first + k]
             a, b, c = triangles.swapaxes(0, 1)
@@ -244,14 +245,14 @@ class Lighting:
 
 
 def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float64:
-    """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3); black without a sky."""
+    """Return the sky's radiance (..., 3) W sr^-1 m^-2 in unit directions (..., 3); black without a sky."""
     return np.zeros(np.shape(directions)) if sky is None else sky.radiance(directions)
 
 
 def max_radiance(scene: Scene) -> float:
-    """Radiance of bright surfaces: lamps, the sky, and white surfaces half of which are nearer to a light.
+    """Return the radiance of bright surfaces: emitters, sky, and white surfaces at the median distance of lights.
 
-    For the quantum of sums, which have room above it.
+    It determines the quantum of sums, which can hold more.
     """
     values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
@@ -275,7 +276,7 @@ def _max_emission(scene: Scene, shape: Shape) -> float:
 
 
 def _typical_distance(scene: Scene, position: Float64) -> float:
-    """The median distance from a position to the boxes of primitives that it is not inside, and to planes."""
+    """Return the median distance from a position to planes, and to boxes of primitives that do not contain it."""
     extent, centre = np.linalg.norm(scene.spheres[:, :, :3], axis=2), scene.spheres[:, :, 3]
     lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf)])
     upper = np.concatenate([centre + extent, scene.triangles.max(axis=1, initial=-np.inf)])
@@ -287,7 +288,10 @@ def _typical_distance(scene: Scene, position: Float64) -> float:
 
 
 def _sphere_about(scene: Scene) -> tuple[Float64, float]:
-    """Centre (3,) and radius of a sphere about the scene; an endless plane reaches as far as the camera."""
+    """Return centre (3,) and radius of a sphere about the scene.
+
+    An infinite plane counts as extending to the camera and the lights.
+    """
     points = list(scene.bounds)
     if len(scene.planes):
         points += [*scene.planes[:, :, 3], scene.camera.position]
@@ -301,7 +305,7 @@ def _shines(light: Light) -> bool:
 
 
 def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
-    """Power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
+    """Return the power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
     strength = float(light.intensity.mean())
     if light.profile is not None and light.falloff == "none":
         strength *= light.profile.flux / (4 * np.pi)
@@ -309,7 +313,7 @@ def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
         return strength * radius**2
     angle = 4 * np.pi
     if light.kind == "spot":
-        # The smooth edge between the two cones counts half.
+        # The smooth edge between both cones counts half.
         angle = 2 * np.pi * (1 - float(np.cos(np.radians(light.cone)).mean()))
     distance = float(np.linalg.norm(light.position - centre))
     if distance > radius and not len(scene.planes):
@@ -338,7 +342,7 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
             radiance = np.asarray(own @ each / area)
             if not np.any(radiance > 0):
                 continue
-            # Parts that the points of the means have missed are not as dark as they seem.
+            # Parts between the sample points of the means may be brighter than their mean suggests.
             power = own * each.mean(axis=1)
             weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
         cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
@@ -348,7 +352,7 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
 
 
 def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64, Float64]:
-    """A point of each sphere (N, 3, 4) from u (N, 2).
+    """Return a point of each sphere (N, 3, 4) for u (N, 2).
 
     Returns positions, unit normals of the front, densities per area, and the points of the unit sphere (N, 3).
     """

@@ -1,4 +1,4 @@
-"""What any of many punctual lights sends to each of many points: `samples.incident`, for lights that differ."""
+"""Light of many different punctual lights at many points, as `samples.incident` for a single light."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Int64 = NDArray[np.int64]
 
 
 class MixedLights(NamedTuple):
-    """Punctual lights as arrays, of L.
+    """L punctual lights as arrays.
 
     position, direction, c0, intensity : (L, 3)
     distant, quadratic, spot : (L,) bool
     full, end : (L,) cosines of a spot's cone
-    profile   : (L,) index in `profiles`, -1 without
+    profile   : (L,) index in `profiles`, -1 for none
     """
 
     position: Float64
@@ -59,7 +59,7 @@ class MixedLights(NamedTuple):
         )
 
     def incident(self, lights: Int64, positions: Float64) -> Incident:
-        """The light of lights (N,) at positions (N, 3)."""
+        """Return the light of lights (N,) at positions (N, 3)."""
         direction, distant = self.direction[lights], self.distant[lights]
         to_light = self.position[lights] - positions
         distance = np.linalg.norm(to_light, axis=1)
@@ -85,9 +85,10 @@ class MixedLights(NamedTuple):
         return Incident(wi, distance, strength[:, None] * self.intensity[lights])
 
     def bounds(self, positions: Float64, normals: Float64, radius: Float64) -> Float64:
-        """(P, L), at most, about: mean irradiance within a radius (P,) of positions (P, 3) of flat surfaces.
+        """Return (P, L) approximate upper bounds of the lights' mean irradiance on flat surfaces.
 
-        Neither a profile's directions nor a cone count: its highest value holds for all.
+        Surfaces are given by positions (P, 3) and normals (P, 3); the mean is over a radius (P,). The directions of
+        a profile and cones are ignored: a profile's maximum holds for all directions.
         """
         peak = self.intensity.mean(axis=1)
         with_profile = self.profile >= 0

@@ -1,11 +1,12 @@
-"""Rectangular lamps that look large to what they light, for samples that are uniform in solid angle.
+"""Rectangular emitters that subtend a large solid angle, for samples that are uniform in solid angle.
 
-A sample that is uniform by area sends light by the square of its distance: close to a lamp most send next to
-nothing, and few a lot. By solid angle all send about the same. That takes a tenth of a set's time, so it is done
-where lamps look large to the surfaces that they light.
+The contribution of a sample uniform by area varies with the squared distance: close to an emitter most samples
+contribute very little, and few contribute a lot. Samples uniform in solid angle contribute about equally. They take
+a tenth of a set's time, so they are used only if emitters subtend large solid angles at the surfaces that they
+light.
 
-Cost:     a look from some hundred points of surfaces at each rectangle: a millisecond.
-Poor at:  scenes whose surfaces close to a lamp cannot be seen: occlusion is unknown here.
+Cost:     the solid angle of each rectangle at some hundred surface points: a millisecond.
+Poor at:  scenes whose surfaces close to an emitter are not visible, because occlusion is unknown here.
 Source:   Urena, Fajardo & King 2013, An area-preserving parametrization for spherical rectangles.
 """
 
@@ -19,24 +20,23 @@ from numpy.typing import NDArray
 from glpath.lights.lighting import Lighting
 from glpath.scene.model import Float64, Scene, unit_normals
 
-# Rectangles at most: a vertex compares the triangle that it hit with each.
+# Maximum number of rectangles: a vertex compares the triangle that it hit with each.
 _MAX = 8
-# Solid angle of the lamps from which on it pays: the mean over surfaces, by the light that they get
-# (benchmarks/experiments.md).
+# Minimum solid angle of the emitters: mean over surfaces, weighted by their light (benchmarks/experiments.md).
 _MIN_SOLID_ANGLE = 0.5
-# Of all lights' power, how much the rectangles must send.
+# Minimum fraction of all lights' power that the rectangles must send.
 _MIN_SHARE = 0.5
 _POINTS = 512
-# Of edges and right angles, what rounding takes.
+# Relative rounding tolerance of edges and right angles.
 _TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
 class LampRectangles:
-    """K rectangles, each of two triangles of the scene that follow one another.
+    """K rectangles, each of two consecutive triangles of the scene.
 
-    first : (K,) the number of the first triangle
-    edges : (K, 3, 3) a corner and two edges, whose cross product is out of the front
+    first : (K,) number of the first triangle
+    edges : (K, 3, 3) a corner and two edges, whose cross product points out of the front
     """
 
     first: NDArray[np.intp]
@@ -47,12 +47,12 @@ class LampRectangles:
 
     @classmethod
     def that_pay(cls, lighting: Lighting) -> LampRectangles:
-        """Those of a lighting, or none where few surfaces are close to them."""
+        """Return the rectangles of a lighting, or none if few surfaces are close to them."""
         scene, rectangular = lighting.scene, 0.0
         found: dict[int, Float64] = {}
         for number, side in enumerate(lighting.sides):
             chance = lighting.cdf[number + 1] - lighting.cdf[number]
-            # A texture's light is not uniform, and its triangles' chances are not by area.
+            # Textured light is not uniform, and its triangles' probabilities are not proportional to area.
             corner = None if lighting.varies(side.shape) or len(side.cdf) != 3 else _rectangle(scene, side.first)
             if corner is not None:
                 found[side.first] = corner
@@ -64,7 +64,10 @@ class LampRectangles:
         return lamps if lamps._solid_angle(lighting) >= _MIN_SOLID_ANGLE else none
 
     def _solid_angle(self, lighting: Lighting) -> float:
-        """Steradians that points of the other surfaces see of the lamps, by the light that they get, unoccluded."""
+        """Return the mean solid angle of the emitters, in steradians, at points of the other surfaces.
+
+        The mean is weighted by the unoccluded light at the points.
+        """
         scene = lighting.scene
         area = scene.areas.copy()
         for side in lighting.sides:
@@ -98,14 +101,14 @@ class LampRectangles:
 
 
 def _rectangle(scene: Scene, first: int) -> Float64 | None:
-    """(3, 3) a corner and two edges of the rectangle that two triangles are, or None."""
+    """Return (3, 3) a corner and two edges of the rectangle that two triangles form, or None."""
     one, other = scene.triangles[first : first + 2]
     for a, b, c in (np.roll(one, -k, axis=0) for k in range(3)):
         across, up = b - a, c - a
         sizes = float(np.linalg.norm(across)), float(np.linalg.norm(up))
         tolerance = _TOLERANCE * min(sizes)
         right_angled = abs(across @ up) <= tolerance * max(sizes)
-        # The other has the far corner, and the two ends of the diagonal.
+        # The other triangle has the far corner, and both ends of the diagonal.
         rest = [np.linalg.norm(other - point, axis=1).min() for point in (b, c, b + up)]
         if right_angled and max(rest) <= tolerance:
             return np.stack([a, across, up])

@@ -1,4 +1,4 @@
-"""Samples of light, whatever they are of, and what a punctual light sends: the types of `lighting`'s results.
+"""Light samples of all kinds, and the light of punctual lights: result types of `lighting`.
 
 Source:   PB 3.3 and A.3.
 """
@@ -14,24 +14,24 @@ from numpy.typing import NDArray
 from glpath.scene.model import Float64, Light, Scene
 
 Kind = Literal["point", "spot", "directional", "area", "sky"]
-#: Their numbers in GLSL are their indices here.
+#: Kinds of light; their numbers in GLSL are their indices here.
 LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
 
 
 @dataclass(frozen=True)
 class LightSample:
-    """One sample of all the light there is.
+    """Sample of all light in a scene.
 
-    kind      : of the light
-    position  : (3,) of an area light's point, a point light and a spot; of no meaning for the others
-    direction : (3,) unit, in which light travels: the normal of the side that emits, a spot's axis, the parallel
-                light of a directional light or of this part of the sky; of no meaning for a point light
-    radiance  : (3,) W sr^-1 m^-2 of area light and sky; else `Light.intensity`, W sr^-1 or W m^-2
-    density   : the probability of the light, times the density per area of an area light's point, or per solid
-                angle of the sky's direction
-    cone      : of a spot, the cosines of the angles of full light and of its end
-    quadratic : light of a point or spot falls off with the square of the distance
-    profile   : of a point light with a profile its index in `profiled_lights` + 1; 0 without
+    kind      : kind of the light
+    position  : (3,) position of an area light's point, a point light or a spot; undefined for the others
+    direction : (3,) unit, direction in which light travels: normal of the emitting side, axis of a spot, or
+                direction of a directional light or of this part of the sky; undefined for a point light
+    radiance  : (3,) W sr^-1 m^-2 of area light and sky; otherwise `Light.intensity`, W sr^-1 or W m^-2
+    density   : probability of the light, times the density per area of an area light's point, or per solid angle of
+                the sky's direction
+    cone      : cosines of a spot's angles of full light and of its end
+    quadratic : True if light of a point or spot falls off with the squared distance
+    profile   : index in `profiled_lights` + 1 of a point light with a profile; otherwise 0
     """
 
     kind: Kind
@@ -45,12 +45,12 @@ class LightSample:
 
     @property
     def distant(self) -> bool:
-        """It comes from infinitely far."""
+        """True if the light comes from infinitely far."""
         return self.kind in ("directional", "sky")
 
     @property
     def cube_faces(self) -> int:
-        """Faces of a cube about the direction that its light goes through: above, above and the sides, or all."""
+        """Number of cube faces that its light passes through: 1 for the top, 5 with the sides, or 6."""
         if self.kind == "spot":
             return 1 if self.cone[1] >= np.sqrt(0.5) else 5 if self.cone[1] >= 0 else 6
         return 6 if self.kind == "point" else 5
@@ -58,7 +58,7 @@ class LightSample:
 
 @dataclass(frozen=True)
 class LightSamples:
-    """N light samples, the fields of `LightSample` as arrays; `samples[i]` is one of them.
+    """N light samples with the fields of `LightSample` as arrays; `samples[i]` is a single sample.
 
     kind                        : (N,) indices in LIGHT_KINDS
     position, direction, radiance : (N, 3) float64
@@ -79,21 +79,21 @@ class LightSamples:
 
     @classmethod
     def empty(cls, n: int) -> LightSamples:
-        """To be filled; without cones, and with light that falls off."""
+        """Return samples to be filled, without cones, and with light that falls off."""
         position, direction, radiance = np.zeros((3, n, 3))
         cones, numbers = np.full((n, 2), -1.0), np.zeros((2, n), np.intp)
         return cls(numbers[0], position, direction, radiance, np.ones(n), cones, np.ones(n, bool), numbers[1])
 
     @classmethod
     def dark(cls, n: int) -> LightSamples:
-        """The samples of a scene without light: black points."""
+        """Return the samples of a scene without light: black points."""
         samples = cls.empty(n)
         samples.kind[:] = LIGHT_KINDS.index("area")
         samples.direction[:] = (0.0, 0.0, 1.0)
         return samples
 
     def put_punctual(self, which: NDArray[np.intp], light: Light, chance: float, profile: int) -> None:
-        """The same punctual light for all these samples; profile: as of `LightSample`."""
+        """Set these samples to one punctual light. profile: as in `LightSample`."""
         self.kind[which] = LIGHT_KINDS.index(light.kind)
         self.position[which] = light.position
         self.direction[which] = light.direction
@@ -120,12 +120,12 @@ class LightSamples:
         )
 
 
-#: The sample of a scene without light: black.
+#: Sample of a scene without light, which is black.
 NO_LIGHT = LightSamples.dark(1)[0]
 
 
 class Incident(NamedTuple):
-    """Light of a punctual light at N positions, whatever lies between.
+    """Unoccluded light of a punctual light at N positions.
 
     wi         : (N, 3) float64 unit, towards the light
     distance   : (N,) float64, infinite for a directional light
@@ -138,19 +138,19 @@ class Incident(NamedTuple):
 
 
 def profiled_lights(scene: Scene) -> tuple[Light, ...]:
-    """The lights that have a profile, in the order of the device's."""
+    """Return the lights with a profile, in the order of the device's."""
     return tuple(light for light in scene.lights if light.profile is not None)
 
 
 def profile_number(scene: Scene, light: Light) -> int:
-    """The index of one of the scene's lights in `profiled_lights` + 1; 0 without a profile."""
+    """Return a scene light's index in `profiled_lights` + 1, or 0 without a profile."""
     if light.profile is None:
         return 0
     return 1 + next(i for i, other in enumerate(profiled_lights(scene)) if other is light)
 
 
 def incident(light: Light, positions: Float64) -> Incident:
-    """The light of a punctual light at positions (N, 3). `shaders/lights/punctual.glsl` is the same for the GPU."""
+    """Return the light of a punctual light at positions (N, 3), like `shaders/lights/punctual.glsl`."""
     n = len(positions)
     if light.kind == "directional":
         wi = np.broadcast_to(-light.direction, (n, 3))

@@ -1,15 +1,16 @@
-"""A BVH over the lights of a scene, from which a position chooses one by what it may get from it.
+"""BVH over the lights of a scene, which selects one for a position by a bound of its contribution.
 
-A node knows a ball about its lights, a cone of their axes, the angle within which they shine beyond that cone, and
-their strength. Of two children a position chooses by an upper bound of the irradiance from each: strength by the
-distance's square, by the smallest angle to an axis, and by the smallest to its own normal. What cannot light it is
-never chosen. `shaders/lights/light_tree.glsl` is the same on the device.
+A node stores a ball about its lights, a cone of their axes, the angle beyond that cone in which they emit, and
+their strength. At a node, a child is selected by an upper bound of its irradiance at the position. The bound is
+strength over squared distance, times two cosines: of the smallest angle to an axis, and to the position's normal.
+Lights that cannot reach the position are never selected. `shaders/lights/light_tree.glsl` does the same on the
+device.
 
-Lights with a position are in the tree: each side of an emitting triangle, points and spots, also those with a
-profile. What comes from infinitely far, or does not fall off, is not.
+The tree contains lights with a position: each side of an emitting triangle, points and spots, also those with a
+profile. It excludes distant lights and lights without falloff.
 
-Cost:     64 bytes a light on the device; the build some 50 microseconds a light.
-Poor at:  lights that something occludes: it knows no shadows.
+Cost:     64 bytes a light on the device; the build takes some 50 microseconds a light.
+Poor at:  occluded lights, because the tree ignores shadows.
 Source:   Conty Estevez & Kulla 2018, Importance sampling of many lights with adaptive tree splitting; Pharr, Jakob
           & Humphreys 2023, Physically based rendering, 12.6.3, for the bounds.
 """
@@ -27,25 +28,26 @@ from glpath.scene.model import Float64, Light
 
 Int64 = NDArray[np.int64]
 
-# Bins of the centroids along an axis.
+# Number of bins of the centroids along an axis.
 _BINS = 12
-# From this level on, nodes are split in halves, so that a trail has at most 32 bits.
+# Level from which on nodes are split in halves, so that a trail has at most 32 bits.
 _SPLIT_BY_COST = 11
-#: Levels at most.
+#: Maximum number of levels.
 MAX_DEPTH = 32
-# Added to the angles of a spot and of a profile, which are looked at in steps of a quarter of a degree.
+# Padding of the angles of a spot and of a profile, which are sampled in steps of a quarter of a degree.
 _MARGIN = np.radians(1.0)
 
 
 @dataclass(frozen=True)
 class Emitters:
-    """N lights that have a position.
+    """N lights with a position.
 
-    corners  : (N, 3, 3) of a triangle; three times a point's position
+    corners  : (N, 3, 3) corners of a triangle; three times the position of a point
     axis     : (N, 3) unit
-    inner    : (N,) radians: within this angle of the axis a light is as strong as it gets
-    outer    : (N,) radians, at most a right angle: beyond `inner` it falls with the cosine at least, to 0 here
-    strength : (N,) W sr^-1 at most, the mean of the channels, > 0
+    inner    : (N,) radians: angle from the axis up to which a light may have its full strength
+    outer    : (N,) radians, at most a right angle: range beyond `inner` in which a cosine bounds the light; no
+               light beyond
+    strength : (N,) maximum W sr^-1, mean of the channels, > 0
     """
 
     corners: Float64
@@ -59,7 +61,7 @@ class Emitters:
 
     @classmethod
     def of(cls, lighting: Lighting) -> Emitters:
-        """Triangles side by side, in the order of `lighting.sides`, then the punctual lights of `positional`."""
+        """Collect the triangles of `lighting.sides`, in their order, then the punctual lights of `positional`."""
         scene, sides, points = lighting.scene, lighting.sides, positional(lighting)
         triangles = [side.first + np.arange(len(side.cdf) - 1) for side in sides]
         cones = [_cone(light) for light in points]
@@ -90,12 +92,12 @@ class Emitters:
 
 
 def positional(lighting: Lighting) -> tuple[Light, ...]:
-    """The punctual lights that a tree has: with a position, and falling off."""
+    """Return the punctual lights of a tree: those with a position and falloff."""
     return tuple(x for x in lighting.punctual if x.kind != "directional" and x.falloff == "quadratic")
 
 
 def others(lighting: Lighting) -> Lighting:
-    """The lights that a tree has not: directional ones, those that do not fall off, and the sky."""
+    """Return the lights outside a tree: directional ones, those without falloff, and the sky."""
     rest = tuple(x for x in lighting.punctual if not any(x is each for each in positional(lighting)))
     chances = np.diff(lighting.cdf)[len(lighting.sides) :]
     kept = [i for i, x in enumerate(lighting.punctual) if any(x is each for each in rest)]
@@ -109,7 +111,7 @@ def _peak(light: Light) -> float:
 
 
 def _cone(light: Light) -> tuple[float, float]:
-    """`inner` and `outer` of a punctual light: from `inner` on a cosine bounds what it sends."""
+    """Return `inner` and `outer` of a punctual light: beyond `inner` a cosine bounds its light."""
     gamma = np.radians(np.linspace(0.0, 180.0, 721))
     if light.profile is not None:
         first, last = np.radians(light.profile.gamma)
@@ -132,14 +134,14 @@ def _cone(light: Light) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class LightTree:
-    """M = N - 1 nodes over N emitters, the root first; arrays (M, 2, ...) are of both children of each.
+    """Tree of M = N - 1 nodes over N emitters, the root first; arrays (M, 2, ...) describe both children.
 
-    centre, radius : (M, 2, 3), (M, 2) of a ball about a child's lights
-    axis           : (M, 2, 3) unit, of the cone that holds their axes
-    inner, outer   : (M, 2) radians, as of `Emitters`
-    strength       : (M, 2) of all of them
-    child          : (M, 2) int: the number of a node, or of an emitter as -1 - number
-    trail          : (N,) int: bit i says which child leads to an emitter from level i of its nodes
+    centre, radius : (M, 2, 3), (M, 2), ball about a child's lights
+    axis           : (M, 2, 3) unit, axis of the cone that contains their axes
+    inner, outer   : (M, 2) radians, as in `Emitters`
+    strength       : (M, 2) sum over the child's lights
+    child          : (M, 2) int: number of a node, or of an emitter as -1 - number
+    trail          : (N,) int: bit i selects the child that leads to an emitter at level i
     """
 
     centre: Float64
@@ -153,7 +155,7 @@ class LightTree:
 
     @classmethod
     def over(cls, emitters: Emitters) -> LightTree:
-        """Built level by level, top down; two emitters at least."""
+        """Build the tree level by level, from the top; requires at least two emitters."""
         n = len(emitters)
         assert n >= 2, "something to choose from"
         items, counts = np.arange(n), np.array([n])
@@ -183,7 +185,7 @@ class LightTree:
         return cls(centre, radius, axis, inner, outer, strength, child.astype(np.int64), trail)
 
     def chances(self, position: Float64, normal: Float64) -> Float64:
-        """(N,) with which a position (3,) with a unit normal (3,) chooses each emitter."""
+        """Return (N,) probabilities of selecting each emitter for a position (3,) with a unit normal (3,)."""
         reached = np.zeros(len(self.child))
         reached[0] = 1.0
         found = np.zeros(len(self.trail))
@@ -198,7 +200,7 @@ class LightTree:
         return found
 
     def importance(self, node: int, position: Float64, normal: Float64) -> Float64:
-        """(2,) of a node's children for a position (3,) with a unit normal (3,): bounds of the irradiance."""
+        """Return (2,) irradiance bounds of a node's children for a position (3,) with a unit normal (3,)."""
         away = position - self.centre[node]
         distance = np.linalg.norm(away, axis=1)
         radius = self.radius[node]
@@ -216,7 +218,7 @@ def _angle(cosine: Float64) -> Float64:
 
 
 def _bounds(emitters: Emitters, items: Int64, starts: Int64, sizes: Int64) -> tuple[Float64, ...]:
-    """centre, radius, axis, inner, outer and strength of each run of items."""
+    """Return centre, radius, axis, inner, outer and strength of each run of items."""
     corners, axes = emitters.corners[items], emitters.axis[items]
     low = np.minimum.reduceat(corners.min(axis=1), starts)
     high = np.maximum.reduceat(corners.max(axis=1), starts)
@@ -224,7 +226,7 @@ def _bounds(emitters: Emitters, items: Int64, starts: Int64, sizes: Int64) -> tu
     away = np.linalg.norm(corners - np.repeat(centre, sizes, axis=0)[:, None], axis=2).max(axis=1)
     axis = np.add.reduceat(axes, starts)
     length = np.linalg.norm(axis, axis=1, keepdims=True)
-    # Axes that cancel have none: any will do, as the cone is all around.
+    # Axes that cancel give no mean axis: any axis is valid, because the cone covers all directions.
     axis = np.where(length > 1e-9, axis / np.maximum(length, 1e-9), axes[starts])
     apart = _angle(np.einsum("ij,ij->i", axes, np.repeat(axis, sizes, axis=0))) + emitters.inner[items]
     return (
@@ -240,12 +242,12 @@ def _bounds(emitters: Emitters, items: Int64, starts: Int64, sizes: Int64) -> tu
 def _left(
     emitters: Emitters, items: Int64, segment: Int64, begins: Int64, counts: Int64, by_cost: bool
 ) -> NDArray[np.bool_]:
-    """(n,) which items of each segment are its first child's."""
+    """Return (n,) bool: True for items that go to the first child of their segment."""
     low, high = emitters.corners[items].min(axis=1), emitters.corners[items].max(axis=1)
     centroid = 0.5 * (low + high)
     first = np.minimum.reduceat(centroid, begins)
     extent = np.maximum.reduceat(centroid, begins) - first
-    # The halves in the order along the longest axis, where no plane is better.
+    # Fallback: halves in the order along the longest axis, if no plane is better.
     longest = extent.argmax(axis=1)
     order = np.lexsort((centroid[np.arange(len(items)), longest[segment]], segment))
     rank = np.empty(len(items), np.int64)
@@ -258,7 +260,7 @@ def _left(
     costs = np.stack(
         [_costs(emitters, items, segment, bins[:, a], low, high, len(counts)) for a in range(3)], axis=1
     )
-    # Thin slabs are held against a plane: what is long should be divided along its length.
+    # Planes along short axes get a penalty, because long boxes should be divided along their length.
     scale = extent.max(axis=1, keepdims=True) / np.maximum(extent, 1e-30)
     costs = np.where(extent[:, :, None] > 0, costs * np.maximum(scale, 1.0)[:, :, None], np.inf)
     flat = costs.reshape(len(counts), -1)
@@ -272,7 +274,10 @@ def _left(
 def _costs(
     emitters: Emitters, items: Int64, segment: Int64, bins: Int64, low: Float64, high: Float64, segments: int
 ) -> Float64:
-    """(segments, _BINS - 1) of each plane between bins: strength times extent times spread, of both sides."""
+    """Return (segments, _BINS - 1) costs of the planes between bins.
+
+    The cost is strength times extent times spread, summed over both sides of a plane.
+    """
     cell, shape = segment * _BINS + bins, (segments, _BINS)
     size = segments * _BINS
 
@@ -282,7 +287,7 @@ def _costs(
     lower, upper = np.full((size, 3), np.inf), np.full((size, 3), -np.inf)
     np.minimum.at(lower, cell, low)
     np.maximum.at(upper, cell, high)
-    # A uniform cone's mean is as long as this, and so is that of cones: its length says how wide they are.
+    # The mean vector of a uniform cone has this length, so the length of a sum of cones measures their width.
     mean = emitters.axis[items] * (0.5 + 0.5 * np.cos(emitters.inner[items]))[:, None]
     count, strength = sums(), sums(emitters.strength[items])
     vector = np.stack([sums(mean[:, k]) for k in range(3)], axis=-1)
@@ -293,7 +298,7 @@ def _costs(
 
 
 def _cost_up_to(count: Float64, strength: Float64, vector: Float64, low: Float64, high: Float64) -> Float64:
-    """(segments, bins) of what lies in each bin and all before it; infinite for nothing."""
+    """Return (segments, bins) costs of the items in each bin and all earlier ones; infinite without items."""
     n = np.cumsum(count, axis=1)
     extent = np.maximum.accumulate(high, axis=1) - np.minimum.accumulate(low, axis=1)
     square = np.sum(np.where(n[:, :, None] > 0, extent, 0.0) ** 2, axis=2)

@@ -1,11 +1,12 @@
-"""Sample points of a path set, from a counter: (seed, path set, use) and nothing else.
+"""Sample points of a path set, which depend only on a counter (seed, path set, use).
 
-All paths of a set share their directions and their light sample [PB 3.1, 3.3], so these are a handful of numbers a
-set, made on the CPU. By default they are one point of an Owen-scrambled Sobol sequence: the error then falls almost
-as 1/n instead of 1/sqrt(n). The first direction, where it is the only one of its bounce, is a point of an
-extensible lattice instead. `random` is independent uniform numbers, as in the paper.
+All paths of a set share their directions and their light sample [PB 3.1, 3.3], so a set needs only few numbers,
+from the CPU. By default they are one point of an Owen-scrambled Sobol sequence, whose error falls almost as 1/n
+instead of 1/sqrt(n). The first direction, if its bounce has only one, is a point of an extensible lattice instead.
+`random` gives independent uniform numbers, as in the paper.
 
-Poor at: many dimensions. A Sobol sequence's later pairs are no better than random before some thousand path sets.
+Poor at: many dimensions. Later pairs of a Sobol sequence are no better than random for fewer than some thousand
+sets.
 """
 
 from __future__ import annotations
@@ -20,21 +21,22 @@ from numpy.typing import NDArray
 from glpath.sampling import Sampling
 from glpath.sampling.sobol import DIMENSIONS, sobol_points, sobol_points_at
 
-# Order of the dimensions: the best ones of the sequence to what varies most, the first two directions. Measured on
-# the Cornell box at 128 sets, this has a fifth less error than with the directions last. A bounce has two.
+# Order of the dimensions: the best dimensions of the sequence go to the first two directions, which vary most.
+# Measured on the Cornell box at 128 sets, this has a fifth less error than with the directions last. A bounce has
+# two directions.
 _DIRECTIONS = ((0, 1, 4, 5), (2, 3, 6, 7))
 _LIGHT = slice(8, 11)
 _PIXEL = slice(11, 13)
 _FURTHER_DIRECTIONS = slice(13, 61)
-_SEQUENCE_BOUNCES = 14  # that have their numbers from the sequence
+_SEQUENCE_BOUNCES = 14  # number of bounces with numbers of the sequence
 
 
 @dataclass(frozen=True)
 class PathSetSample:
-    """The numbers that the paths of one set share, each in [0, 1).
+    """Numbers that the paths of one set share, each in [0, 1).
 
     pixel      : (2,) position in the pixel, x to the right and y down
-    light      : (3,) which emitter, and where on it
+    light      : (3,) selection of the emitter, and position on it
     directions : (at least depth - 1, 2, 2): two points for each bounce
     """
 
@@ -48,10 +50,10 @@ class PathSetSampler:
 
     Parameters
     ----------
-    seed      : any whole number >= 0; another seed is another, independent render
-    max_depth : vertices of a path, as in the paper
+    seed      : integer >= 0; another seed is another, independent render
+    max_depth : number of vertices of a path, as in the paper
     sampling  : "sobol" or "random"
-    lattice   : the first direction is from a lattice; not with "random"
+    lattice   : True to take the first direction from a lattice; not with "random"
     """
 
     _CHUNK = 256
@@ -60,7 +62,7 @@ class PathSetSampler:
         self.seed = seed
         self.lattice = lattice and sampling == "sobol"
         bounces = max(max_depth - 1, 0)
-        # Always all of the sequence's dimensions, so that depths up to 15 share their numbers.
+        # Always all dimensions of the sequence, so that depths up to 15 share their numbers.
         self.dimensions = DIMENSIONS + 4 * max(bounces - _SEQUENCE_BOUNCES, 0)
         self.sampling = sampling
         self._chunk = -1
@@ -80,15 +82,15 @@ class PathSetSampler:
         return PathSetSample(u[_PIXEL], u[_LIGHT], directions)
 
     def time(self, index: int, shutter: tuple[float, float]) -> float:
-        """When a path set looks, seconds: all of its paths at once [PB 3.3]."""
+        """Return the time of a path set, seconds, which all of its paths share [PB 3.3]."""
         opened, closed = shutter
         return opened if opened == closed else opened + (closed - opened) * float(self.eye(index)[2])
 
     def eye(self, index: int) -> NDArray[np.float64]:
-        """(3,) in [0, 1) of a path set's eye: a point of the lens, and when the shutter is open.
+        """Return (3,) in [0, 1) of a path set's eye: a point of the lens, and the time in the shutter's interval.
 
-        Any 2**k that begin at a multiple of 2**k are even in time, over the lens and over both. They have an order
-        of their own, so that they have nothing in common with the set's other numbers.
+        Any 2**k sets from a multiple of 2**k are evenly distributed in time, over the lens and over both. They have
+        their own order, so that they are independent of the set's other numbers.
         """
         if index // self._CHUNK != self._eye_chunk:
             self._eye_chunk = index // self._CHUNK
@@ -97,13 +99,13 @@ class PathSetSampler:
                 bits = np.random.Philox(key=self.seed, counter=[0, 0, 1, start])
                 self._eye_points = np.random.Generator(bits).random((self._CHUNK, 3))
             else:
-                # The time is the first dimension, whose points are the most even of few.
+                # The time is the first dimension, whose points are the most even for few points.
                 self._eye_points = self._shuffled(start, 9, 0)[:, [1, 2, 0]]
         return np.asarray(self._eye_points[index % self._CHUNK])
 
     def _make(self, start: int) -> NDArray[np.float64]:
         if self.sampling == "random":
-            # A Philox stream per chunk, keyed by the seed: no state is carried from chunk to chunk.
+            # A Philox stream per chunk, keyed by the seed, so chunks share no state.
             bits = np.random.Philox(key=self.seed, counter=[0, 0, 0, start])
             return np.random.Generator(bits).random((self._CHUNK, self.dimensions))
         points = sobol_points(start, self._CHUNK, DIMENSIONS)
@@ -112,11 +114,11 @@ class PathSetSampler:
         return np.concatenate([owen_scrambled(points, keys), *(self._padding(start, b) for b in bounces)], axis=1)
 
     def _padding(self, start: int, bounce: int) -> NDArray[np.float64]:
-        """(chunk, 4) for a bounce beyond the sequence's."""
+        """Return (chunk, 4) numbers of a bounce beyond the sequence's."""
         return self._shuffled(start, 8, bounce)
 
     def _shuffled(self, start: int, purpose: int, which: int) -> NDArray[np.float64]:
-        """(chunk, 4) of the sequence's first dimensions in an order of their own, another for each purpose.
+        """Return (chunk, 4) of the sequence's first dimensions in a shuffled order, different for each purpose.
 
         Source: Burley 2020, Practical Hash-based Owen Scrambling, section 4.
         """
@@ -126,40 +128,40 @@ class PathSetSampler:
         return owen_scrambled(sobol_points_at(shuffled.astype(np.uint64), 4), keys[1:])
 
 
-#: The lattice's second coordinate to the first. Of all odd numbers below 2**20 the one whose shortest vector, over
-#: that of the best lattice of as many points, is longest in the worst of 2**3 .. 2**20 points: 0.71.
+#: Ratio of the lattice's second coordinate to the first. Among all odd numbers below 2**20, it maximises the
+#: worst-case quality over 2**3 .. 2**20 points: the shortest vector is at least 0.71 of that of the best lattice.
 _GENERATOR = 17939
 
 
 def lattice_point(seed: int, index: int) -> NDArray[np.float64]:
-    """(2,) in [0, 1): point number `index` of an extensible rank-1 lattice, shifted by the seed.
+    """Return (2,) in [0, 1): point `index` of an extensible rank-1 lattice, shifted by the seed.
 
-    Any 2**k points beginning at a multiple of 2**k are a lattice.
+    Any 2**k points from a multiple of 2**k form a lattice.
     Source: Hickernell, Hong, L'Ecuyer & Lemieux 2000, Extensible Lattice Sequences for Quasi-Monte Carlo
     Quadrature.
     """
     shift = np.array([counter_hash(seed, axis, 7) for axis in range(2)], np.uint32)
-    # Modulo 2**32, which is modulo 1.
+    # Modulo 2**32, which is 1 after the division.
     point = _bits_reversed(np.array([index & 0xFFFFFFFF], np.uint32)) * np.array([1, _GENERATOR], np.uint32) + shift
     return np.asarray(point / 2.0**32)
 
 
 def pixel_sample(seed: int, index: int) -> tuple[float, float]:
-    """Where in the pixel the rays of a path set go that share nothing else: x to the right, y down, in [0, 1).
+    """Return the position in the pixel of a set's rays that share nothing else: x to the right, y down, in [0, 1).
 
-    The first is the centre. All are a Sobol sequence in the base of which any 2**k beginning at a multiple of 2**k
-    fill a grid: Owen-scrambled, then shifted digit by digit so that the first comes to lie on the centre.
+    The first is the centre. The positions are a Sobol sequence in base 2: any 2**k from a multiple of 2**k fill a
+    grid. They are Owen-scrambled, then shifted digit by digit so that the first is the centre.
     """
     ((x, y),) = pixel_samples(seed, index, 1)
     return float(x), float(y)
 
 
 def pixel_samples(seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """(count, 2): those that follow each other; `count` a power of two up to 4096 that divides `first`."""
+    """Return (count, 2) consecutive positions; `count` is a power of two up to 4096 that divides `first`."""
     block, index_in_block = divmod(first, _PIXEL_SAMPLES)
     found = _pixel_samples(seed)[index_in_block : index_in_block + count]
     if block:
-        # Far on in a long render: the same grid again, turned by a hash.
+        # Later in a long render, the same grid is shifted by a hash.
         found = (found + [counter_hash(seed, block, axis) / 2**32 for axis in range(2)]) % 1.0
     return found
 
@@ -169,17 +171,17 @@ _PIXEL_SAMPLES = 4096
 
 @lru_cache(maxsize=4)
 def _pixel_samples(seed: int) -> NDArray[np.float64]:
-    """(4096, 2) positions."""
+    """Return (4096, 2) positions."""
     keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
     scrambled = _owen(sobol_points(0, _PIXEL_SAMPLES, 2), keys)
     return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)
 
 
 def owen_scrambled(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """(n, d) numbers in [0, 1) from (n, d) 32-bit points of a net, nested-uniformly scrambled by a key (d,) each.
+    """Return (n, d) numbers in [0, 1) from (n, d) 32-bit net points, Owen-scrambled by one key (d,) per dimension.
 
-    Every bit is flipped by a hash of the bits above it. On the Cornell box it has a twentieth less error than the
-    linear scrambling that scipy offers, and fewer bad seeds.
+    Every bit is flipped by a hash of the bits above it. On the Cornell box it has a twentieth less error than
+    scipy's linear scrambling, and fewer bad seeds.
     Source: Laine & Karras 2011, Stratified Sampling for Stochastic Transparency; Burley 2020, Practical Hash-based
     Owen Scrambling; constants of Vegdahl 2021.
     """
@@ -188,7 +190,7 @@ def owen_scrambled(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDAr
 
 def _owen(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDArray[np.uint32]:
     x = _bits_reversed(points)
-    with np.errstate(over="ignore"):  # modulo 2**32 is meant
+    with np.errstate(over="ignore"):  # overflow modulo 2**32 is intended
         x = x + keys
         for factor in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
             x ^= x * np.uint32(factor)
@@ -203,18 +205,18 @@ def _bits_reversed(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def radical_inverse(index: int) -> float:
-    """Of a number below 2**32, in base 2: van der Corput's sequence, in [0, 1)."""
+    """Return the radical inverse of a number below 2**32 in base 2: van der Corput's sequence, in [0, 1)."""
     return int(f"{index:032b}"[::-1], 2) / 2.0**32
 
 
 def counter_hash(*counter: int) -> int:
-    """32 bits from whole numbers: the seed of what a shader then hashes per path."""
+    """Return a 32-bit hash of integers, such as the seed for a shader's per-path hash."""
     text = ",".join(map(str, counter)).encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=4).digest(), "little")
 
 
 def concentric_disk(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2,) a point of the unit disk, uniform, from u (2,) in [0, 1).
+    """Return (2,) a uniform point of the unit disk from u (2,) in [0, 1).
 
     Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
     """
@@ -226,7 +228,7 @@ def concentric_disk(u: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def uniform_hemisphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 3) unit vectors with z >= 0, density 1 / (2 pi), from u (..., 2)."""
+    """Return (..., 3) unit vectors with z >= 0, density 1 / (2 pi), from u (..., 2)."""
     z = u[..., 0]
     r = np.sqrt(np.maximum(0.0, 1.0 - z * z))
     phi = 2.0 * np.pi * u[..., 1]
@@ -234,7 +236,7 @@ def uniform_hemisphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def uniform_sphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 3) unit vectors, density 1 / (4 pi), from u (..., 2) [PB A.2]."""
+    """Return (..., 3) unit vectors, density 1 / (4 pi), from u (..., 2) [PB A.2]."""
     z = 1.0 - 2.0 * u[..., 0]
     r = np.sqrt(np.maximum(0.0, 1.0 - z * z))
     phi = 2.0 * np.pi * u[..., 1]

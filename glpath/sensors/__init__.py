@@ -1,1 +1,1 @@
-"""Where paths begin: the pixels of a camera, points with normals."""
+"""Start points of paths: the pixels of a camera, or points with normals."""

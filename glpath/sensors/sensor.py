@@ -1,6 +1,6 @@
-"""Where paths start, described in plain numbers: what a `RenderJob` has, and what a first stage is made from.
+"""Starts of paths as plain data, for a `RenderJob` and for the first stage of an engine.
 
-There are two kinds: the pixels of a camera, and points with normals, free ones or a surface's texels.
+Two kinds exist: the pixels of a camera, and points with normals, either free or on the texels of a surface.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from glpath.scene.model import Camera, Scene
 Vector = tuple[float, float, float]
 Float32 = NDArray[np.float32]
 
-#: By how much the length of a normal may differ from one.
+#: Tolerance of the length of a normal, which must be one.
 _UNIT = 1e-3
-#: Of its distance from zero, what is taken for the size of a single point.
+#: Assumed size of a single point, as a fraction of its largest coordinate.
 _ALONE = 0.01
 
 
 @dataclass(frozen=True)
 class SensorKey:
-    """Where a camera is at a time; values as in `glpath.scene.CameraKey`, which has arrays."""
+    """Pose of a camera at a time; values as in `glpath.scene.CameraKey`, which has arrays."""
 
     time: float
     position: Vector
@@ -39,10 +39,10 @@ class SensorKey:
 
 @dataclass(frozen=True)
 class CameraSensor:
-    """The pixels of a camera; values as in `glpath.scene.Camera`, which has arrays.
+    """Pixels of a camera; values as in `glpath.scene.Camera`, which has arrays.
 
     position, target, up : scene units
-    fov                  : vertical, of the whole image, degrees
+    fov                  : vertical field of view of the whole image, degrees
     resolution           : (width, height) of the whole image, pixels
     """
 
@@ -62,7 +62,7 @@ class CameraSensor:
 
     @classmethod
     def of(cls, camera: Camera) -> CameraSensor:
-        """The sensor of a camera."""
+        """Return the sensor of a camera."""
         width, height = camera.resolution
         focus = camera.focus_distance
         return cls(
@@ -85,50 +85,49 @@ class CameraSensor:
 
     @property
     def camera(self) -> Camera:
-        """The camera that it is."""
+        """The equivalent camera."""
         keys = tuple(CameraKey(**vars(key)) for key in self.motion)
         return Camera(**vars(self) | {"motion": keys})
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """The properties that an engine is made for: projection, lens, motion."""
+        """Properties that an engine is made for: projection, lens, motion."""
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
     def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
-        """The sensor relative to a point (3,); itself where that is zero."""
+        """Return the sensor relative to a point (3,), or itself if that is zero."""
         return CameraSensor.of(moved_camera(self.camera, origin)) if origin.any() else self
 
     def seen(self, scene: Scene) -> Scene:
-        """The scene as this sensor sees it: with its camera."""
+        """Return the scene with this sensor's camera."""
         return scene.with_camera(**vars(self.camera))
 
     def reduced(self, side: int) -> CameraSensor:
-        """Return a sensor of the same view whose longer side has so many pixels."""
+        """Return a sensor of the same view whose longer side has `side` pixels."""
         width, height = self.resolution
         scale = side / max(width, height)
         return replace(self, resolution=(max(1, round(scale * width)), max(1, round(scale * height))))
 
     def as_json(self) -> dict[str, Any]:
-        """Its fields, as JSON has them, without those that say nothing: a pinhole's are as they always were."""
+        """Return the fields for JSON, without defaults, so that a pinhole's JSON stays as in earlier versions."""
         changed = {f.name for f in fields(self) if getattr(self, f.name) != f.default}
         return {"type": "camera"} | {name: value for name, value in asdict(self).items() if name in changed}
 
     def recorded(self) -> dict[str, Any]:
-        """Its record in a film's settings: empty, as the scene has the camera."""
+        """Return the record for a film's settings, which is empty because the scene contains the camera."""
         return {}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointTables:
-    """Points and what they face, in rows and columns as a film has pixels; row 0 is the film's first.
+    """Points and their normals, in rows and columns like the pixels of a film; row 0 is the film's first.
 
     positions : (S, H, W, 3) float32, scene units, relative to `origin`; each path set takes one of the S tables
     normals   : (S, H, W, 3) float32, unit: light from the other side does not count
-    valid     : (H, W) bool: elsewhere nothing starts, and the film is black
-    shading   : (S, H, W, 3) float32, unit, or None: normals to weigh light by, as a smooth surface does that is
-                made of flat triangles: its cosine counts instead of that to `normals`, which still say what is
-                behind the surface
-    origin    : what positions are relative to, scene units
+    valid     : (H, W) bool: paths start only at valid points; elsewhere the film is black
+    shading   : (S, H, W, 3) float32, unit, or None: shading normals whose cosine weights light, as for a smooth
+                surface of flat triangles; `normals` still define the space behind the surface
+    origin    : origin of the positions, scene units
     """
 
     positions: Float32
@@ -139,7 +138,7 @@ class PointTables:
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of all of it."""
+        """SHA-256 (hex) of all fields."""
         h = hashlib.sha256()
         for name in ("positions", "normals", "valid", "shading"):
             array = getattr(self, name)
@@ -155,23 +154,24 @@ class PointTables:
 class PointSensor:
     """Points with normals: each is a small white Lambertian receiver, lit from the side of its normal.
 
-    What a film of it holds is the radiance of such a receiver: pi times that is the irradiance. Points may lie on
-    surfaces of the scene, which do not shadow themselves, or free in space. The first vertex of a path is the
-    point: `max_depth` 1 is direct light.
+    A film of it holds the radiance of such receivers; pi times that is the irradiance. Points may lie on surfaces
+    of the scene, which do not shadow themselves, or free in space. The first vertex of a path is the point:
+    `max_depth` 1 is direct light.
 
-    Made by `PointSensor.of`. A job's JSON has all but the points themselves, for which their digest stands.
+    `PointSensor.of` creates it. A job's JSON has all fields but the points themselves, which their digest
+    represents.
 
-    resolution : (width, height) of the rows and columns that they are in
-    sha256     : of the points, see `PointTables.digest`
-    count      : of points that are valid
-    middle     : of these, the middle of the box about them, scene units
-    tables     : how many a path set has to choose from: a texel of so many points has the mean of their light
-    smooth     : there are normals to shade with
-    shutter    : when it opens and when it closes, seconds: of what moves
-    independent : each point draws light samples of its own, where paths have directions of their own: errors of
-                 points are independent, so that their mean is as exact as they are many. Else a set's few light
-                 samples serve all, which takes 5 to 25 % less time
-    points     : the points; None where they have to be handed in
+    resolution : (width, height) of the rows and columns of points
+    sha256     : digest of the points, see `PointTables.digest`
+    count      : number of valid points
+    middle     : centre of the bounding box of the valid points, scene units
+    tables     : number of tables from which a path set takes one: a texel has the mean light of that many points
+    smooth     : True if the points have shading normals
+    shutter    : opening and closing time, seconds, for moving objects
+    independent : True if each point draws its own light samples, with integrators whose paths have their own
+                  directions. Errors of points are then independent, so that means over many points are accurate.
+                  Otherwise a set's few light samples serve all points, which takes 5 to 25 % less time
+    points     : the points; None if they must be supplied
     """
 
     resolution: tuple[int, int]
@@ -196,19 +196,20 @@ class PointSensor:
         origin: Vector | None = None,
         independent: bool = False,
     ) -> PointSensor:
-        """The sensor of points.
+        """Create the sensor of points.
 
-        positions       : (H, W, 3), or (S, H, W, 3) of which each path set takes one: number int(u S), u being the
-                          first of the two numbers that position a camera's rays in its pixels, so that the S points
-                          of a texel are sampled evenly, whatever the directions
+        positions       : (H, W, 3), or (S, H, W, 3), of which each path set takes table int(u S). u is the first of
+                          the two numbers that position a camera's rays in its pixels. So the S points of a texel
+                          are sampled evenly, independently of directions
         normals         : (H, W, 3) or (S, H, W, 3), unit
-        valid           : (H, W) bool; all
+        valid           : (H, W) bool; by default all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`
-        origin          : what positions are relative to, scene units. None: to its origin; as they are held in 32
-                          bits, those far from that are then made relative to a whole number near them
+        origin          : origin of the positions, scene units. None: positions are absolute; because they are
+                          stored in 32 bits, distant ones are then stored relative to a point with integer
+                          coordinates near them
 
-        What is not valid may be anything. Raises UsageError for shapes that do not match, numbers that are not
-        finite, normals that are not unit, and where none is valid.
+        Invalid points may have any values. Raises UsageError for shapes that do not match, numbers that are not
+        finite, normals that are not unit, or no valid point.
         """
         if origin is None:
             positions, origin = _near_origin(positions, valid)
@@ -224,7 +225,7 @@ class PointSensor:
         directions = [_directions("normals", normals, position, inside)]
         if shading_normals is not None:
             directions.append(_directions("shading_normals", shading_normals, position, inside))
-        # Table by table, as there may be many.
+        # Table by table, because they may be many.
         edges = np.array([(some.min(axis=0), some.max(axis=0)) for some in (table[inside] for table in position)])
         if not np.isfinite(edges).all():
             raise UsageError("points: a position is not finite.")
@@ -247,11 +248,11 @@ class PointSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """The properties that an engine is made for: number of tables, shading normals, independence."""
+        """Properties that an engine is made for: number of tables, shading normals, independence."""
         return ("points", self.tables > 1, self.smooth, self.independent)
 
     def moved(self, origin: NDArray[np.float64]) -> PointSensor:
-        """The sensor relative to a point (3,); itself where that is zero. `sha256` stays as it was."""
+        """Return the sensor relative to a point (3,), or itself if that is zero. `sha256` does not change."""
         if not origin.any():
             return self
         points = self.points
@@ -260,9 +261,9 @@ class PointSensor:
         return replace(self, middle=_plain(np.array(self.middle) - origin), points=points)
 
     def reduced(self, side: int) -> PointSensor:
-        """Return a sensor of side * side / 2 points, spread evenly over these in their order; they may repeat.
+        """Return a sensor of side * side / 2 points, spread evenly over the valid points; points may repeat.
 
-        side : a multiple of 16. Neighbours are in one of 8 x 8 blocks, as `glpath.film.bias` compares them.
+        side : a multiple of 16. Neighbours lie in the same of 8 x 8 blocks, which `glpath.film.bias` compares.
         """
         points = self.given(None).points
         assert points is not None, "`given` has checked it"
@@ -284,9 +285,9 @@ class PointSensor:
         return replace(self, resolution=(side, side // 2), sha256=few.digest, count=count, points=few)
 
     def seen(self, scene: Scene) -> Scene:
-        """The scene as this sensor has it: with a camera amid the points instead of its own, which says nothing.
+        """Return the scene with a camera amid the points instead of its own, which is not used.
 
-        Raises UsageError where the points have to be handed in.
+        Raises UsageError if the points must be supplied.
         """
         self.given(None)
         x, y, z = self.middle
@@ -301,15 +302,15 @@ class PointSensor:
         return replace(scene, camera=camera)
 
     def as_json(self) -> dict[str, Any]:
-        """Its fields, as JSON has them, without the points."""
+        """Return the fields for JSON, without the points."""
         return {"type": "points"} | {f.name: getattr(self, f.name) for f in fields(self) if f.name != "points"}
 
     def recorded(self) -> dict[str, Any]:
-        """Its record in a film's settings: films merge where points are the same."""
+        """Return the record for a film's settings: films merge if their points are the same."""
         return {"points": self.sha256}
 
     def given(self, points: PointTables | None) -> PointSensor:
-        """The sensor with its points, where it has none yet. Raises UsageError for others, and for none."""
+        """Return the sensor with its points. Raises UsageError for other points, and if there are none."""
         points = self.points if points is None else points
         if points is None:
             raise UsageError(
@@ -327,7 +328,7 @@ Sensor = CameraSensor | PointSensor
 
 
 def _table(name: str, given: ArrayLike) -> Float32:
-    """(S, H, W, 3) float32. Raises UsageError."""
+    """Return an array (S, H, W, 3) float32. Raises UsageError."""
     try:
         array = np.asarray(given, np.float32)
     except (TypeError, ValueError):
@@ -338,7 +339,10 @@ def _table(name: str, given: ArrayLike) -> Float32:
 
 
 def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLike, Vector]:
-    """Positions relative to an origin near them, and that; themselves where they are near zero, or wrong."""
+    """Return positions relative to an origin near them, and that origin.
+
+    Positions near zero, and invalid input, are returned unchanged, with a zero origin.
+    """
     array = np.asarray(positions)
     if array.dtype != np.float64 or array.ndim not in (3, 4) or array.shape[-1] != 3 or 0 in array.shape:
         return positions, (0.0, 0.0, 0.0)
@@ -349,21 +353,21 @@ def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLi
     low, high = among.min(axis=0), among.max(axis=0)
     if not np.isfinite(low + high).all():
         return positions, (0.0, 0.0, 0.0)
-    # A single point has no size to tell what is far.
+    # A single point has no extent to which its distance could be compared.
     size = 0.0 if np.any(high > low) else _ALONE * float(np.abs(low).max())
     origin = origin_of(low - size, high + size)
     return (array - origin if origin.any() else positions), _plain(origin)
 
 
 def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[np.bool_]) -> Float32:
-    """Unit vectors, as many as positions; 0 where nothing is valid. Raises UsageError."""
+    """Return unit vectors, as many as positions; 0 at invalid points. Raises UsageError."""
     array = _table(name, given)
     if array.shape[1:] != positions.shape[1:] or array.shape[0] not in (1, positions.shape[0]):
         raise UsageError(f"points: {name} of shape {array.shape} do not go with positions of {positions.shape}.")
     unit = np.empty(array.shape, np.float32)
-    for found, table in zip(unit, array, strict=True):  # one by one, as there may be many
+    for found, table in zip(unit, array, strict=True):  # one by one, because they may be many
         length = np.linalg.norm(table.astype(np.float64), axis=-1)
-        # Not "any differs", which a NaN would pass.
+        # Not "any differs", because a NaN would pass that.
         if not (np.abs(length - 1.0) <= _UNIT)[valid].all():
             raise UsageError(
                 f"points: {name} hold one that is not unit.", "Divide each by its length, which must not be zero."
