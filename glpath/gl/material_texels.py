@@ -64,7 +64,10 @@ def _rough(material: Material) -> bool:
 
 
 def _is_plastic(material: Material) -> bool:
-    return material.layering == "plastic" and material.metallic < 1 and material.transmission < 1
+    if material.layering != "plastic":
+        return False
+    has_dielectric = material.metallic < 1 or material.surface_texture is not None
+    return has_dielectric and (material.transmission < 1 or material.transmission_texture is not None)
 
 
 MATERIAL_VARIANTS = {
