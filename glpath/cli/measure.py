@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-#: Files that have colours, and those of a grid alone.
 # Lux by which the light of 100 on open ground may be off, for a daylight factor.
 _OFF = 2.0
+#: Files that have colours, and those of a grid alone.
 _COLOURED, _OF_GRIDS = (".html", ".png", ".glb"), (".png", ".glb")
 
 
