@@ -30,8 +30,9 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
         shape = scene.shapes[number]
         material = averaged(scene.materials[shape.material], scene.textures)
         if material.roughness is not None:
-            metallic = np.full(len(own), scene.materials[shape.material].metallic)  # which has its texture here
-            clear = np.full(len(own), material.transmission)
+            untextured = scene.materials[shape.material]  # as the textures of these two are looked up at the points
+            metallic = np.full(len(own), untextured.metallic)
+            clear = np.full(len(own), untextured.transmission)
             for share, slot, channel in (
                 (metallic, material.surface_texture, 2),
                 (clear, material.transmission_texture, 0),

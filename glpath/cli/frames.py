@@ -161,10 +161,6 @@ def _even(picture: NDArray[Any]) -> NDArray[Any]:
     return np.pad(picture, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
 
 
-# A file name that holds the number of a frame once, of at most 99 digits.
-_FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
-
-
 @dataclass(frozen=True)
 class FramesToRender:
     """Render job of several frames.

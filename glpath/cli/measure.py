@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-#: Suffixes of files with false colours, and of files that need a grid.
 # Lux by which the light of 100 on open ground may be off, for a daylight factor.
 _OFF = 2.0
+#: Suffixes of files with false colours, and of files that need a grid.
 _COLOURED, _OF_GRIDS = (".html", ".png", ".glb"), (".png", ".glb")
 
 

@@ -226,9 +226,6 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
     verdict = picture.verdict(film, stops)
     if verdict is not None:
         yield f"  {verdict}"
-    dropped = m.statistics.get("dropped_samples", 0)
-    if dropped:
-        yield f"  {dropped} samples were NaN or infinite and count as 0"
     if verbose:
         for key, value in {**_settings(m), **m.versions}.items():
             yield f"  {key}: {value}"

@@ -32,7 +32,7 @@ def save_glb(path: Path, measured: Measured) -> None:
     Warns of scene features that glTF lacks.
     """
     for note in write_gltf(measured.scene, path, facets=_facets(measured)):
-        warn(f"{path}: {note}.")
+        warn(f"{path}: {note}.", late=True)
 
 
 def _facets(measured: Measured) -> Facets:

@@ -134,7 +134,8 @@ class Film(FilmErrors):
             picture = self.to_srgb(exposure=stops, tonemap=tonemap, denoise=denoise)
             write = write_png if suffix == ".png" else write_jpeg
             if suffix != ".png" and picture.shape[2] == 4:
-                warn(f"{path}: a JPEG has no alpha channel, so that its background is white; a .png has one.")
+                text_of_white = "a JPEG has no alpha channel, so that its background is white; a .png has one."
+                warn(f"{path}: {text_of_white}", late=True)
             write(path, picture, self.provenance(denoised=denoise) | text)
         elif suffix == ".exr":
             kinds: dict[str, Kind] = {"object_id": "object", "material_id": "material"}

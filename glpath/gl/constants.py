@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import get_args
 
 import numpy as np
 
 from glpath.scene.material import SMOOTH as SMOOTH
+from glpath.scene.material import Layering
 from glpath.scene.profile import ANGLE_ROUNDING as ANGLE_ROUNDING_DEGREES
 
 #: Depth beyond all geometry.
@@ -40,8 +42,9 @@ ANGLE_ROUNDING = math.radians(ANGLE_ROUNDING_DEGREES)
 
 
 def constants_glsl() -> str:
-    """Return all constants of this module and pi as GLSL declarations."""
+    """Return all constants of this module, pi and the numbers of the materials' layerings as GLSL declarations."""
     found = {name: value for name, value in globals().items() if name.isupper()} | {"PI": math.pi}
+    found |= {f"LAYERING_{name.upper()}": number for number, name in enumerate(get_args(Layering))}
     return "\n".join(_declaration(name, value) for name, value in found.items()) + "\n"
 
 

@@ -40,7 +40,7 @@ MATERIAL_LAYOUT = {
     "SHEEN_LAMBDA_A": "a",
     "FILM": "share under a thin film; its thickness where its texture is 0, nm; where it is 1; its index",
     "THROUGH": "of what the diffuse base lets through the colour; the share",
-    "FRESNEL": "index of Fresnel's equations, 0 for Schlick's formula; 1 for Beckmann's microfacets; number of the "
+    "FRESNEL": "index of Fresnel's equations; 1 for Beckmann's microfacets; number of the "
     "layering; mean of PLASTIC over light from everywhere",
     "PLASTIC0": "share of light that crosses to plastic's base, a polynomial of the cosine's root: powers 0 to 3",
     "PLASTIC1": "powers 4 to 7",
@@ -66,7 +66,10 @@ def _rough(material: Material) -> bool:
 
 
 def _is_plastic(material: Material) -> bool:
-    return material.layering == "plastic" and material.metallic < 1 and material.transmission < 1
+    if material.layering != "plastic":
+        return False
+    has_dielectric = material.metallic < 1 or material.surface_texture is not None
+    return has_dielectric and (material.transmission < 1 or material.transmission_texture is not None)
 
 
 MATERIAL_VARIANTS = {
@@ -152,8 +155,7 @@ def _exact(m: Material) -> list[list[float]]:
     if m.roughness is not None and _is_plastic(m):
         entry, entry_mean = plastic_entry(m.ior, m.roughness**2, m.distribution)
     n, k = np.zeros((2, 3)) if m.metal_index is None else m.metal_index
-    ior = 0.0 if m.layering == "gltf" else m.ior
-    first = [ior, m.distribution == "beckmann", get_args(Layering).index(m.layering), entry_mean]
+    first = [m.ior, m.distribution == "beckmann", get_args(Layering).index(m.layering), entry_mean]
     return [first, [*entry[:4]], [*entry[4:]], [*n, 0], [*k, 0]]
 
 

@@ -44,7 +44,7 @@ from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, missing
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare
+from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare, remarks_of
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
@@ -108,7 +108,7 @@ class Cluster(Connection):
             return clock.film
         shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
-        for text in plan.remarks(clock.film):
+        for text in remarks_of(plan, clock.film):
             warn(text, late=True)
         return clock.film
 

@@ -118,7 +118,8 @@ class BiasCheck:
                 return unbiased, self._replaced(engine, unbiased)
             if self._is_cut_short or unbiased is not None:
                 name = self.scene.source or self.scene.name
-                warn(f"{name}: the time limit left no time to measure the bias of the gather; {_NO_BIAS}")
+                text = f"{name}: the time limit left no time to measure the bias of the gather; {_NO_BIAS}"
+                warn(text, late=True)
             return plan, engine
         if bias.is_small():
             return plan, engine
@@ -139,7 +140,8 @@ class BiasCheck:
         name = self.scene.source or self.scene.name
         warn(
             f"{name}: the bias of the gather {found} {bias}. "
-            f"Its radiosity solution may be too coarse for this scene; {_NO_BIAS}"
+            f"Its radiosity solution may be too coarse for this scene; {_NO_BIAS}",
+            late=True,
         )
         return plan, engine
 

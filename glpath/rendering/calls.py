@@ -164,9 +164,14 @@ def run_job(
         with session, reporting_to(options, pictured) as reported:
             film = session.render(job, scene, reported)
         lift_limit()
+    warn_about(film, session)
+    return film
+
+
+def warn_about(film: Film, session: Session) -> None:
+    """Warn of a film that the session has rendered; `strict` takes that for an error when the film is saved."""
     for text in session.remarks(film):
         warn(text, late=True)
-    return film
 
 
 @with_options()
@@ -232,6 +237,7 @@ def render_frames(
                     session = until_done.enter_context(Session(job, shown, run_options))
                 if session is not None:
                     film = session.render(job, shown, reported)
+                    warn_about(film, session)
                 elif workers is not None:
                     film = workers.render(job, shown, replace(reported, cluster=None))
             yield film

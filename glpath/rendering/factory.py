@@ -514,7 +514,8 @@ class _Gathering(Plan):
         particles = solution.statistics.get("particles", 0)
         warn(
             f"{scene.source or scene.name}: the time limit cut the radiosity solution short, after {particles:,} "
-            'particles: the gather has their noise as a bias. integrator="path" has none.'
+            'particles: the gather has their noise as a bias. integrator="path" has none.',
+            late=True,
         )
         return _Gathering(_interleaved(self.settings, scene), solution, proxies)
 

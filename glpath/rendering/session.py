@@ -166,7 +166,7 @@ class Session:
 
     def remarks(self, film: Film) -> list[str]:
         """Warnings about a film that is done."""
-        return self._plan.remarks(film)
+        return remarks_of(self._plan, film)
 
     def _continue_with(self, engine: Engine, job: RenderJob, scene: Scene) -> None:
         """The engine for a further job: another camera, or another scene."""
@@ -183,6 +183,13 @@ class Session:
         else:
             engine.look_from(sensor_in(self._traced, job.sensor, scene))
         engine.forget_statistics()
+
+
+def remarks_of(plan: Plan, film: Film) -> list[str]:
+    """Return warnings about a film that is done, by its plan and by its samples."""
+    dropped = film.metadata.statistics.get("dropped_samples", 0)
+    text = f"{film.metadata.scene}: {dropped} samples were NaN or infinite and count as 0."
+    return plan.remarks(film) + [text] * (dropped > 0)
 
 
 def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:

@@ -20,7 +20,7 @@ from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import camera_replaced
-from glpath.rendering.calls import reporting_to
+from glpath.rendering.calls import reporting_to, warn_about
 from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, check_word, with_options
 from glpath.rendering.run_options import RunOptions
@@ -122,6 +122,7 @@ def render_views(
             view = replace(job, sensor=CameraSensor.of(camera))
             with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
                 films.append(session.render(view, shown, reported))
+            warn_about(films[-1], session)
     return _views(films, tuple(shape.name for shape in base.shapes))
 
 

@@ -202,8 +202,14 @@ class Appearance:
         if len(glass):
             opacity = self.mean_opacity()[glass, None]
             base = self.mean_reflectance(glass, np.broadcast_to(WHOLE, (len(glass), 3, 2)))
-            found[glass] = of[glass, None] * base / np.where(opacity > 0, opacity, 1.0)
+            base = base / np.where(opacity > 0, opacity, 1.0)
+            found[glass] = of[glass, None] * self._glass_colour(glass, base)
         return found
+
+    def _glass_colour(self, triangle: Int64, base: Float64) -> Float64:
+        """(N, 3) what the glass of triangles (N,) lets through, of their colours (N, 3)."""
+        by_root = np.array([m.layering == "disney" for m in self._materials])[self.scene.triangle_shape[triangle]]
+        return np.where(by_root[:, None], np.sqrt(base), base)
 
     @cached_property
     def _all(self) -> Int64:

@@ -21,6 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from glpath.scene.geometry import Float64
+from glpath.scene.slab import between_faces
 
 #: Alpha below which microfacets are a mirror.
 SMOOTH = 1e-3
@@ -134,6 +135,37 @@ def _beckmann_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, 
     o = np.maximum(mz * (z - np.sqrt(1.0 - z * z) * slope * np.cos(phi)), 0.0)
     visible = o / mz
     return visible / visible.mean(axis=(1, 2), keepdims=True), z, o, np.broadcast_to(mz, o.shape)
+
+
+@lru_cache(maxsize=64)
+def boundary_reflectance(ior: float, has_two_faces: bool) -> tuple[float, float]:
+    """Return the reflectance of a smooth boundary at normal incidence, and its mean over light from everywhere.
+
+    has_two_faces : the boundary is a thin sheet, which reflects between its faces as well
+    """
+    u, weight = np.polynomial.legendre.leggauss(64)
+    cosine = np.append((u + 1.0) / 2.0, 1.0)
+    reflected = _fresnel(cosine, ior)[0]
+    if has_two_faces:
+        reflected = between_faces(reflected)
+    return float(reflected[-1]), float((weight * cosine[:-1] * reflected[:-1]).sum())
+
+
+@lru_cache(maxsize=64)
+def burley_albedo(roughness: float) -> float:
+    """Return the share of light from everywhere that Burley's white base reflects [Burley 2012, 5.3].
+
+    It is the mean of `disney_base` in shaders/bsdf/bsdf.glsl over both directions.
+    """
+    u, weight = np.polynomial.legendre.leggauss(16)
+    cosine = (u + 1.0) / 2.0
+    o, i = cosine[:, None], cosine[None, :]
+    Fo, Fi = (1.0 - o) ** 5, (1.0 - i) ** 5
+    # The means of R = 2 roughness cos^2 and of its square over the azimuth between the directions.
+    R = roughness * (1.0 + o * i)
+    R2 = roughness**2 * ((1.0 + o * i) ** 2 + 0.5 * (1.0 - o * o) * (1.0 - i * i))
+    base = (1.0 - 0.5 * Fo) * (1.0 - 0.5 * Fi) + R * (Fo + Fi - Fo * Fi) + R2 * Fo * Fi
+    return float((weight * cosine) @ base @ (weight * cosine))
 
 
 @lru_cache(maxsize=64)

@@ -12,10 +12,15 @@ from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
 from glpath.scene.directional_albedo import SMOOTH as SMOOTH
-from glpath.scene.directional_albedo import hemispherical_albedo, plastic_entry
+from glpath.scene.directional_albedo import (
+    boundary_reflectance,
+    burley_albedo,
+    hemispherical_albedo,
+    plastic_entry,
+)
 from glpath.scene.geometry import Float64
 from glpath.scene.iridescence import film_reflects
-from glpath.scene.slab import hemispherical
+from glpath.scene.slab import between_faces, hemispherical
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 Layering = Literal["gltf", "plastic", "disney", "beside"]
@@ -318,7 +323,7 @@ class Material:
         """(3,) float64: what it reflects at normal incidence over what at grazing incidence, not clipped to 1."""
         once = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
         if self.layering in ("plastic", "beside") and self.is_thin_dielectric:
-            once *= 2.0 / (1.0 + once)
+            once = float(between_faces(once))
         return once * self.specular_colour
 
     @property
@@ -348,8 +353,10 @@ class Material:
             reflected, through = hemispherical(self.ior, base)
             return np.asarray(np.minimum(reflected + (1.0 - clear) * through, _MAX_REFLECTED))
         layer, sheen, coat = self._layers()
-        kept = (1.0 - clear / max(1.0 - self.metallic, 1e-9)) * (1.0 - self.diffuse_transmission)
-        under = layer + self.base_share * base * kept
+        kept = (1.0 - self.transmission) * (1.0 - self.diffuse_transmission)
+        counted = max(self.transmission - clear / max(1.0 - self.metallic, 1e-9), 0.0)
+        under = self.layer_share * layer + self.base_share * base * kept
+        under = under + self._crossing * self.glass_colour(base) * counted
         if self.iridescence > 0:
             metal = self._under_film(base + (1.0 - base) / 21.0, base)
         else:
@@ -373,11 +380,39 @@ class Material:
         return np.asarray(np.clip(through, 0.0, _MAX_REFLECTED - self.hemispherical_reflectance(base, clear)))
 
     @property
+    def schlick(self) -> tuple[Float64, float]:
+        """The reflectances of its dielectric, (3,) at normal and at grazing incidence, for Schlick's formula.
+
+        Where Fresnel's equations hold, the formula with these has their mean over light from everywhere.
+        """
+        f0, f90 = self.dielectric
+        if self.layering == "gltf":
+            return f0, f90
+        normal, mean = boundary_reflectance(self.ior, self.is_thin_dielectric)
+        return np.asarray((21.0 * f0 * (mean / max(normal, 1e-9)) - f90) / 20.0), f90
+
+    @property
+    def layer_share(self) -> float:
+        """Share of what is not metal that its dielectric covers."""
+        return self.transmission if self.layering == "beside" else 1.0
+
+    @property
+    def _crossing(self) -> float:
+        """Share of light from everywhere that crosses the boundary of its glass."""
+        if self.layering == "gltf":
+            return float(1.0 - self.dielectric_albedo.max())
+        return 1.0 - boundary_reflectance(self.ior, self.is_thin_dielectric)[1]
+
+    def glass_colour(self, base: Float64) -> Float64:
+        """Return what its glass lets through of light that is not reflected, for `reflectance` base."""
+        return np.sqrt(base) if self.layering == "disney" else base
+
+    @property
     def dielectric_albedo(self) -> Float64:
         """(3,) float64: what its dielectric reflects of light from everywhere."""
         assert self.roughness is not None
-        f0, f90 = self.dielectric
-        if self.iridescence > 0:
+        f0, f90 = self.schlick
+        if self.iridescence > 0 and self.layering == "gltf":
             return self._under_film(f0 + (f90 - f0) / 21.0, f0)
         if self.transmission > 0:
             return np.asarray(f0 + (f90 - f0) / 21.0)
@@ -389,7 +424,10 @@ class Material:
         if self.layering == "plastic" and self.transmission < 1:
             assert self.roughness is not None
             return plastic_entry(self.ior, self.roughness**2, self.distribution)[1] ** 2
-        if self.layering in ("disney", "beside"):
+        if self.layering == "disney":
+            assert self.roughness is not None
+            return burley_albedo(self.roughness)
+        if self.layering == "beside":
             return 1.0
         return float(1.0 - self.dielectric_albedo.max())
 
@@ -461,6 +499,7 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         material,
         roughness=roughness,
         metallic=metallic,
+        transmission=material.transmission * mean(material.transmission_texture, 0),
         clearcoat=material.clearcoat * mean(material.clearcoat_texture, 0),
         specular_weight=material.specular_weight * mean(material.specular_texture, 3),
         specular_colour=material.specular_colour * colour(material.specular_colour_texture),

@@ -37,8 +37,13 @@ def slab(cosine: ArrayLike, ior: float, inside: ArrayLike) -> tuple[Float64, Flo
 
 def clearest(ior: float) -> float:
     """What a sheet lets through at normal incidence whose glass takes nothing."""
-    f = ((ior - 1) / (ior + 1)) ** 2
-    return (1 - f) / (1 + f)
+    return float(1 - between_faces(((ior - 1) / (ior + 1)) ** 2))
+
+
+def between_faces(reflectance: ArrayLike) -> Float64:
+    """Return the reflectance of a clear sheet of which one face has a reflectance, without polarization."""
+    f = np.asarray(reflectance, np.float64)
+    return np.asarray(2 * f / (1 + f))
 
 
 def inside_of(transmittance: ArrayLike, ior: float) -> Float64:

@@ -1,6 +1,7 @@
 // bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
 // lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
-// Needs:  HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
+// Needs:  constants.py (PI, LAYERING_GLTF and the other layerings)
+//         HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
 //         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING, HAS_FRESNEL, HAS_PLASTIC, HAS_DISNEY,
 //         HAS_BECKMANN, HAS_METAL_INDICES: where materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
@@ -17,11 +18,6 @@
 #ifdef HAS_SLABS
 #include "bsdf/slab.glsl"
 #endif
-#endif
-
-#ifdef HAS_FRESNEL
-// Of `Material.layering`.
-const int LAYERING_GLTF = 0, LAYERING_PLASTIC = 1, LAYERING_DISNEY = 2, LAYERING_BESIDE = 3;
 #endif
 
 struct Bsdf
@@ -66,7 +62,7 @@ struct Bsdf
     vec3 diffuse_through;  // what Lambert's base sends to the other side
 #endif
 #ifdef HAS_BECKMANN
-    bool is_gaussian;  // Beckmann's distribution instead of GGX's
+    bool is_beckmann;  // Beckmann's distribution instead of GGX's
 #endif
 #ifdef HAS_METAL_INDICES
     vec3 metal_n;     // index of metal; 0: Schlick's formula
@@ -74,9 +70,9 @@ struct Bsdf
     vec3 metal_tint;  // by which what an untinted metal reflects is multiplied
 #endif
 #ifdef HAS_FRESNEL
-    float ior;   // of Fresnel's equations; 0: Schlick's formula
+    float ior;   // of Fresnel's equations
     vec3 tint;   // by which what an untinted dielectric reflects is multiplied
-    int base;    // LAYERING_GLTF or another
+    int layering;  // LAYERING_GLTF, with Schlick's formula, or another
 #ifdef HAS_PLASTIC
     mat2x4 entry;      // share of light that crosses the boundary to plastic's base, a polynomial of the cosine's root
     float entry_mean;  // its mean over light from everywhere
@@ -107,7 +103,7 @@ Bsdf lambertian(vec3 reflectance)
     b.diffuse_through = vec3(0.0);
 #endif
 #ifdef HAS_BECKMANN
-    b.is_gaussian = false;
+    b.is_beckmann = false;
 #endif
 #ifdef HAS_METAL_INDICES
     b.metal_n = b.metal_k = b.metal_tint = vec3(0.0);
@@ -115,7 +111,7 @@ Bsdf lambertian(vec3 reflectance)
 #ifdef HAS_FRESNEL
     b.ior = 0.0;
     b.tint = vec3(0.0);
-    b.base = LAYERING_GLTF;
+    b.layering = LAYERING_GLTF;
 #ifdef HAS_PLASTIC
     b.entry = mat2x4(0.0);
     b.entry_mean = 0.0;
@@ -164,9 +160,9 @@ vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
 }
 
 #ifdef HAS_BECKMANN
-#define IS_GAUSSIAN(b) b.is_gaussian
+#define IS_BECKMANN(b) b.is_beckmann
 #else
-#define IS_GAUSSIAN(b) false
+#define IS_BECKMANN(b) false
 #endif
 
 #ifdef HAS_FRESNEL
@@ -182,7 +178,7 @@ float boundary_reflects(Bsdf b, float cosine)
 vec3 dielectric_reflects(Bsdf b, float cosine)
 {
 #ifdef HAS_FRESNEL
-    if (b.ior > 0.0) return b.tint * boundary_reflects(b, cosine);
+    if (b.layering != LAYERING_GLTF) return b.tint * boundary_reflects(b, cosine);
 #endif
 #ifdef HAS_GLASS
     // Schlick's formula does not know total reflection. From inside a film changes nothing.
@@ -221,7 +217,7 @@ float base_transmittance(Bsdf b, float cosine)
     if (b.base_share >= 0.0) return b.base_share;
 #endif
 #ifdef HAS_FRESNEL
-    if (b.ior > 0.0) return b.layered > 0.0 ? 1.0 - boundary_reflects(b, cosine) : 1.0;
+    if (b.layering != LAYERING_GLTF) return b.layered > 0.0 ? 1.0 - boundary_reflects(b, cosine) : 1.0;
 #endif
     vec3 F = dielectric_reflects(b, cosine);
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
@@ -326,13 +322,13 @@ float disney_base(Bsdf b, float o, float i, float d2)
 float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
 #ifdef HAS_FRESNEL
-    if (b.base == LAYERING_BESIDE) return 1.0;
+    if (b.layering == LAYERING_BESIDE) return 1.0;
 #endif
 #ifdef HAS_PLASTIC
-    if (b.base == LAYERING_PLASTIC) return plastic_entry(b, dot(n, wo)) * plastic_entry(b, dot(n, wi));
+    if (b.layering == LAYERING_PLASTIC) return plastic_entry(b, dot(n, wo)) * plastic_entry(b, dot(n, wi));
 #endif
 #ifdef HAS_DISNEY
-    if (b.base == LAYERING_DISNEY) return disney_base(b, dot(n, wo), dot(n, wi), 0.5 + 0.5 * dot(wo, wi));
+    if (b.layering == LAYERING_DISNEY) return disney_base(b, dot(n, wo), dot(n, wi), 0.5 + 0.5 * dot(wo, wi));
 #endif
     return base_transmittance(b, dot(wo, normalize(wo + wi)));
 }
@@ -341,13 +337,13 @@ float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 float base_response(Bsdf b, float cosine)
 {
 #ifdef HAS_FRESNEL
-    if (b.base == LAYERING_BESIDE) return 1.0;
+    if (b.layering == LAYERING_BESIDE) return 1.0;
 #endif
 #ifdef HAS_PLASTIC
-    if (b.base == LAYERING_PLASTIC) return plastic_entry(b, cosine) * b.entry_mean;
+    if (b.layering == LAYERING_PLASTIC) return plastic_entry(b, cosine) * b.entry_mean;
 #endif
 #ifdef HAS_DISNEY
-    if (b.base == LAYERING_DISNEY) return disney_base(b, cosine, 0.455, 0.5 + cosine / 3.0);
+    if (b.layering == LAYERING_DISNEY) return disney_base(b, cosine, 0.455, 0.5 + cosine / 3.0);
 #endif
     return base_transmittance(b, cosine);
 }
@@ -481,9 +477,9 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
     vec3 m = normalize(wo + wi);
-    float cosine = dot(wo, m), D = normal_density(m, b.alpha, IS_GAUSSIAN(b)), seen = masking(wo, b.alpha, IS_GAUSSIAN(b));
+    float cosine = dot(wo, m), D = normal_density(m, b.alpha, IS_BECKMANN(b)), seen = masking(wo, b.alpha, IS_BECKMANN(b));
     vec3 F = microfacet_reflects(b, cosine) * under_layers(b, wo.z);
-    float f = PI * D * seen * masking(wi, b.alpha, IS_GAUSSIAN(b)) / (4.0 * wo.z * wi.z);
+    float f = PI * D * seen * masking(wi, b.alpha, IS_BECKMANN(b)) / (4.0 * wo.z * wi.z);
     return Lobe(F * f, reflected_part(b, cosine) * seen * D / (4.0 * wo.z));
 }
 
@@ -513,9 +509,9 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
     float o = dot(wo, m), i = thin ? o : -dot(wi, m);
     if (o <= 0.0 || i <= 0.0) return Lobe(vec3(0.0), 0.0);
     float spread = thin ? 0.25 / o : b.eta * b.eta * i / max((o - b.eta * i) * (o - b.eta * i), 1e-9);
-    float pdf = visible_normal_pdf(wo, m, b.alpha, IS_GAUSSIAN(b)) * spread;
+    float pdf = visible_normal_pdf(wo, m, b.alpha, IS_BECKMANN(b)) * spread;
     vec3 T = glass_transmittance(b, o) * under_layers(b, wo.z);
-    float f = PI * masking(wi, b.alpha, IS_GAUSSIAN(b)) * pdf / max(-wi.z, 1e-6);
+    float f = PI * masking(wi, b.alpha, IS_BECKMANN(b)) * pdf / max(-wi.z, 1e-6);
     return Lobe(T * f, (1.0 - reflected_part(b, o)) * pdf);
 }
 #endif

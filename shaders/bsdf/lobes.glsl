@@ -145,9 +145,9 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 #ifdef HAS_COAT_NORMALS
         if (coat) axes = coat_axes(b, axes);
 #endif
-        bool is_gaussian = IS_GAUSSIAN(b) && !coat;
+        bool is_beckmann = IS_BECKMANN(b) && !coat;
         vec3 wo = v.wo * axes;
-        vec3 m = smooth_one ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, alpha, is_gaussian, numbers);
+        vec3 m = smooth_one ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, alpha, is_beckmann, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
         // What the choice of the lobe leaves of its number.
@@ -165,11 +165,11 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 #endif
         } else {
             d.weight = (coat ? vec3(coat_reflects(b, cosine)) : microfacet_reflects(b, cosine)) / part;
-            float density = masking(wo, alpha, is_gaussian) * normal_density(m, alpha, is_gaussian);
+            float density = masking(wo, alpha, is_beckmann) * normal_density(m, alpha, is_beckmann);
             if (!smooth_one) d.pdf = chance * part * density / (4.0 * wo.z);
         }
         bool right_side = d.through ? wi.z < 0.0 : wi.z > 0.0;
-        float seen = smooth_one ? 1.0 : masking(wi, alpha, is_gaussian);
+        float seen = smooth_one ? 1.0 : masking(wi, alpha, is_beckmann);
         d.weight *= (right_side ? seen : 0.0) * (coat ? 1.0 : under_layers(b, wo.z)) / chance;
         d.direction = normalize(axes * wi);
     }

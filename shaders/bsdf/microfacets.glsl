@@ -112,36 +112,36 @@ vec3 visible_beckmann_normal(vec3 w, vec2 alpha, vec2 u)
 }
 #endif
 
-// Density of normals, masking, and a normal as dense as they are seen; is_gaussian: of Beckmann's distribution.
+// Density of normals, masking, and a normal as dense as they are seen; is_beckmann: of Beckmann's distribution.
 
-float normal_density(vec3 m, vec2 alpha, bool is_gaussian)
+float normal_density(vec3 m, vec2 alpha, bool is_beckmann)
 {
 #ifdef HAS_BECKMANN
-    if (is_gaussian) return beckmann(m, alpha);
+    if (is_beckmann) return beckmann(m, alpha);
 #endif
     return ggx(m, alpha);
 }
 
-float masking(vec3 w, vec2 alpha, bool is_gaussian)
+float masking(vec3 w, vec2 alpha, bool is_beckmann)
 {
 #ifdef HAS_BECKMANN
-    if (is_gaussian) return beckmann_seen(w, alpha);
+    if (is_beckmann) return beckmann_seen(w, alpha);
 #endif
     return ggx_seen(w, alpha);
 }
 
-vec3 sample_visible_normal(vec3 w, vec2 alpha, bool is_gaussian, vec2 u)
+vec3 sample_visible_normal(vec3 w, vec2 alpha, bool is_beckmann, vec2 u)
 {
 #ifdef HAS_BECKMANN
-    if (is_gaussian) return visible_beckmann_normal(w, alpha, u);
+    if (is_beckmann) return visible_beckmann_normal(w, alpha, u);
 #endif
     return visible_normal(w, alpha, u);
 }
 
 // The density of `sample_visible_normal` per solid angle.
-float visible_normal_pdf(vec3 w, vec3 m, vec2 alpha, bool is_gaussian)
+float visible_normal_pdf(vec3 w, vec3 m, vec2 alpha, bool is_beckmann)
 {
-    return masking(w, alpha, is_gaussian) * normal_density(m, alpha, is_gaussian) * max(dot(w, m), 0.0) / w.z;
+    return masking(w, alpha, is_beckmann) * normal_density(m, alpha, is_beckmann) * max(dot(w, m), 0.0) / w.z;
 }
 
 float schlick(float cosine)

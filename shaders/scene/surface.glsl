@@ -447,7 +447,7 @@ void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 su
 {
     vec4 exact = material_texel(material, MATERIAL_FRESNEL);
 #ifdef HAS_BECKMANN
-    b.is_gaussian = exact.y != 0.0;
+    b.is_beckmann = exact.y != 0.0;
 #endif
 #ifdef HAS_METAL_INDICES
     b.metal_n = material_texel(material, MATERIAL_METAL_N).rgb;
@@ -456,10 +456,10 @@ void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 su
 #endif
 #ifdef HAS_FRESNEL
     b.ior = exact.x;
-    b.base = int(exact.z);
-    if (b.base == LAYERING_GLTF) return;
+    b.layering = int(exact.z);
+    if (b.layering == LAYERING_GLTF) return;
     b.tint = b.dielectric / max(boundary_reflects(b, 1.0), 1e-9);
-    if (b.base == LAYERING_BESIDE) {
+    if (b.layering == LAYERING_BESIDE) {
         b.layered = transmission;
         if (!front && material_texel(material, MATERIAL_DIFFUSE).w == 0.0) b.diffuse = vec3(0.0);
     }
@@ -468,7 +468,7 @@ void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 su
     b.entry_mean = exact.w;
 #endif
 #ifdef HAS_DISNEY
-    if (b.base == LAYERING_DISNEY) set_disney(b, front, base, surface, transmission);
+    if (b.layering == LAYERING_DISNEY) set_disney(b, front, base, surface, transmission);
 #endif
 #endif
 }

@@ -481,11 +481,6 @@ def test_verbose_tells_settings_and_stages(renderer: Renderer, tmp_path: Path) -
     assert "eye: 0.0625 ms per path set" in result.stderr
 
 
-def test_dropped_samples_are_never_kept_quiet(renderer: Renderer, make_film: MakeFilm, tmp_path: Path) -> None:
-    renderer.film = make_film([(0, 32)], statistics={"dropped_samples": 3})
-    assert "3 samples were NaN or infinite" in run("render", "furnace", "-o", tmp_path / "a.png").stderr
-
-
 def test_exposure_and_tonemap_reach_the_png(renderer: Renderer, tmp_path: Path) -> None:
     run("render", "furnace", "-o", tmp_path / "a.png")
     run("render", "furnace", "-o", tmp_path / "b.png", "--exposure", -2)

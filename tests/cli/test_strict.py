@@ -16,12 +16,15 @@ import typer.main
 import glpath
 from glpath.cli.commands import COMMANDS
 from glpath.cli.main import app
+from glpath.cli.point_model import save_glb
 from glpath.errors import SceneWarning, StrictError, current_warnings, warn, warning_scope
 from glpath.film.film import Film
+from glpath.integrators.by_name import PathSettings
 from glpath.jobs import worker
 from glpath.rendering import RenderJob
+from glpath.rendering.factory import plan_of
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.session import Session
+from glpath.rendering.session import Session, remarks_of
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
 
@@ -135,6 +138,42 @@ def test_strict_frames_leave_the_caller_as_it_was(model: Path) -> None:
     assert [film.path_sets for film in frames] == [1]
     with pytest.raises(StrictError, match=NO_CAMERA):
         next(iter(glpath.render_frames(model, [{}], **SMALL, strict=True)))
+
+
+def test_strict_frames_and_views_hand_on_what_their_warnings_are_about(late: str) -> None:
+    with pytest.warns(SceneWarning, match=late), pytest.raises(StrictError, match=late) as caught:
+        next(iter(glpath.render_frames("cornell-box-36", [{}], **SMALL, strict=True)))
+    assert caught.value.result.path_sets == 1
+    K = [[6.0, 0.0, 4.0], [0.0, 6.0, 4.0], [0.0, 0.0, 1.0]]
+    options = {name: value for name, value in SMALL.items() if name != "resolution"}
+    with pytest.warns(SceneWarning, match=late), pytest.raises(StrictError, match=late) as caught:
+        glpath.render_views("cornell-box-36", np.eye(4), K, **options, strict=True)
+    assert len(caught.value.result) == 1
+
+
+def test_dropped_samples_are_warned_of(make_film: MakeFilm) -> None:
+    plan = plan_of(PathSettings())
+    (text,) = remarks_of(plan, make_film([(0, 32)], statistics={"dropped_samples": 3}))
+    assert "3 samples were NaN or infinite" in text
+    assert remarks_of(plan, make_film([(0, 32)])) == []
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_transparent_picture_is_written_whatever_its_format_leaves_out(suffix: str, tmp_path: Path) -> None:
+    out = tmp_path / f"a{suffix}"
+    asked = ("render", "cornell-box-36", "-o", out, *SMALL_ARGUMENTS, "--background", "transparent", "--strict")
+    result = run(*asked)
+    assert (result.exit_code, out.exists()) == (int(suffix == ".jpg"), True), result.output
+
+
+def test_strict_keeps_a_model_of_points_that_its_format_knows_in_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.cli.point_model.write_gltf", lambda *_, **__: ["odd"])
+    monkeypatch.setattr("glpath.cli.point_model._facets", lambda _: None)
+    with pytest.warns(SceneWarning, match="odd"), warning_scope(strict=True) as scope:
+        save_glb(tmp_path / "a.glb", SimpleNamespace(scene=None))  # type: ignore[arg-type]
+    assert scope.late == [f"{tmp_path / 'a.glb'}: odd."]
 
 
 def test_job_file_is_strict_whoever_runs_it(late: str, tmp_path: Path) -> None:

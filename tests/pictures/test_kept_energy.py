@@ -12,7 +12,7 @@ import glpath
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.scene.directional_albedo import CELLS, directional_albedo
-from glpath.scene.material import averaged
+from glpath.scene.material import Layering, averaged
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from tests.reference.microfacet_walk import metal_albedo
 from tests.support.uniform_sky import furnace, plane_under_the_sky
@@ -114,6 +114,43 @@ def test_solvers_have_the_mean_of_what_paths_see(material: Material, roughness: 
     np.testing.assert_allclose(
         material.hemispherical_reflectance(material.reflectance), 2 * np.mean(cosines * sent), atol=atol
     )
+
+
+LAYERS: list[dict[str, Any]] = [
+    {"roughness": 0.1},
+    {"roughness": 1.0},
+    {"roughness": 0.5, "metallic": 0.5},
+    {"roughness": 0.5, "specular_weight": 0.4},
+    {"roughness": 0.3, "clearcoat": 1.0},
+    {"roughness": 0.0, "transmission": 0.4},
+    {"roughness": 0.0, "transmission": 0.4, "thin": False},
+    {"roughness": 0.0, "transmission": 1.0},
+]
+
+
+@pytest.mark.parametrize("layering", ["plastic", "disney", "beside"])
+@pytest.mark.parametrize("fields", LAYERS, ids=str)
+def test_solvers_have_the_mean_of_what_paths_see_of_every_layering(
+    layering: Layering, fields: dict[str, Any]
+) -> None:
+    material = Material("m", np.full(3, 0.5), layering=layering, multiple_scattering=False, **fields)
+    cosines = (np.arange(8) + 0.5) / 8
+    sent = [seen(material, float(cosine), spp=256)[0] for cosine in cosines]
+    np.testing.assert_allclose(
+        material.hemispherical_reflectance(material.reflectance), 2 * np.mean(cosines * sent), atol=0.006
+    )
+
+
+@pytest.mark.parametrize("layering", ["plastic", "disney", "beside"])
+def test_solvers_have_transmission_of_a_texture_in_the_mean(layering: Layering) -> None:
+    half, slot = Texture("half", np.full((2, 2, 3), 0.5)), TextureSlot(0)
+    textured = Material(
+        "m", np.full(3, 0.5), roughness=0.0, transmission=0.8, layering=layering, transmission_texture=slot
+    )
+    plain = replace(textured, transmission=0.4, transmission_texture=None)
+    expected = plain.hemispherical_reflectance(plain.reflectance)
+    found = averaged(textured, [half]).hemispherical_reflectance(textured.reflectance)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_solvers_have_roughness_and_metal_of_a_texture_in_the_mean() -> None:

@@ -11,11 +11,14 @@ import pytest
 import glpath
 from glpath.io import scene_from_dict
 from glpath.radiosity.form_factors.lights import DirectLight
+from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.scene import Scene
+from glpath.scene.material import Layering, Material
 from glpath.scene.model import Float64
 from glpath.scene.slab import inside_of, slab
+from tests.support.uniform_sky import plane_under_the_sky
 
 TINT = np.array([0.9, 0.6, 0.3])
 PANE: dict[str, Any] = {
@@ -187,6 +190,41 @@ def test_a_gather_of_a_room_behind_a_pane_is_as_bright_as_path_tracing(light: st
         )
     print(light, np.array(gathers) / path - 1)
     assert np.mean(gathers) == pytest.approx(path, rel=0.01)
+
+
+LAYERED: dict[str, tuple[str, dict[str, Any]]] = {
+    "walls of glass beside paint": ("wall", {"layering": "beside", "roughness": 0.0, "transmission": 0.3}),
+    "walls of Burley's base": ("wall", {"layering": "disney", "roughness": 0.3}),
+    "panes of two faces": ("pane", {"layering": "plastic"}),
+    "panes of glass beside paint": ("pane", {"layering": "beside", "transmission": 0.4}),
+    "panes of Burley's glass": ("pane", {"layering": "disney"}),
+}
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("of", LAYERED)
+def test_a_gather_of_other_layerings_than_gltfs_is_as_bright_as_path_tracing(of: str) -> None:
+    scene = window_room("sky")
+    name, fields = LAYERED[of]
+    materials = (replace(m, multiple_scattering=False, **fields) if m.name == name else m for m in scene.materials)
+    scene = replace(scene, materials=tuple(materials))
+    path = glpath.render(scene, spp=512, max_depth=40, guide="cosine").mean.mean()
+    gathers = []
+    for seed in range(2):
+        solution = glpath.solve_radiosity(scene, method="monte-carlo", size=0.1, particles=1 << 19, seed=seed)
+        gathers.append(
+            glpath.render(scene, spp=128, integrator="gather", radiosity=solution, seed=seed).mean.mean()
+        )
+    assert np.mean(gathers) == pytest.approx(path, rel=0.01)
+
+
+@pytest.mark.parametrize("cosine", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("layering", ["plastic", "disney", "beside"])
+def test_particles_are_mirrored_by_black_glass_as_a_picture_shows(layering: Layering, cosine: float) -> None:
+    pane = Material("pane", np.zeros(3), roughness=0.0, transmission=0.6, layering=layering)
+    scene = plane_under_the_sky(pane, cosine)
+    mirrored, _ = at_glass.py_func(Glass.of_scene(scene), 0, cosine, False)
+    assert mirrored == pytest.approx(glpath.render(scene, spp=1024, max_depth=2).mean.mean(), rel=0.02)
 
 
 def test_guides_look_through_panes() -> None:

@@ -50,9 +50,9 @@ void main()
     for (int k = 0; k < 8; k++) b.sheen_albedo[k / 4][k % 4] = parameters[28 + k];
     for (int k = 0; k < 4; k++) b.sheen_lambda[k] = parameters[36 + k];
     b.sheen_lambda_a = parameters[40];
-    b.is_gaussian = parameters[41] != 0.0;
+    b.is_beckmann = parameters[41] != 0.0;
     b.ior = parameters[42];
-    b.base = int(parameters[43]);
+    b.layering = int(parameters[43]);
     b.tint = colour(44);
     for (int k = 0; k < 8; k++) b.entry[k / 4][k % 4] = parameters[47 + k];
     b.entry_mean = parameters[55];

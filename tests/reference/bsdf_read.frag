@@ -48,11 +48,11 @@ void main()
     parameters[40] = b.sheen_lambda_a;
 #endif
 #ifdef HAS_BECKMANN
-    parameters[41] = b.is_gaussian ? 1.0 : 0.0;
+    parameters[41] = b.is_beckmann ? 1.0 : 0.0;
 #endif
 #ifdef HAS_FRESNEL
     parameters[42] = b.ior;
-    parameters[43] = float(b.base);
+    parameters[43] = float(b.layering);
     put(44, b.tint);
 #ifdef HAS_PLASTIC
     for (int k = 0; k < 8; k++) parameters[47 + k] = b.entry[k / 4][k % 4];

@@ -1,7 +1,8 @@
 """Glass: thin dielectrics transmit light straight, solids by refraction, what the surface does not reflect.
 
 To the solvers all surfaces are diffuse. What glass lets through continues behind it, by the angle of incidence,
-as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, of a solid and a slab by Fresnel's.
+as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, or by Fresnel's equations for solids, slabs
+and all layerings but glTF's.
 
 Poor at:  rough transmission, which is treated as clear; coloured slabs, of which all channels have the curve of the
           clearest.
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from glpath.radiosity.mesh.lattice import Int64
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
-from glpath.scene.material import averaged
+from glpath.scene.directional_albedo import boundary_reflectance
+from glpath.scene.material import Material, averaged
 from glpath.scene.model import Float64
 from glpath.system.kernels import inner_kernel
 
@@ -26,8 +28,9 @@ class Glass(NamedTuple):
     """The glass of a scene's triangles.
 
     clear : (T, 3) share that is let through where nothing is reflected, of a slab once; 0 of what is no glass
-    layer : (T, 4) what its surface reflects at normal and at grazing incidence, the share of it that is no metal,
-            and that under a clearcoat
+    layer : (T, 5) what its surface reflects at normal and at grazing incidence, the share of it that reflects so,
+            the share under a clearcoat, and what it reflects of light from everywhere
+    fresnel : (T, 2) index of Fresnel's equations, 0 for Schlick's formula, and factor of what they reflect
     ior   : (T,) of refraction, of solids; 0 for what is thin
     slab  : (T,) of refraction, of slabs; 0 for others
     thin  : (T,) bool: thin and smooth, so that rays to a light go through
@@ -36,6 +39,7 @@ class Glass(NamedTuple):
 
     clear: Float64
     layer: Float64
+    fresnel: Float64
     ior: Float64
     slab: Float64
     thin: NDArray[np.bool_]
@@ -49,15 +53,30 @@ class Glass(NamedTuple):
         def of_shapes(values: list[object], width: int) -> Float64:
             return np.array(values, np.float64).reshape(len(materials), width)[shape]
 
-        layers = [(m.dielectric[0].max(), m.dielectric[1], 1.0 - m.metallic, m.clearcoat) for m in materials]
         return cls(
             Appearance(scene).mean_clear(),
-            of_shapes(list(layers), 4),
+            of_shapes([_layer(m) for m in materials], 5),
+            of_shapes([_fresnel(m) for m in materials], 2),
             of_shapes([0.0 if m.thin else m.ior for m in materials], 1)[:, 0],
             of_shapes([m.ior if m.is_slab else 0.0 for m in materials], 1)[:, 0],
             np.array([m.is_thin_dielectric for m in materials], bool)[shape],
             of_shapes([m.attenuation for m in materials], 3),
         )
+
+
+def _layer(material: Material) -> tuple[float, ...]:
+    f0, f90 = material.dielectric
+    mean0, mean90 = material.schlick
+    share = (1.0 - material.metallic) * material.layer_share
+    mean = mean0.max() + (mean90 - mean0.max()) / 21.0
+    return f0.max(), f90, share, material.clearcoat, mean
+
+
+def _fresnel(material: Material) -> tuple[float, float]:
+    if material.layering == "gltf":
+        return (0.0 if material.thin else material.ior), 1.0
+    normal, _ = boundary_reflectance(material.ior, material.is_thin_dielectric)
+    return material.ior, material.dielectric[0].max() / max(normal, 1e-9)
 
 
 @inner_kernel
@@ -81,7 +100,7 @@ def at_glass(glass, triangle, cosine, inside):  # type: ignore[no-untyped-def]
             passed += 0.5 * (1 - f) * (1 - f) * once * between
             mirrored += 0.5 * f * (1 + (1 - 2 * f) * once * once) * between
         return mirrored, passed / max(inside_once, 1e-12)
-    index = glass.ior[triangle]
+    index, tint = glass.fresnel[triangle]
     grazing = 1 - min(cosine, 1.0)
     schlick = grazing * grazing * grazing * grazing * grazing
     f0, f90 = glass.layer[triangle, 0], glass.layer[triangle, 1]
@@ -95,5 +114,7 @@ def at_glass(glass, triangle, cosine, inside):  # type: ignore[no-untyped-def]
             across = (cosine - eta * far) / (cosine + eta * far)
             along = (eta * cosine - far) / (eta * cosine + far)
             reflected = 0.5 * (across * across + along * along)
+        if glass.thin[triangle]:
+            reflected = 2 * reflected / (1 + reflected)
     coat = glass.layer[triangle, 3] * (0.04 + 0.96 * schlick)
-    return coat + (1 - coat) * glass.layer[triangle, 2] * reflected, (1 - coat) * (1 - reflected)
+    return coat + (1 - coat) * glass.layer[triangle, 2] * tint * reflected, (1 - coat) * (1 - reflected)

@@ -119,9 +119,9 @@ class Arrivals(NamedTuple):
 
 def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
     """(2, T, 3) reflectance without the part of glass that its surface mirrors."""
-    f0, f90, layered, coat = glass.layer.T
+    _, _, layered, coat, mean = glass.layer.T
     coat = coat * (0.04 + 0.96 / 21.0)
-    mirrored = coat + (1.0 - coat) * layered * (f0 + (f90 - f0) / 21.0)
+    mirrored = coat + (1.0 - coat) * layered * mean
     mirrored = np.where(glass.slab > 0, 1.0, mirrored)  # of a slab all is mirrored that is not let through
     return np.asarray(np.maximum(reflectance - np.where(glass.clear.any(axis=1), mirrored, 0.0)[:, None], 0.0))
 
