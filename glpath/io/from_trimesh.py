@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glpath.film.image import decode_srgb
 from glpath.io import phong
@@ -135,7 +134,7 @@ class Surfaces:
         key = (id(image), srgb)
         if key not in self._numbers:
             self._alive.append(image)
-            pixels: NDArray[np.uint8] = pixels_of(image)
+            pixels = pixels_of(image)
             number = len(self.textures)
             self.textures.append(Texture(f"texture-{number}", pixels if srgb else pixels[..., :3], srgb=srgb))
             self._numbers[key] = number

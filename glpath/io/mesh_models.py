@@ -12,7 +12,7 @@ from glpath.io.gltf import Model
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.meshes import MeshFile, read_mesh_file, which
 from glpath.io.mtl import Library
-from glpath.io.pictures import Pictures, UnusableError
+from glpath.io.pictures import Pictures
 from glpath.io.values import LARGEST
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
@@ -74,6 +74,7 @@ class _Reader:
             shapes.append(Shape(name, mesh, self._index(surface), IDENTITY[None], surface.emission, True))
         if self.file.coloured and not uses_colours:
             self.notes[_UNUSED_OF.get(self.path.suffix.lower(), _UNUSED)] = None
+        self.notes |= dict.fromkeys(library.pictures.files.notes())
         return Model(
             source=str(self.path),
             name=self.path.stem,
@@ -113,10 +114,10 @@ class _Reader:
         return surface_of_colours(mesh)
 
     def _textured(self, name: str) -> Surface:
-        try:
-            image = Pictures(self.path.parent).read(name)
-        except UnusableError as error:
-            self.notes[f'The texture "{name}", {error}.'] = None
+        pictures = Pictures(self.path.parent)
+        image = pictures.picture(name)
+        self.notes |= dict.fromkeys(pictures.files.notes())
+        if image is None:
             return _GREY
         self.textures.append(Texture(name, image[..., :3], srgb=image.dtype == np.uint8))
         slot = TextureSlot(len(self.textures) - 1)

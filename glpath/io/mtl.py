@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from glpath.io import phong
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.pictures import MOVED, Image, Pictures, UnusableError, inside, resized
+from glpath.io.named_files import UnusableError
+from glpath.io.pictures import Image, Pictures, resized
 from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import read_bytes, reason_of
@@ -61,7 +62,8 @@ class _Map:
 class Library:
     """The materials that an OBJ file names, made when they are asked for.
 
-    notes : what is not used of them, as sentences
+    notes    : what is not used of them, as sentences
+    pictures : their textures; its `files` have notes of their own
     """
 
     folder: Path
@@ -69,10 +71,10 @@ class Library:
     notes: dict[str, None] = field(default_factory=dict)
     _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
-    _pictures: Pictures = field(init=False)
+    pictures: Pictures = field(init=False)
 
     def __post_init__(self) -> None:
-        self._pictures = Pictures(self.folder)
+        self.pictures = Pictures(self.folder)
 
     def add(self, name: str) -> None:
         """Read the MTL file of that name in the folder, or the files, if `name` lists several."""
@@ -85,7 +87,7 @@ class Library:
 
     def _add(self, name: str) -> None:
         try:
-            path = inside(self.folder, name)
+            path = self.pictures.files.find(self.folder, name)
             content = read_bytes(path, MAX_BYTES)
         except UnusableError as error:
             self._note(f'The materials of "{name}", {error}.')
@@ -108,17 +110,6 @@ class Library:
             self._note(f'The material "{name}", which no file defines.')
             return None
         return _Reader(self, name, self._written[name]).surface()
-
-    def picture(self, name: str) -> Image | None:
-        """A picture of the folder; None where it cannot be had, which is noted."""
-        try:
-            image = self._pictures.read(name)
-            if self._pictures.has_moved:
-                self._note(MOVED)
-            return image
-        except UnusableError as error:
-            self._note(f'The texture "{name}", {error}.')
-            return None
 
     def slot(self, key: tuple[object, ...], image: Image, given: _Map, srgb: bool) -> TextureSlot:
         """Where an image is used; one of the same `key` is kept once."""
@@ -294,7 +285,7 @@ class _Reader:
         if not words:
             return None
         name = " ".join(words)
-        image = self.library.picture(name)
+        image = self.library.pictures.picture(name)
         if image is None:
             return None
         matrix = np.column_stack([np.diag(scale), offset])

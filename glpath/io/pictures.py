@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,84 +10,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, ImageError
 from glpath.film.image import picture_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
-from glpath.io.values import similar_file
+from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
 # Pillow's names; its other formats are seldom textures, and some of them run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
+# Tags of a TIFF.
+_BITS_TAG, _PHOTOMETRIC_TAG = 258, 262
 #: For all pictures of a model together.
 MAX_BYTES = 2**33
-_WINDOWS_DRIVE = re.compile(r"[A-Za-z]:")
-
-
-#: Note about a model whose pictures are elsewhere.
-MOVED = (
-    "Folders that names of files have or lack: files of the same names beside the model or in its folders are read."
-)
-
-
-class UnusableError(Exception):
-    """Why a file that a model names is not used, as the rest of a sentence: "which does not exist"."""
-
-
-def inside(folder: Path, name: str) -> Path:
-    """The file of that name in a model's folder, or in folders in it, or a `similar_file`. Raises UnusableError.
-
-    Backslashes separate folders as well. Links are followed before it is asked where the file is.
-    """
-    plain = name.replace("\\", "/")
-    if "\0" not in plain and (similar := _another(folder, plain)) is not None:
-        return similar
-    if plain.startswith("/") or _WINDOWS_DRIVE.match(plain) or "\0" in plain:
-        raise UnusableError("which is outside the folder of the model")
-    path = folder / plain
-    try:
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise UnusableError("which is outside the folder of the model")
-        if not os.path.isfile(path):
-            raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
-    except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
-        raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
-    return path
-
-
-def is_moved(path: Path, folder: Path, name: str) -> bool:
-    """Return True if the file that was found in a folder for a name is not in the folder that the name says."""
-    wanted = name.replace("\\", "/").removeprefix("./").casefold()
-    return path.relative_to(folder).as_posix().casefold() != Path(wanted).as_posix()
-
-
-def _another(folder: Path, name: str) -> Path | None:
-    """Return the file that stands in for a name that does not exist in a folder; None if it exists."""
-    try:
-        if not name.startswith("/") and not _WINDOWS_DRIVE.match(name) and os.path.lexists(folder / name):
-            return None
-    except (OSError, ValueError):
-        return None
-    return similar_file(folder, name)
 
 
 @dataclass
 class Pictures:
     """The pictures of one model, each read once.
 
-    has_moved : a picture was read from another folder than its name says
+    files : where they are, and which are not used
     """
 
     folder: Path
-    has_moved: bool = False
+    files: NamedFiles = field(default_factory=NamedFiles)
     _known: dict[Path, Image | UnusableError] = field(default_factory=dict)
     _bytes: int = 0
 
+    def picture(self, name: str) -> Image | None:
+        """Return a picture as `read` does; None if it cannot be used, which `files` notes."""
+        try:
+            return self.read(name)
+        except UnusableError as error:
+            self.files.unusable[name] = str(error)
+            return None
+
     def read(self, name: str) -> Image:
-        """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR. Raises UnusableError."""
-        path = inside(self.folder, name)
-        self.has_moved |= is_moved(path, self.folder, name) and not (self.folder / name).exists()
+        """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR and float TIFF.
+
+        Raises UnusableError.
+        """
+        path = self.files.find(self.folder, name)
         if path not in self._known:
             try:
                 self._known[path] = self._pixels(path)
@@ -111,7 +73,7 @@ class Pictures:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of many pixels, which are counted here, and of odd tags
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
-                    self._check(*opened.size, 1)
+                    self._check(*opened.size, 4 if opened.mode == "F" else 1)
                     return pixels_of(opened)
         except UnusableError:
             raise
@@ -131,13 +93,45 @@ class Pictures:
             raise UnusableError(f"which brings the pictures of the model beyond {MAX_BYTES:,} bytes")
 
 
-def pixels_of(opened: Any) -> NDArray[np.uint8]:
-    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow. 16 bits become 8."""
-    if opened.mode.startswith("I"):
-        grey = (np.clip(np.asarray(opened, np.int64), 0, 65535) >> 8).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
-    alpha = "A" in opened.getbands() or "transparency" in opened.info
-    return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+def pixels_of(opened: Any) -> Image:
+    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow: 16 bits become 8, floats are linear.
+
+    Raises ImageError as `stored_pixels`.
+    """
+    pixels = stored_pixels(opened)
+    return (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels
+
+
+def stored_pixels(opened: Any) -> NDArray[Any]:
+    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow: uint8, or of grey ones uint16 or float32.
+
+    Raises ImageError for numbers of which nobody knows which is white, and for floats that are not finite.
+    """
+    if opened.mode != "F" and not opened.mode.startswith("I"):
+        alpha = "A" in opened.getbands() or "transparency" in opened.info
+        return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+    grey = np.asarray(opened)
+    _check_range(opened, grey)
+    if opened.mode == "F":
+        return np.repeat(grey.astype(np.float32)[..., None], 3, axis=2)
+    channels = [grey.astype(np.uint16)] * 3
+    if isinstance(transparent := opened.info.get("transparency"), int):
+        channels.append(np.where(grey == transparent, 0, 65535).astype(np.uint16))
+    return np.stack(channels, axis=2)
+
+
+def _check_range(opened: Any, grey: NDArray[Any]) -> None:
+    """Raise ImageError unless pixels are from 0 for black to 65535 for white, or finite floats."""
+    convert = "Convert it to grey of 8 or 16 bits, of which 0 is black."
+    if opened.mode == "F" and not np.isfinite(grey).all():
+        raise ImageError("some of its pixels are NaN or infinite", convert)
+    if opened.format == "TIFF":
+        bits, white_is_zero = opened.tag_v2.get(_BITS_TAG, (1,))[0], opened.tag_v2.get(_PHOTOMETRIC_TAG) == 0
+        if white_is_zero or (opened.mode[:4], bits) not in (("F", 32), ("I;16", 16)):
+            kind = "for which 0 is white" if white_is_zero else "for which it is not known which is white"
+            raise ImageError(f"its pixels are numbers of {bits} bits {kind}", convert)
+    elif opened.mode.startswith("I") and (grey.min() < 0 or grey.max() > 65535):
+        raise ImageError(f"its pixels are from {grey.min():,} to {grey.max():,}, not from 0 to 65,535", convert)
 
 
 def resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

@@ -18,8 +18,12 @@ from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
 # `1.#QNAN` and `1.#INF` of Microsoft's old C library, in which # begins no comment, and `nan(ind)` of its new one.
-_NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|nan\([^)\s]*\)", re.IGNORECASE)
+_NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\([^)\s]*\)(?!\S)", re.IGNORECASE)
 _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
+# Statements of names, which may look like numbers.
+_OF_NAMES = re.compile(
+    r"\s*(?:map_\w+|bump|norm|disp|decal|refl|usemtl|newmtl|mtllib|usemap|maplib|[og])\s", re.IGNORECASE
+)
 
 
 def statements(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -94,10 +98,10 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Statements without comments, and the number of the line on which each begins, from 1."""
     begun, before = 0, ""
     # Not splitlines, which knows ends of lines that are letters in Latin-1.
-    for number, line in enumerate(
-        with_plain_nan(text).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1
-    ):
-        line = line.partition("#")[0].rstrip()
+    for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
+        if "#" in line or "(" in line:
+            line = (line if _OF_NAMES.match(before or line) else with_plain_nan(line)).partition("#")[0]
+        line = line.rstrip()
         begun = begun or number
         if line.endswith("\\"):
             before += line[:-1] + " "

@@ -15,8 +15,6 @@ from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
-# Folders beside a model in which its pictures are looked for.
-_MAX_FOLDERS = 100
 # The smallest number that a GPU squares in 32 bits without underflow.
 SMALLEST = 1e-15
 
@@ -85,41 +83,6 @@ def warn_of_left_out(source: str, counts: Mapping[str, int]) -> None:
     listed = [f"{name} ({count:,})" for name, count in counts.items() if count]
     if listed:
         warn(f"{source}: left out: {', '.join(listed)}.")
-
-
-def similar_file(folder: Path, name: str) -> Path | None:
-    """Return the file that a model means by a name that does not exist: in another case, or in another folder.
-
-    The file is in `folder`, or in folders in it, with links followed. None if there is no such file.
-    """
-    parts = [part for part in name.replace("\\", "/").split("/") if part not in ("", ".")]
-    found = _in_any_case(folder, parts) or _in_any_case(folder, parts[-1:])
-    if found is None and parts:
-        try:
-            folders = sorted(each.name for each in os.scandir(folder) if each.is_dir())[:_MAX_FOLDERS]
-        except OSError:
-            return None
-        found = next(filter(None, (_in_any_case(folder, [each, parts[-1]]) for each in folders)), None)
-    return found
-
-
-def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
-    path = folder
-    try:
-        for part in parts:
-            if part == "..":
-                return None
-            if not (path / part).exists():
-                alike = sorted(each for each in os.listdir(path) if each.casefold() == part.casefold())
-                if not alike:
-                    return None
-                part = alike[0]
-            path /= part
-        if path.is_file() and path.resolve().is_relative_to(folder.resolve()):
-            return path
-    except (OSError, RuntimeError, ValueError):  # a name too long, a circle of links
-        pass
-    return None
 
 
 def no_such_vertex(location: SourceLocation, vertex: int, count: int) -> SceneError:

@@ -12,6 +12,7 @@ sets.
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,8 +37,8 @@ TYPICAL_YEAR = 2023
 _MAX_BYTES = 2**24
 # Irradiance from here on is a mark for what is missing, W m^-2.
 _MISSING = 9000.0
-# Lines before the first hour of an EPW file.
-_EPW_HEAD = 8
+# Lines before the first hour.
+_EPW_HEAD, _TMY3_HEAD = 8, 2
 # Lowest irradiance that counts as noise of a pyranometer around 0, W m^-2.
 _MIN_NOISE = -20.0
 # Of the year's global light: what the sun and the sky may differ from it by, without a warning.
@@ -161,7 +162,8 @@ def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
     _check_head(text, path, 6)
     table, site = _parsed(pvlib_module().iotools.read_epw, _with_hours_from_one(text, path), path)
-    return table, {**site, "name": site.get("city", "")}, _without_zone(table)
+    begin = _without_zone(table)
+    return _with_lines(table, text, _EPW_HEAD), {**site, "name": site.get("city", "")}, begin
 
 
 def _with_hours_from_one(text: str, path: Path) -> str:
@@ -189,7 +191,7 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     month, day, hour = _in_year(begin)
     alone = (month == 1) & (day == 28) & (hour == 23) & (np.append([0], day[:-1]) == 27)
     begin[alone] -= np.timedelta64(86400, "s")
-    return table, {**site, "name": site.get("Name", "")}, begin
+    return _with_lines(table, text, _TMY3_HEAD), {**site, "name": site.get("Name", "")}, begin
 
 
 def _check_head(text: str, path: Path, first: int) -> None:
@@ -218,6 +220,12 @@ def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
     return table, site
 
 
+def _with_lines(table: Any, text: str, head: int) -> Any:
+    """Return a table with the line of the file that each row is on, counted from 1, as its column `line`."""
+    lines = [number for number, line in enumerate(re.split(r"\r\n|\r|\n", text), 1) if line and number > head]
+    return table.assign(line=lines if len(lines) == len(table) else head + 1 + np.arange(len(table)))
+
+
 def _without_zone(table: Any) -> Times:
     return np.asarray(table.index.tz_localize(None).to_numpy().astype("datetime64[s]"))
 
@@ -242,9 +250,10 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
         steps = np.diff(times).astype(np.int64)
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
+        before, line = table["line"].iloc[[row - 1, row]]
         raise SceneError(
-            f"{source}: its row {row + 1} is of {_shown(times[row])}, but the row before is not earlier: "
-            f"{_shown(times[row - 1])}.",
+            f"{source}: its line {line} is of {_shown(times[row])}, but the hour before, in line {before}, is not "
+            f"earlier: {_shown(times[row - 1])}.",
             "A row an hour, in the order of time. Files with several rows an hour are not read.",
         )
     direct, diffuse, total = (_irradiance(table, name, source) for name in ("dni", "dhi", "ghi"))
@@ -306,7 +315,8 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
     elif len(negative):
         row = int(np.nanargmin(found))
         raise SceneError(
-            f"{source}: has {found[row]:g} W/m2 of {name} in row {row + 1}, but light cannot be negative."
+            f"{source}: has {found[row]:g} W/m2 of {name} in line {table['line'].iloc[row]}, but light cannot be "
+            "negative."
         )
     return found
 

@@ -72,8 +72,9 @@ MAX_FILE_BYTES = 2**32
 MAX_TEXT_BYTES = 2**28
 # Maximum size of data from a pipe, which cannot tell its size, bytes.
 _MAX_PIPE_BYTES = 2**28
-# Seconds that a pipe may be silent, and seconds until all of its data must be there.
-_PIPE_S, _WHOLE_PIPE_S = 3.5, 120.0
+# Seconds within which somebody must open a named pipe to write into it, and seconds between two looks.
+_WRITER_S, _LOOK_S = 3.5, 0.02
+_PART_BYTES = 1 << 20
 # A file with holes may be that many times as large as its data, or have that many bytes in any case.
 _HOLES_RATIO, _SMALL_BYTES = 64, 2**26
 
@@ -129,13 +130,17 @@ def read_bytes(path: str | Path, limit: int = MAX_FILE_BYTES) -> bytes:
 
     limit : maximum size in bytes
 
-    Raises OSError, with the reason as its text, for a device, for too many bytes, and for a pipe that is silent.
+    Waits while somebody holds the pipe open to write. Raises OSError, with the reason as its text, for a device,
+    for too many bytes, and for a named pipe that nobody opens to write into it.
     """
     descriptor = _open(path)
     with os.fdopen(descriptor, "rb") as file:
-        if kind := _unreadable_kind(os.fstat(descriptor).st_mode):
+        mode = os.fstat(descriptor).st_mode
+        if kind := _unreadable_kind(mode):
             raise _refused(path, kind)
-        return _all_of(file, str(path), limit)
+        if stat.S_ISFIFO(mode):
+            return _all_of_stream(descriptor, limit, _first_of_pipe(descriptor, path))
+        return _all_of(file, limit)
 
 
 def _open(path: str | Path) -> int:
@@ -147,9 +152,9 @@ def _open(path: str | Path) -> int:
 
 
 def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
-    """Return all of standard input, within the limits of `read_bytes`. A terminal has no limit of time.
+    """Return all of standard input: a file, a pipe, a socket or a terminal, within the limits of `read_bytes`.
 
-    Raises OSError, with the reason as its text.
+    Waits until it ends. Raises OSError, with the reason as its text.
     """
     stream: BinaryIO | None = getattr(sys.stdin, "buffer", None)
     if stream is None:
@@ -158,41 +163,53 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
         descriptor = stream.fileno()
     except OSError:  # it is an object of Python, not of the system
         return _within(stream.read(limit + 1), limit)
-    kind = _unreadable_kind(os.fstat(descriptor).st_mode)
-    if kind and not os.isatty(descriptor):
+    if os.isatty(descriptor):
+        return _within(stream.read(), limit)
+    mode = os.fstat(descriptor).st_mode
+    if (kind := _unreadable_kind(mode)) and not stat.S_ISSOCK(mode):
         raise _refused(_STDOUT, kind)
-    return _within(stream.read(), limit) if kind else _all_of(stream, _STDOUT, limit)
+    return _all_of(stream, limit)
 
 
-def _all_of(file: BinaryIO, name: str, limit: int) -> bytes:
-    """All bytes of an open file or pipe. Raises OSError as `read_bytes`."""
+def _all_of(file: BinaryIO, limit: int) -> bytes:
+    """Return all bytes of an open file or stream. Raises OSError as `read_bytes`."""
     descriptor = file.fileno()
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode) or not status.st_size:  # the size of a file of /proc is 0, too
-        return _all_of_pipe(file, name, min(limit, _MAX_PIPE_BYTES))
+        return _all_of_stream(descriptor, limit)
     if status.st_size > limit:
         raise _too_large(f"{status.st_size:,}", limit)
     _check_holes(descriptor, status.st_size)
     return file.read(status.st_size)
 
 
-def _all_of_pipe(file: BinaryIO, name: str, limit: int) -> bytes:
-    descriptor, found = file.fileno(), bytearray()
+def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
+    """Return what is in a named pipe, opened without waiting, as soon as somebody has opened it to write."""
+    end = time.monotonic() + _WRITER_S
+    while time.monotonic() < end:
+        try:
+            if first := os.read(descriptor, _PART_BYTES):
+                return first
+        except BlockingIOError:  # somebody holds it open, but has written nothing yet
+            return b""
+        time.sleep(_LOOK_S)
+    raise _refused(path, f"a pipe into which nobody writes, as nobody opened it within {_WRITER_S:g} s")
+
+
+def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
+    """Return `first` and all bytes of a pipe or socket until nobody holds it open to write. Raises OSError."""
+    limit, content = min(limit, _MAX_PIPE_BYTES), bytearray(first)
     waiting = select.poll() if hasattr(select, "poll") else None  # Windows has none
     if waiting is not None:
         waiting.register(descriptor, select.POLLIN)
-    end = time.monotonic() + _WHOLE_PIPE_S
-    while True:
-        if time.monotonic() > end:
-            raise _refused(name, f"a pipe that did not end within {_WHOLE_PIPE_S:g} s")
-        if waiting is not None and not waiting.poll(1e3 * _PIPE_S):
-            raise _refused(name, f"a pipe into which nothing was written for {_PIPE_S:g} s")
-        part = os.read(descriptor, 1 << 20)
+    while len(content) <= limit:
+        if waiting is not None:
+            waiting.poll()  # as standard input may be set not to wait
+        part = os.read(descriptor, _PART_BYTES)
         if not part:
-            return bytes(found)
-        found += part
-        if len(found) > limit:
-            raise _too_large("more", limit)
+            return bytes(content)
+        content += part
+    raise _too_large("more", limit)
 
 
 def _within(content: bytes, limit: int) -> bytes:

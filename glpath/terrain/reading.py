@@ -212,7 +212,7 @@ def _transform(path: Path, raster: Any) -> Any:
     """The geotransform of a TIFF, or that of a world file beside it."""
     if not raster.transform.is_identity:
         return raster.transform
-    beside = next((file for each in _WORLD_FILES if (file := path.with_suffix(each)).is_file()), None)
+    beside = _world_file(path)
     if beside is None:
         return raster.transform
     try:
@@ -220,6 +220,13 @@ def _transform(path: Path, raster: Any) -> Any:
     except ValueError as error:
         raise SceneError(f"{beside}: is no world file of six numbers: {error}.") from error
     return type(raster.transform)(a, b, x - 0.5 * (a + b), d, e, y - 0.5 * (d + e))
+
+
+def _world_file(path: Path) -> Path | None:
+    """Return the world file beside a TIFF, in any case; None if there is none."""
+    exact = [path.with_suffix(each) for each in _WORLD_FILES]
+    files = {each.name.casefold(): each for each in (*sorted(path.parent.iterdir()), *exact) if each.is_file()}
+    return next((files[name] for each in exact if (name := each.name.casefold()) in files), None)
 
 
 def _check_units(path: Path, crs: Any) -> None:

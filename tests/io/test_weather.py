@@ -153,10 +153,10 @@ def test_missing_hours_are_counted(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda i, row: [*row[:13], *(["-300"] * 3), *row[16:]] if i == 5 else row, "-300 W/m2 of dni in row 6"),
+        (lambda i, row: [*row[:13], *(["-300"] * 3), *row[16:]] if i == 5 else row, "-300 W/m2 of dni in line 14,"),
         (
             lambda i, row: [*row[:3], "1", *row[4:]] if i == 1 else row,
-            "its row 2 is of 01-01 00:00, but the row before",
+            "its line 10 is of 01-01 00:00, but the hour before, in line 9,",
         ),
         (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, r'has "\?" in row 6 of dni'),
         (lambda i, row: [*row[:14], "1_0", *row[15:]] if i == 5 else row, 'has "1_0" in row 6 of dni'),
@@ -233,16 +233,33 @@ def test_hours_from_0_to_23_are_those_that_begin_then(epw: Path, weather: Weathe
     assert np.array_equal(found.direct_normal, weather.direct_normal)
 
 
-@pytest.mark.parametrize("years", [("2021", "2022"), ("2021", "2021")])
-def test_a_year_that_starts_in_july_has_the_hours_of_one_from_january(
-    epw: Path, weather: Weather, tmp_path: Path, years: tuple[str, str]
-) -> None:
+def starting_in_july(epw: Path, tmp_path: Path, years: tuple[str, str] = ("2021", "2022")) -> Path:
     path = changed(epw, tmp_path / "july.epw", same)
     lines = path.read_text().splitlines(keepends=True)
     rows = [line.split(",", 1) for line in lines[8:]]
     july = next(i for i, row in enumerate(rows) if row[1].startswith("7,"))
     moved = [f"{years[0]},{row[1]}" for row in rows[july:]] + [f"{years[1]},{row[1]}" for row in rows[:july]]
     path.write_text("".join(lines[:8] + moved))
+    return path
+
+
+@pytest.mark.parametrize("years", [("2021", "2022"), ("2021", "2021")])
+def test_a_year_that_starts_in_july_has_the_hours_of_one_from_january(
+    epw: Path, weather: Weather, tmp_path: Path, years: tuple[str, str]
+) -> None:
+    path = starting_in_july(epw, tmp_path, years)
     found = read_weather(path)
     assert np.array_equal(found.direct_normal, weather.direct_normal)
     assert (np.diff(found.times).astype(int) > 0).all()
+
+
+@pytest.mark.parametrize("blanks", [0, 3])
+def test_an_error_names_the_line_of_the_file(epw: Path, tmp_path: Path, blanks: int) -> None:
+    """Also if the file starts in July and has blank lines."""
+    path = starting_in_july(epw, tmp_path)
+    lines = [*path.read_text().splitlines()[:8], *[""] * blanks, *path.read_text().splitlines()[8:]]
+    fields = lines[6000].split(",")
+    lines[6000] = ",".join([*fields[:14], "-300", *fields[15:]])
+    path.write_text("\n".join(lines))
+    with pytest.raises(SceneError, match="-300 W/m2 of dni in line 6001,"):
+        read_weather(path)

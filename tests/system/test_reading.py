@@ -6,8 +6,10 @@ import contextlib
 import gzip
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -46,7 +48,7 @@ def in_time(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     def late(*_: object) -> None:
         raise TimeoutError("it waits for ever")
 
-    monkeypatch.setattr(files, "_PIPE_S", 0.2)
+    monkeypatch.setattr(files, "_WRITER_S", 0.2)
     before = signal.signal(signal.SIGALRM, late)
     signal.alarm(120)
     yield
@@ -140,12 +142,42 @@ def check_refused(done: subprocess.CompletedProcess[str], words: str) -> None:
     assert words in done.stderr
 
 
-def test_standard_input_into_which_nobody_writes_is_refused() -> None:
-    reading, writing = os.pipe()  # nobody closes it either
+def test_standard_input_may_be_silent_while_somebody_holds_it_open() -> None:
+    """A program before glpath may think for longer than any limit."""
+    content = (ROOT / "scenes" / "cornell-box.toml").read_bytes()
+    line = f"(printf '# slow\\n'; sleep 5; cat) | {sys.executable} -m glpath info -"
+    done = subprocess.run(["bash", "-c", line], input=content, capture_output=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"triangles" in done.stdout
+
+
+def test_standard_input_may_be_a_socket() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.sendall((ROOT / "scenes" / "cornell-box.toml").read_bytes())
+        ours.shutdown(socket.SHUT_WR)
+        done = run("info", "-", stdin=theirs)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "triangles" in done.stdout
+
+
+def test_standard_input_may_be_set_not_to_wait() -> None:
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    late = threading.Timer(4.0, lambda: (os.write(writing, b"shapes = ["), os.close(writing)))
+    late.start()
     done = run("info", "-", stdin=reading)
-    os.close(writing)
+    late.join()
     os.close(reading)
-    check_refused(done, "standard input: cannot be read: it is a pipe into which nothing was written for 3.5 s")
+    check_refused(done, "standard input: line 1")
+
+
+def test_a_named_pipe_may_be_silent_while_somebody_holds_it_open(tmp_path: Path) -> None:
+    """For longer than somebody may take to open it."""
+    os.mkfifo(path := tmp_path / "a")
+    writer = subprocess.Popen(["sh", "-c", f"exec > '{path}'; sleep 1; printf one; sleep 1; printf two"])
+    with writer:
+        assert files.read_bytes(path) == b"onetwo"
 
 
 @pytest.mark.parametrize("command", ["info -", "measure cornell-box-36 --points - -o -"])
@@ -158,7 +190,9 @@ def test_standard_input_that_is_closed_is_an_error() -> None:
     check_refused(run("info", "-", preexec_fn=lambda: os.close(0)), "standard input: cannot be read: it is closed")
 
 
-@pytest.mark.parametrize("line", ["zcat {} | {} info -", "(sleep 1; zcat {}) | {} info -", "{1} info <(zcat {0})"])
+@pytest.mark.parametrize(
+    "line", ["zcat {} | {} info -", "(sleep 1; zcat {}) | {} info -", "{1} info <(sleep 5; zcat {0})"]
+)
 def test_a_scene_is_read_from_pipes_of_the_shell(line: str, tmp_path: Path) -> None:
     packed = tmp_path / "a.toml.gz"
     packed.write_bytes(gzip.compress((ROOT / "scenes" / "cornell-box.toml").read_bytes()))

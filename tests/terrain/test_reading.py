@@ -246,9 +246,12 @@ def test_a_tiff_reaches_neither_network_nor_other_files(rasterio: Any, tmp_path:
 
 
 @pytest.mark.filterwarnings("ignore:.*(geotransform|identity)")
-def test_a_mask_and_a_world_file_beside_a_tiff_are_read_as_gdal_does(rasterio: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", [".tfw", ".TFW"])
+def test_a_mask_and_a_world_file_beside_a_tiff_are_read_as_gdal_does(
+    rasterio: Any, tmp_path: Path, suffix: str
+) -> None:
     path = tiff(rasterio, tmp_path / "a.tif", transform=None)
-    (tmp_path / "a.tfw").write_text("2\n0\n0\n-3\n11\n28.5\n")
+    (tmp_path / f"a{suffix}").write_text("2\n0\n0\n-3\n11\n28.5\n")
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False), rasterio.open(path, "r+") as raster:
         raster.write_mask(HEIGHTS > 4)
     assert (tmp_path / "a.tif.msk").exists()
@@ -257,8 +260,8 @@ def test_a_mask_and_a_world_file_beside_a_tiff_are_read_as_gdal_does(rasterio: A
         np.testing.assert_array_equal(np.isnan(field.heights), np.ma.getmaskarray(witness.read(1, masked=True)))
         assert (field.spacing, field.origin) == ((witness.transform.a, -witness.transform.e), witness.xy(0, 0))
     assert np.isnan(field.heights).sum() == 5
-    (tmp_path / "a.tfw").write_text("2\n0\n0\n")
-    with pytest.raises(glpath.SceneError, match=r"a\.tfw: is no world file of six numbers"):
+    (tmp_path / f"a{suffix}").write_text("2\n0\n0\n")
+    with pytest.raises(glpath.SceneError, match=rf"a\{suffix}: is no world file of six numbers"):
         load_height_field(path)
 
 

@@ -23,8 +23,8 @@ from glpath.io.convert import decode_json
 from glpath.io.gltf import compression, limits
 from glpath.io.gltf.material_extensions import LAYERS, UNUSED_MATERIALS
 from glpath.io.gltf.table import Table, Tables, printable
-from glpath.io.pictures import MOVED, is_moved
-from glpath.io.values import nearby_files, similar_file
+from glpath.io.named_files import NamedFiles, UnusableError, named_file
+from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes, reason_of
 
@@ -59,7 +59,8 @@ UNUSED_EXTENSIONS = {
     "KHR_animation_pointer": "animations of other things than nodes",
     **UNUSED_MATERIALS,
 }
-_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):")
+# One letter is a drive of Windows.
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 
@@ -81,6 +82,7 @@ class Document:
     folder : where its relative paths start, and which they do not leave
     binary : the BIN chunk of a .glb
     stored : bytes read so far, of the file itself and of those beside it
+    files  : where its pictures are, and which are not used
     """
 
     root: Table
@@ -89,6 +91,7 @@ class Document:
     binary: bytes | None
     stored: int = 0
     notes: Notes = field(default_factory=Notes)
+    files: NamedFiles = field(default_factory=NamedFiles)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _views: dict[int, memoryview] = field(default_factory=dict)
     _lists: dict[str, Tables] = field(default_factory=dict)
@@ -175,67 +178,49 @@ class Document:
             )
         return memoryview(data)[offset : offset + length]
 
-    def resolve(self, uri: str, location: SourceLocation) -> bytes:
-        """The bytes of a URI: data, or a file in the folder of the model. Raises SceneError."""
+    def resolve(self, uri: str, location: SourceLocation, *, is_picture: bool = False) -> bytes:
+        """Return the bytes of a URI: data, or a file in the folder of the model. Raises SceneError.
+
+        is_picture : a file of the same base name in another folder will do
+        """
         if uri[:5].lower() == "data:":
             return _data(uri, location)
-        scheme = _SCHEME.match(uri)
-        if scheme:
-            raise location.error(
-                f"is a URL of the scheme {scheme[1]}, but must be data: or the name of a file beside the model.",
-                "Nothing is fetched from elsewhere: put the file into the model's folder.",
-            )
+        name = _file_name(uri, location)
         try:
-            name = unquote_to_bytes(uri).decode("utf-8")
-        except UnicodeError as error:
-            raise location.wrong(uri, "a file name in UTF-8") from error
-        return self._beside(name, location)
+            path = self.files.find(self.folder, name) if is_picture else named_file(self.folder, name)
+        except UnusableError as error:
+            near = nearby_files("Files", self.folder / Path(name).name, {Path(name).suffix.lower()})
+            raise location.error(f"names {shown(name)}, {error}.", near) from error
+        if not is_picture and path != self.folder / name.replace("\\", "/"):
+            self.notes.add(f"The case of letters in {shown(name)}: {path.name} is read.")
+        content = read_file(path, location)
+        self.stored += len(content)
+        return content
 
-    def similar(self, name: str) -> Path | None:
-        """Return the file in the model's folder that stands in for one that does not exist; None if it exists."""
+    def lacks_picture(self, uri: str, location: SourceLocation) -> bool:
+        """Return True if a URI names a file that there is not, which `files` then notes. Raises SceneError."""
+        if uri[:5].lower() == "data:":
+            return False
+        name = _file_name(uri, location)
         try:
-            if name and "\0" not in name and not (not name.startswith("/") and os.path.lexists(self.folder / name)):
-                return similar_file(self.folder, name)
-        except (OSError, ValueError):
-            pass
-        return None
+            self.files.find(self.folder, name)
+        except UnusableError as error:
+            self.files.unusable[name] = str(error)
+            return True
+        return False
 
-    def lacks(self, uri: str) -> bool:
-        """Return True if a URI names a file in the model's folder that does not exist."""
-        if uri[:5].lower() == "data:" or _SCHEME.match(uri):
-            return False
-        name = unquote_to_bytes(uri).decode("utf-8", errors="replace")
-        if not name or "\0" in name or name.startswith(("/", "\\")) or ".." in name.split("/"):
-            return False
-        return not os.path.lexists(self.folder / name) and self.similar(name) is None
 
-    def _beside(self, name: str, location: SourceLocation) -> bytes:
-        if (similar := self.similar(name)) is not None:
-            if is_moved(similar, self.folder, name):
-                self.notes.add(MOVED)
-            name = similar.relative_to(self.folder).as_posix()
-        outside = location.error(
-            f"names {shown(name)}, which is outside the folder of the model, {self.folder}.",
-            "Relative names of files in the folder, or in folders in it, are allowed.",
+def _file_name(uri: str, location: SourceLocation) -> str:
+    """Return the name of a file in a URI. Raises SceneError for a URL, and for what is not UTF-8."""
+    if scheme := _SCHEME.match(uri):
+        raise location.error(
+            f"is a URL of the scheme {scheme[1]}, but must be data: or the name of a file beside the model.",
+            "Nothing is fetched from elsewhere: put the file into the model's folder.",
         )
-        if not name or "\0" in name or name.startswith(("/", "\\")):
-            raise outside
-        path = self.folder / name
-        try:
-            # With links followed: a link may lead outside.
-            if not path.resolve().is_relative_to(self.folder.resolve()):
-                raise outside
-            if not os.path.isfile(path):
-                there = "is not a file" if os.path.exists(path) else "does not exist"
-                raise location.error(
-                    f"names {shown(name)}, which {there} in {self.folder}.",
-                    nearby_files("Files", path, {path.suffix.lower()}),
-                )
-            content = read_file(path, location)
-            self.stored += len(content)
-            return content
-        except (OSError, RuntimeError, ValueError) as error:  # a name too long, a circle of links
-            raise location.error(f"names {shown(name)}, which cannot be read: {type(error).__name__}.") from error
+    try:
+        return unquote_to_bytes(uri).decode("utf-8")
+    except UnicodeError as error:
+        raise location.wrong(uri, "a file name in UTF-8") from error
 
 
 def read_document(path: Path) -> Document:

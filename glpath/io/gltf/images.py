@@ -18,7 +18,7 @@ from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.gltf.table import Table
-from glpath.io.pictures import pixels_of
+from glpath.io.pictures import stored_pixels
 from glpath.scene.source_location import SourceLocation
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
@@ -34,7 +34,7 @@ _OTHERS = {
 
 
 def read_image(document: Document, table: Table) -> NDArray[Any]:
-    """(h, w, 3) or, with alpha, (h, w, 4) uint8, row 0 at the top; uint16 for grey PNG of 16 bits.
+    """(h, w, 3) or, with alpha, (h, w, 4) uint8, row 0 at the top; uint16 of 16 bits and grey.
 
     Raises SceneError for an image that is missing, broken, too large or of another format.
     """
@@ -70,7 +70,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
 def _stored(document: Document, table: Table) -> bytes:
     uri = table.text("uri")
     if uri is not None:
-        return document.resolve(uri, table.location.field("uri"))
+        return document.resolve(uri, table.location.field("uri"), is_picture=True)
     return bytes(document.view(table.required_index("bufferView", document.all("bufferViews"), "buffer views")))
 
 
@@ -106,10 +106,10 @@ def _webp_size(data: bytes) -> tuple[int, int]:
 
 def _pixels(data: bytes, kind: str) -> NDArray[Any]:
     with _opened(data, kind) as opened:
-        if opened.mode.startswith("I"):  # grey of 16 bits
-            grey = np.asarray(opened).astype(np.uint16)
-            return np.repeat(grey[..., None], 3, axis=2)
-        return pixels_of(opened)
+        pixels = stored_pixels(opened)
+    if pixels.dtype == np.float32:
+        raise ValueError("its pixels are floats, but those of glTF are whole numbers")
+    return pixels
 
 
 def _opened(data: bytes, kind: str) -> Any:

@@ -172,7 +172,7 @@ def read_gltf(
         lights=tuple(light for light in lights if light is not None),
         cameras=cameras,
         camera=_chosen(cameras, camera, document),
-        notes=tuple(document.notes.texts),
+        notes=(*document.notes.texts, *document.files.notes()),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
         unit=unit,
         sky=environment_of(document),

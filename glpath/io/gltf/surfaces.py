@@ -22,7 +22,7 @@ from glpath.io.gltf import compression, glossiness
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import read_image
 from glpath.io.gltf.material_extensions import LAYERS
-from glpath.io.gltf.table import Table, printable
+from glpath.io.gltf.table import Table
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 
@@ -299,9 +299,9 @@ class Surfaces:
         index = texture.index("sampler", samplers, "samplers")
         sampler = Table({}, texture.location) if index is None else samplers[index]
         source = self._source(texture)
-        uri = self.document.all("images")[source].text("uri")
-        if uri is not None and self.document.lacks(uri):
-            self.document.notes.add(f'The texture "{printable(uri)}", which does not exist.')
+        image = self.document.all("images")[source]
+        uri = image.text("uri")
+        if uri is not None and self.document.lacks_picture(uri, image.location.field("uri")):
             return None
         return _LookUp(
             source,

@@ -73,6 +73,8 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         emitters.notes["`hide_emitters` is not read: the camera sees the area lights"] = None
     for note in (*surfaces.notes, *emitters.notes):
         warn(f"{path}: {note}.")
+    for text in textures.files.notes():
+        warn(f"{path}: not used: {text}")
     scene = Scene(
         name=path.stem,
         camera=NO_CAMERA if camera is None else camera,

@@ -5,7 +5,9 @@ Mitsuba's v runs downwards: the first row of a picture is at v = 0, where it is 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, cast
@@ -13,14 +15,14 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import warn
+from glpath.errors import warn_at
 from glpath.film.image import luminance, read_eight_bits, read_image
 from glpath.io.description import MAX_TEXTURE_PIXELS
 from glpath.io.export.geometry import map_downwards
 from glpath.io.mitsuba.plugin import Plugin, of_kind
-from glpath.io.pictures import Pictures, UnusableError
+from glpath.io.named_files import NamedFiles, UnusableError
+from glpath.io.pictures import Pictures
 from glpath.io.scene_pictures import stored_picture
-from glpath.io.values import similar_file
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
@@ -72,9 +74,13 @@ class Look:
 
 
 class Textures:
-    """The textures of a scene, as they are used."""
+    """The textures of a scene, as they are used.
+
+    files : where their pictures are
+    """
 
     def __init__(self) -> None:
+        self.files = NamedFiles()
         self.textures: list[Texture] = []
         self._looks: dict[int, Look] = {}
         self._slots: dict[int, TextureSlot] = {}
@@ -116,6 +122,13 @@ class Textures:
             self._slots[id(look)] = TextureSlot(len(self.textures) - 1, 0, look.matrix)
         return self._slots[id(look)]
 
+    def _elsewhere(self, plugin: Plugin, name: str) -> Path | None:
+        """Return the file that stands in for a picture that does not exist; None if there is none."""
+        for folder in (plugin.element.folder, *plugin.element.searched):
+            with suppress(UnusableError):
+                return self.files.find(folder, name)
+        return None
+
     def _bitmap(self, plugin: Plugin) -> Look:
         name = plugin.text("filename")
         if not name:
@@ -125,14 +138,13 @@ class Textures:
         filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
         wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
         path, where = plugin.element.file(name), plugin.where("filename")
-        if not path.exists():
-            folders = (plugin.element.folder, *plugin.element.searched)
-            path = next(filter(None, (similar_file(folder, name) for folder in folders)), path)
+        if not os.path.exists(path):
+            path = self._elsewhere(plugin, name) or path
         key = (path, raw)
         if key not in self._files:
             self._files[key] = _picture(path, where)
         image = self._files[key]
-        if raw and image.dtype != np.uint8 and path.suffix.lower() not in (".exr", ".hdr"):
+        if raw and image.dtype != np.uint8 and path.suffix.lower() == ".png":
             raise where.error(
                 f"names {path}, which has 16 bits a channel, for what is no colour.",
                 "Convert it to 8 bits, or EXR.",
@@ -153,12 +165,13 @@ class Textures:
 
 def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArray[np.float32]:
     """(h, w, 3) of a file; grey, with a warning, if it does not exist. Raises SceneError for other faults."""
-    if not path.exists():
-        warn(f"{location} names the picture {path}, which does not exist: grey stands in for it.")
+    if not os.path.exists(path):
+        text = f"{location} names the picture {path}, which does not exist: grey stands in for it."
+        warn_at(str(location), "pictures that do not exist, for which grey stands in,", 1, text)
         return np.full((1, 1, 3), _GREY, np.uint8)
     if path.suffix.lower() not in FORMATS:
         try:
-            return np.array(Pictures(path.parent).read(path.name)[..., :3], np.uint8)
+            return np.ascontiguousarray(np.maximum(Pictures(path.parent).read(path.name)[..., :3], 0))
         except UnusableError as error:
             raise location.error(f"names the picture {path}, {error}.", "Convert it to PNG.") from error
     return stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, _stored)

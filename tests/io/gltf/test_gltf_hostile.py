@@ -92,7 +92,6 @@ HOSTILE: dict[str, tuple[Change, str]] = {
     "a file scheme": (set_at("buffers", 0, "uri", value="file:///etc/passwd"), "scheme|file"),
     "a NUL in a path": (set_at("buffers", 0, "uri", value="a\0b"), "buffers"),
     "a very long path": (set_at("buffers", 0, "uri", value="a" * 5000), "buffers"),
-    "an image outside": (set_at("images", 0, value={"uri": "../x.png"}), "outside|folder"),
     "a longer buffer than there is": (set_at("buffers", 0, "byteLength", value=10**9), "byte"),
     "a negative length": (set_at("bufferViews", 0, "byteLength", value=-4), "byteLength"),
     "a view beyond the buffer": (set_at("bufferViews", 2, "byteOffset", value=10**6), "bufferViews"),
@@ -200,14 +199,15 @@ def test_names_cannot_command_a_terminal(tmp_path: Path) -> None:
     told = "\x1b[31mred\u202e\n"
     for change in (
         set_at("extensionsRequired", value=[told]),
-        set_at("images", 0, value={"uri": "../" + told}),
         set_at("buffers", 0, "uri", value="../" + told),
     ):
         assert "\x1b" not in str(refused(changed(tmp_path, change)))
     path = changed(tmp_path, set_at("meshes", 0, "name", value=told))
     assert read_gltf(path).shapes[0].name == "[31mred"
-    path = changed(tmp_path, set_at("extensionsUsed", value=[told]))
-    assert all(note.isprintable() for note in read_gltf(path).notes)
+    for change in (set_at("extensionsUsed", value=[told]), set_at("images", 0, value={"uri": "../" + told})):
+        notes = read_gltf(changed(tmp_path, change)).notes
+        assert notes
+        assert all(note.isprintable() for note in notes)
 
 
 @pytest.mark.parametrize("digits", [20, 400, 5000])

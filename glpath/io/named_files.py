@@ -1,0 +1,147 @@
+"""Files that a model names, such as pictures: where they are, and notes on those that are elsewhere.
+
+Models travel: names are written in another case, with backslashes, or as paths of another machine.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from glpath.system.files import reason_of
+
+# Folders of a model, and folders of a name, in which a file is looked for.
+_MAX_FOLDERS, _MAX_PARTS = 100, 8
+# Files that a note lists, and letters of each.
+_LISTED, _LONGEST = 10, 120
+
+
+class UnusableError(Exception):
+    """Why a file that a model names is not used, as the rest of a sentence: "which does not exist"."""
+
+
+@dataclass
+class NamedFiles:
+    """The files that one model names.
+
+    moved    : what is read instead of names at which there is no file, by name
+    unusable : why a picture is not used, by name
+    """
+
+    moved: dict[str, str] = field(default_factory=dict)
+    unusable: dict[str, str] = field(default_factory=dict)
+    _paths: dict[tuple[Path, str], Path | UnusableError] = field(default_factory=dict)
+
+    def find(self, folder: Path, name: str) -> Path:
+        """Return the file as `named_file` does, or one of the same base name, which `notes` then says.
+
+        Of several files, that with most of the name's folders is taken. Raises UnusableError.
+        """
+        key = (folder, name)
+        if key not in self._paths:
+            try:
+                self._paths[key] = named_file(folder, name)
+            except UnusableError as error:
+                self._paths[key] = self._elsewhere(folder, name) or error
+        found = self._paths[key]
+        if isinstance(found, UnusableError):
+            raise found
+        return found
+
+    def _elsewhere(self, folder: Path, name: str) -> Path | None:
+        paths = _of_base_name(folder, _parts(name))
+        if not paths:
+            return None
+        others = f" (one of {len(paths)} files of that name)" if len(paths) > 1 else ""
+        self.moved[name] = f"{paths[0].relative_to(folder).as_posix()} is read{others}"
+        return paths[0]
+
+    def notes(self) -> list[str]:
+        """Return what is not used of the model's names: a sentence for each cause."""
+        texts = []
+        if self.moved:
+            listed = _listed([f"for {_quoted(name)} {used}" for name, used in self.moved.items()])
+            texts.append(f"Paths without a file in the folder of the model ({len(self.moved):,}): {listed}.")
+        for reason in dict.fromkeys(self.unusable.values()):
+            names = [_quoted(name) for name, why in self.unusable.items() if why == reason]
+            if len(names) == 1:
+                texts.append(f"The texture {names[0]}, {reason}.")
+            else:
+                each = f"each of {reason}" if reason.startswith("which") else f"each {reason}"
+                texts.append(f"{len(names):,} textures, {each}: {_listed(names)}.")
+        return texts
+
+
+def named_file(folder: Path, name: str) -> Path:
+    """Return the file in a model's folder, or in folders in it, that a name means: of the same path in any case.
+
+    Backslashes separate folders as well. Links are followed before it is asked where the file is. Raises
+    UnusableError.
+    """
+    path = folder / name.replace("\\", "/")
+    try:
+        is_inside = _is_inside(path, folder)
+        if is_inside and os.path.isfile(path):
+            return path
+        if (similar := _in_any_case(folder, _parts(name))) is not None:
+            return similar
+        if not is_inside or _has_drive(name):
+            raise UnusableError("which is outside the folder of the model")
+        raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
+    except (OSError, RuntimeError, ValueError) as error:  # a NUL, a circle of links
+        raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
+
+
+def _is_inside(path: Path, folder: Path) -> bool:
+    return path.resolve().is_relative_to(folder.resolve())
+
+
+def _has_drive(name: str) -> bool:
+    return name[1:2] == ":" and name[:1].isalpha()
+
+
+def _parts(name: str) -> list[str]:
+    return [part for part in name.replace("\\", "/").split("/") if part not in ("", ".")]
+
+
+def _of_base_name(folder: Path, parts: Sequence[str]) -> list[Path]:
+    """Return the files in a folder, and in folders in it, with the last part of a name: the most alike first."""
+    ends = [parts[start:] for start in range(max(len(parts) - _MAX_PARTS, 0), len(parts))]
+    try:
+        names = sorted(each.name for each in os.scandir(folder) if each.is_dir())[:_MAX_FOLDERS] if parts else []
+    except OSError:
+        names = []
+    found = (_in_any_case(folder, each) for each in (*ends, *([name, parts[-1]] for name in names)))
+    return list(dict.fromkeys(path for path in found if path is not None))
+
+
+def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
+    """Return the file at a path below a folder, in any case; None if there is none, or a link leads elsewhere."""
+    path = folder
+    try:
+        for part in parts:
+            if part == "..":
+                return None
+            if not os.path.exists(path / part):
+                alike = sorted(each for each in os.listdir(path) if each.casefold() == part.casefold())
+                if not alike:
+                    return None
+                part = alike[0]
+            path /= part
+        if path.is_file() and _is_inside(path, folder):
+            return path
+    except (OSError, RuntimeError, ValueError):  # a NUL, a circle of links
+        pass
+    return None
+
+
+def _quoted(name: str) -> str:
+    plain = "".join(letter if letter.isprintable() else "?" for letter in name)
+    return f'"{plain if len(plain) <= _LONGEST else plain[:_LONGEST] + " ..."}"'
+
+
+def _listed(texts: Sequence[str]) -> str:
+    more = f" and {len(texts) - _LISTED:,} more" if len(texts) > _LISTED else ""
+    return ", ".join(texts[:_LISTED]) + more
