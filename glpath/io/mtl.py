@@ -18,7 +18,6 @@ Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloade
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,7 +28,7 @@ from numpy.typing import NDArray
 
 from glpath.io import phong
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.named_files import UnusableError
+from glpath.io.named_files import UnusableError, spelt_file, without_comment
 from glpath.io.pictures import Image, Pictures, resized
 from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
@@ -70,6 +69,7 @@ class Library:
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
     _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    _commented: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
     pictures: Pictures = field(init=False)
 
@@ -78,12 +78,13 @@ class Library:
 
     def add(self, name: str) -> None:
         """Read the MTL file of that name in the folder, or the files, if `name` lists several."""
-        names = name.split()
-        if len(names) > 1 and not os.path.isfile(self.folder / name):
-            for each in names:
-                self._add(each)
-        else:
-            self._add(name)
+        try:
+            spelt_file(self.folder, name)
+            names = [name]
+        except UnusableError:
+            names = name.split() or [name]
+        for each in names:
+            self._add(each)
 
     def _add(self, name: str) -> None:
         try:
@@ -100,16 +101,19 @@ class Library:
             keyword, values = words[0].lower(), words[1:]
             if keyword == "newmtl":
                 # As others do, the first of a name counts.
-                written = self._written.setdefault(" ".join(values), {})
+                defined = " ".join(" ".join(values).split())
+                written = self._written.setdefault(defined, {})
+                self._commented.setdefault(without_comment(defined), written)
             else:
                 written[_SHORT.get(keyword, keyword)] = values
 
     def surface(self, name: str) -> Surface | None:
         """The surface of that name; None where no file has it, which is noted."""
-        if name not in self._written:
-            self._note(f'The material "{name}", which no file defines.')
-            return None
-        return _Reader(self, name, self._written[name]).surface()
+        for names, each in ((self._written, name), (self._written, without_comment(name)), (self._commented, name)):
+            if each in names:
+                return _Reader(self, name, names[each]).surface()
+        self._note(f'The material "{name}", which no file defines.')
+        return None
 
     def slot(self, key: tuple[object, ...], image: Image, given: _Map, srgb: bool) -> TextureSlot:
         """Where an image is used; one of the same `key` is kept once."""
@@ -261,7 +265,9 @@ class _Reader:
             self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
 
     def _map(self, keyword: str) -> _Map | None:
-        words = list(self.written.get(keyword, ()))
+        text = " ".join(self.written.get(keyword, ()))
+        words = text.split()
+        total = len(words)
         scale, offset = np.ones(2), np.zeros(2)
         clamped, channel, multiplier = False, None, 1.0
         while words and words[0].startswith("-"):
@@ -284,7 +290,7 @@ class _Reader:
                 multiplier = _number(values[0], 1.0)
         if not words:
             return None
-        name = " ".join(words)
+        name = text.split(maxsplit=total - len(words))[-1]
         image = self.library.pictures.picture(name)
         if image is None:
             return None

@@ -145,7 +145,8 @@ def read_obj(content: bytes, source: str) -> ObjFile:
             points = [int(_counted_from_one(value, rows, location).partition("/")[0]) for value in values]
             drawn += ((*pair, number) for pair in pairwise(points))
         elif kind == "usemtl":
-            used.append((len(sizes), materials.setdefault(" ".join(values), len(materials))))
+            name = " ".join(" ".join(values).split())
+            used.append((len(sizes), materials.setdefault(name, len(materials))))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
     tables = _Tables(*(each.table(source) for each in rows.values()))

@@ -386,6 +386,75 @@ def test_one_mtllib_statement_may_name_several_files(tmp_path: Path) -> None:
     assert [m.reflectance.tolist() for m in quiet(path).materials] == [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
 
 
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+FACE = "f 1/1 2/2 3/3 4/4\n"
+
+
+def square(folder: Path, mtl: str, *, names: tuple[str, ...] = ("m",), library: str = "a.mtl") -> Path:
+    """An OBJ of a square for each name of a material; bytes of the names are those of Latin-1."""
+    (folder / "a.mtl").write_bytes(mtl.encode("latin-1"))
+    faces = "".join(f"usemtl {name}\n{FACE}" for name in names)
+    (folder / "a.obj").write_bytes(f"mtllib {library}\n{SQUARE}{faces}".encode("latin-1"))
+    return folder / "a.obj"
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("Material #25", "Material #26"),
+        ("#FF0000", "#0000FF"),
+        ("Part # 5", "Part # 6"),
+        ("1.#IND", "1.#INF"),
+        ("\x95\x5c", "\x83\x5c"),  # two letters of Shift-JIS, whose second byte is a backslash
+        ("C:\\paint\\", "C:\\gold\\"),
+    ],
+)
+def test_names_of_materials_are_as_they_are_written(tmp_path: Path, first: str, second: str) -> None:
+    mtl = f"newmtl {first}\nKd 1 0 0\nnewmtl {second}\nKd 0 0 1\n"
+    path = square(tmp_path, mtl, names=(first, second))
+    assert len(said(path)) == 1  # of the camera
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[1, 0, 0], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("defined", "used"), [("red # my", "red"), ("red", "red # my"), ("red", "red #my"), ("red #2", "red")]
+)
+def test_a_comment_behind_a_name_is_one_if_it_has_blanks_around_it(tmp_path: Path, defined: str, used: str) -> None:
+    path = square(tmp_path, f"newmtl {defined}\nKd 1 0 0\n", names=(used,))
+    is_known = " # " in defined + used
+    assert quiet(path).materials[0].reflectance.tolist() == ([1, 0, 0] if is_known else [0.5] * 3)
+    assert len(said(path)) == (1 if is_known else 2)
+
+
+def test_statements_go_on_behind_a_backslash(tmp_path: Path) -> None:
+    mtl = "newmtl m\nKd 1 \\ # red\n0 0\nmap_Kd -s 2 \\\n2 2 wood.png\n"
+    Image.new("RGB", (2, 2)).save(tmp_path / "wood.png")
+    (material,) = quiet(square(tmp_path, mtl)).materials
+    assert material.reflectance.tolist() == [1, 0, 0]
+    assert material.texture is not None
+    assert material.texture.uv_transform.tolist() == [[2, 0, 0], [0, 2, 0]]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "wood #2.png",
+        "a  b.png",
+        '"wood.png"',
+        '"my wood.png"',
+        "'wood.png'",
+        "wood.png # brown",
+        '"C:\\x\\wood.png"',
+    ],
+)
+def test_names_of_textures_are_as_they_are_written_or_in_quotes(tmp_path: Path, name: str) -> None:
+    stored = name.partition(" # ")[0].strip("\"'").rpartition("\\")[2]
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / stored)
+    path = square(tmp_path, f"newmtl m\nmap_Kd {name}\n", library='"a.mtl"')
+    assert [texture.image[0, 0].tolist() for texture in quiet(path).textures] == [[9, 8, 7]]
+    assert len(said(path)) == 1 + ("C:" in name)
+
+
 @pytest.mark.parametrize(
     "row",
     ["0.9 0.1 0.2", "0.9 0.1 0.2 1.0", "0.9 0.1 0.2 0.5", "1.0 0.9 0.1 0.2"],
