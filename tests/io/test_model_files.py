@@ -455,6 +455,50 @@ def test_names_of_textures_are_as_they_are_written_or_in_quotes(tmp_path: Path, 
     assert len(said(path)) == 1 + ("C:" in name)
 
 
+def test_options_of_a_texture_may_follow_its_name(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "a  b.png")
+    options = "-s 2 3 1 -clamp on"
+    (behind,) = quiet(square(tmp_path, f"newmtl m\nmap_Kd a  b.png {options}\nbump a  b.png -bm 0.5\n")).materials
+    (before,) = quiet(square(tmp_path, f"newmtl m\nmap_Kd {options} a  b.png\nbump -bm 0.5 a  b.png\n")).materials
+    for material in (behind, before):
+        assert material.texture is not None
+        assert material.texture.uv_transform.tolist() == [[2, 0, 0], [0, 3, 0]]
+        assert material.normal_scale == 0.5
+
+
+@pytest.mark.parametrize(("colour", "texture"), [("Kd", "map_Kd"), ("Ke", "map_Ke")])
+def test_black_beside_a_texture_is_white(tmp_path: Path, colour: str, texture: str) -> None:
+    """Maya writes Kd 0 0 0 there, and three.js takes it for 1."""
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "wood.png")
+    path = square(tmp_path, f"newmtl m\n{colour} 0 0 0\n{texture} wood.png\n")
+    scene = quiet(path)
+    found = scene.materials[0].reflectance if colour == "Kd" else scene.shapes[0].emission
+    assert found.tolist() == [1, 1, 1]
+    assert any(f"{colour} of 0 beside {texture}" in text for text in said(path))
+
+
+def test_colours_of_mtl_up_to_255_are_divided_in_the_whole_file(tmp_path: Path) -> None:
+    mtl = "newmtl a\nKd 204 102 51\nKs 51 51 51\nnewmtl b\nKd 1 0 0\nKs 0 0 0\nKe 255 0 0\n"
+    path = square(tmp_path, mtl, names=("a", "b"))
+    scene = quiet(path)
+    assert scene.materials[0].reflectance == pytest.approx([0.8, 0.4, 0.2])
+    assert scene.materials[0].specular_colour == pytest.approx([0.4] * 3)  # twice Ks, see `phong`
+    assert scene.materials[1].reflectance == pytest.approx([1 / 255, 0, 0])
+    assert scene.shapes[1].emission.tolist() == [1, 0, 0]
+    assert any("white is taken to be 255" in text for text in said(path))
+
+
+def test_a_colour_above_1_among_fractions_is_not_of_255(tmp_path: Path) -> None:
+    path = square(tmp_path, "newmtl a\nKd 3 3 3\nnewmtl b\nKd 0.5 1 0\n", names=("a", "b"))
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[1, 1, 1], [0.5, 1, 0]]
+
+
+def test_a_texture_of_ambient_light_alone_is_told(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2)).save(tmp_path / "wood.png")
+    assert "Textures of map_ka." in said(square(tmp_path, "newmtl m\nmap_Ka wood.png\n"))[0]
+    assert len(said(square(tmp_path, "newmtl m\nmap_Ka wood.png\nmap_Kd wood.png\n"))) == 1
+
+
 @pytest.mark.parametrize(
     "row",
     ["0.9 0.1 0.2", "0.9 0.1 0.2 1.0", "0.9 0.1 0.2 0.5", "1.0 0.9 0.1 0.2"],
