@@ -264,17 +264,15 @@ def _stl(content: bytes, path: Path, colours: bool) -> MeshFile:
 
 
 def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
-    """The contents of an OBJ; colours are used if there is no material beside them."""
+    """Return the contents of an OBJ, with the colours of vertices if they are used."""
     meshes, materials = [], [part.material for part in plain.parts]
     for part in plain.parts:
         normals = None if part.normals is None else unit_normals(part.normals)
-        rgba = linear(part.colours) if colours and part.colours is not None and part.material < 0 else None
+        rgba = linear(part.colours) if colours and part.colours is not None else None
         meshes.append(Mesh(part.positions, part.faces.astype(np.int32), part.uv, normals, colours=rgba))
     if colours and not meshes:
         meshes = _strokes_of_obj(plain, path)
         materials = [-1] * len(meshes)
-    if plain.guess and any(mesh.colours is not None for mesh in meshes):
-        warn(f"{path}: colours of its vertices: {plain.guess}.")
     return MeshFile(meshes, materials, plain, coloured="vertex colours" if plain.coloured else "")
 
 

@@ -499,6 +499,45 @@ def test_a_texture_of_ambient_light_alone_is_told(tmp_path: Path) -> None:
     assert len(said(square(tmp_path, "newmtl m\nmap_Ka wood.png\nmap_Kd wood.png\n"))) == 1
 
 
+def polypainted(rows: str) -> str:
+    vertices = "".join(f"v {x} {y} 0\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    return f"#File exported by Pixologic ZBrush\n#MRGB Block\n{vertices}{rows}f 1 2 3 4\n"
+
+
+def test_polypaint_of_zbrush_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(polypainted("#MRGB ffff0000ff00ff00\n#MRGB 000000ffff808080\n"))
+    colours = quiet(path).shapes[0].geometry.colours
+    rgb = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [128, 128, 128]]) / 255
+    assert colours[:, :3] == pytest.approx(decode_srgb(rgb))
+    assert len(said(path)) == 1
+    path.write_text(polypainted("#MRGB ffff0000ff00ff00\n"))
+    assert any("left out: colours in #MRGB (2)" in text for text in said(path))
+
+
+def test_what_an_obj_has_beside_faces_is_counted_in_one_warning(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"{SQUARE}{FACE}l 1 2 3\np 1\np 2\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3 4\nsurf 0 1 0 1 1 2 3 4\n")
+    assert (
+        "left out: curves (1), surfaces (2), lines beside faces (2), points beside faces or lines (2)."
+        in said(path)[0]
+    )
+
+
+def test_the_old_word_of_faces_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"{SQUARE}fo 1 2 3\nf 1 3 4\n")
+    assert quiet(path).areas.sum() == pytest.approx(1)
+
+
+def test_a_material_that_is_not_defined_leaves_the_colours_of_vertices(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 1 0 1 0 0\nusemtl m\nf 1 2 3\n")
+    (text, _) = said(path)
+    assert text.endswith('not used: The material "m", which no file defines.')
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[1, 0, 0]]
+
+
 @pytest.mark.parametrize(
     "row",
     ["0.9 0.1 0.2", "0.9 0.1 0.2 1.0", "0.9 0.1 0.2 0.5", "1.0 0.9 0.1 0.2"],
