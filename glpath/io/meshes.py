@@ -255,6 +255,8 @@ def _stl(content: bytes, path: Path, colours: bool) -> MeshFile:
     for solid in solids:
         mesh = Mesh.of_triangles(solid.corners)
         rgba = None if solid.attributes is None else colours_of_facets(solid.attributes, solid.header)
+        if rgba is None and solid.attributes is not None and solid.attributes.max() >> 15:
+            warn(f"{path}: the numbers behind its facets are not taken for colours, as those of some have no mark.")
         if rgba is not None:
             coloured = "face colours"
             mesh = replace(mesh, colours=np.repeat(rgba, 3, axis=0)) if colours else mesh

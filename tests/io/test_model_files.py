@@ -755,6 +755,20 @@ def test_words_of_stl_that_are_no_colours_are_not_taken_for_such(tmp_path: Path)
     assert quiet(path).materials[0].reflectance.tolist() == [0.5] * 3
 
 
+@pytest.mark.parametrize(
+    ("words", "is_coloured"),
+    [((0x1234, 0x9ABC), False), ((word(31, 0, 0, 1), 0), True), ((word(31, 0, 0, 1), word(0, 31, 0, 1)), True)],
+)
+def test_words_of_stl_are_colours_if_those_without_the_mark_are_zero(
+    tmp_path: Path, words: tuple[int, int], is_coloured: bool
+) -> None:
+    """VxElements stores other numbers there."""
+    path = tmp_path / "a.stl"
+    path.write_bytes(coloured_stl(words, b"VxElements"))
+    assert (quiet(path).shapes[0].geometry.colours is not None) == is_coloured
+    assert any("not taken for colours" in text for text in said(path)) != is_coloured
+
+
 def test_colours_of_an_stl_are_not_used_for_bare_geometry(tmp_path: Path) -> None:
     (tmp_path / "a.stl").write_bytes(coloured_stl((word(31, 0, 0, 1),) * 2))
     (tmp_path / "room.toml").write_text(
