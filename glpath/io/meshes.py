@@ -213,7 +213,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         raise location.error(
             f"{which(path, location)}has no triangles.",
             "The file is empty, broken, of another format than its suffix says, or holds points or lines only. "
-            "In a file that is a model of its own, points of .ply and points and lines of .obj and glTF are drawn.",
+            "In a file that is a model of its own, points and lines of .obj, .ply and glTF are drawn.",
         )
     if file.single:
         corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])

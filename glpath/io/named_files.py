@@ -19,6 +19,8 @@ from glpath.system.files import reason_of
 _MAX_FOLDERS, _MAX_PARTS = 100, 8
 # Encodings of names that are not UTF-8, beside Latin-1, as which they are read.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
+# Letters of names that a system may have.
+_MAX_NAME = 4096
 # Files that a note lists, and letters of each.
 _LISTED, _LONGEST = 10, 120
 
@@ -116,6 +118,8 @@ def spelt_file(folder: Path, name: str) -> Path:
 
 def _spellings(name: str) -> Iterator[str]:
     """Yield what else a name may mean: without quotes or a comment, or with its bytes in another encoding."""
+    if len(name) > _MAX_NAME:
+        return
     plain = without_comment(name)
     if len(plain) > 1 and plain[0] in "\"'" and plain[-1] == plain[0]:
         plain = plain[1:-1]
@@ -169,7 +173,8 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
             if part == "..":
                 return None
             if not os.path.exists(path / part):
-                alike = sorted(each for each in os.listdir(path) if _folded(each) == _folded(part))
+                folded = _folded(part)
+                alike = sorted(each for each in os.listdir(path) if _folded(each) == folded)
                 if not alike:
                     return None
                 part = alike[0]

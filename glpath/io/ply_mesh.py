@@ -2,7 +2,7 @@
 
 Names of properties that are read: x y z; nx ny nz; texture coordinates u v, s t, texture_u texture_v; colours red
 green blue alpha, r g b a, diffuse_red ..., color_r ... and alike, in any case; faces as lists of vertex_indices or
-vertex_index, with texcoord for each corner; tristrips, which -1 divides.
+vertex_index, with texcoord for each corner; tristrips, which -1 divides; vertex1 vertex2 of edges.
 """
 
 from __future__ import annotations
