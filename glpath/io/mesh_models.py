@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from glpath.errors import warn
 from glpath.io.from_trimesh import surface_of_colours
 from glpath.io.gltf import Model
 from glpath.io.gltf.surfaces import Surface
@@ -59,11 +60,15 @@ class _Reader:
                     f"{prefix}reaches beyond {LARGEST:g} scene units, where 32 bit numbers end.",
                     "Choose a larger unit of length.",
                 )
+            defined = None
             if plain is not None and number >= 0:
                 name = plain.materials[number]
-                surface = self._with_coordinates(library.surface(name) or _GREY, mesh)
+                defined = library.surface(name)
             else:
                 name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
+            if defined is not None:
+                mesh, surface = replace(mesh, colours=None), self._with_coordinates(defined, mesh)
+            else:
                 mesh, surface = self._plain(mesh)
                 uses_colours |= surface.material.name in ("colours", "colour")
             mesh = mesh.without_unused_vertices()
@@ -74,6 +79,8 @@ class _Reader:
             shapes.append(Shape(name, mesh, self._index(surface), IDENTITY[None], surface.emission, True))
         if self.file.coloured and not uses_colours:
             self.notes[_UNUSED_OF.get(self.path.suffix.lower(), _UNUSED)] = None
+        if plain is not None and plain.guess and uses_colours:
+            warn(f"{self.path}: colours of its vertices: {plain.guess}.")
         self.notes |= dict.fromkeys(library.pictures.files.notes())
         return Model(
             source=str(self.path),

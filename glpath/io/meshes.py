@@ -213,7 +213,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         raise location.error(
             f"{which(path, location)}has no triangles.",
             "The file is empty, broken, of another format than its suffix says, or holds points or lines only. "
-            "In a file that is a model of its own, points of .ply and points and lines of .obj and glTF are drawn.",
+            "In a file that is a model of its own, points and lines of .obj, .ply and glTF are drawn.",
         )
     if file.single:
         corners = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in file.meshes])
@@ -255,6 +255,8 @@ def _stl(content: bytes, path: Path, colours: bool) -> MeshFile:
     for solid in solids:
         mesh = Mesh.of_triangles(solid.corners)
         rgba = None if solid.attributes is None else colours_of_facets(solid.attributes, solid.header)
+        if rgba is None and solid.attributes is not None and solid.attributes.max() >> 15:
+            warn(f"{path}: the numbers behind its facets are not taken for colours, as those of some have no mark.")
         if rgba is not None:
             coloured = "face colours"
             mesh = replace(mesh, colours=np.repeat(rgba, 3, axis=0)) if colours else mesh
@@ -264,27 +266,25 @@ def _stl(content: bytes, path: Path, colours: bool) -> MeshFile:
 
 
 def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
-    """The contents of an OBJ; colours are used if there is no material beside them."""
+    """Return the contents of an OBJ, with the colours of vertices if they are used."""
     meshes, materials = [], [part.material for part in plain.parts]
     for part in plain.parts:
         normals = None if part.normals is None else unit_normals(part.normals)
-        rgba = linear(part.colours) if colours and part.colours is not None and part.material < 0 else None
+        rgba = linear(part.colours) if colours and part.colours is not None else None
         meshes.append(Mesh(part.positions, part.faces.astype(np.int32), part.uv, normals, colours=rgba))
     if colours and not meshes:
-        meshes = _strokes_of_obj(plain, path)
+        rgba = None if plain.colours is None else linear(plain.colours)
+        meshes = _strokes(path, plain.positions, plain.lines, rgba)
         materials = [-1] * len(meshes)
-    if plain.guess and any(mesh.colours is not None for mesh in meshes):
-        warn(f"{path}: colours of its vertices: {plain.guess}.")
     return MeshFile(meshes, materials, plain, coloured="vertex colours" if plain.coloured else "")
 
 
-def _strokes_of_obj(plain: obj.ObjFile, path: Path) -> list[Mesh]:
+def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 | None) -> list[Mesh]:
     """The lines of a file without faces as a mesh of rods, else its vertices as balls; with their colours."""
-    points, colours = plain.positions, plain.colours
     is_finite = np.asarray(np.isfinite(points).all(axis=1))
     if not is_finite.any():
         return []
-    lines = plain.lines[is_finite[plain.lines].all(axis=1)]
+    lines = lines[is_finite[lines].all(axis=1)]
     if len(lines):
         used = np.unique(lines)
         radius = line_radius(points[used])
@@ -296,31 +296,23 @@ def _strokes_of_obj(plain: obj.ObjFile, path: Path) -> list[Mesh]:
         made = balls(points, radius)
         drawn = f"{len(points):,} points are drawn as balls"
     warn(f"{path}: has no triangles, so its {drawn} of radius {radius:.3g}.")
-    return [_stroked(*made, None if colours is None else linear(colours))]
-
-
-def _stroked(
-    vertices: Float64, faces: NDArray[Any], normals: Float64, of: NDArray[Any], colours: Float64 | None
-) -> Mesh:
-    """The mesh of `balls` or `rods`, with the colours of their points."""
-    return Mesh(vertices, faces.astype(np.int32), normals=normals, colours=None if colours is None else colours[of])
+    vertices, faces, normals, of = made
+    colours = None if colours is None else colours[of]
+    return [Mesh(vertices, faces.astype(np.int32), normals=normals, colours=colours)]
 
 
 def _ply(content: bytes, path: Path, colours: bool) -> MeshFile:
-    """A PLY file; a cloud of points becomes balls, with its colours, if colours are used."""
+    """Return a PLY file. If colours are used, one without faces becomes rods along its edges, or balls."""
     header = read_header(content)
     if not colours and not header.count("face", "tristrips"):
         return MeshFile([])
     read = read_ply_mesh(content, header, str(path), looks=colours)
-    mesh = read.mesh
-    if not len(mesh.faces):
-        points = mesh.vertices
-        if not len(points) or header.count("face", "tristrips"):
+    meshes = [read.mesh]
+    if not len(read.mesh.faces):
+        if header.count("face", "tristrips"):
             return MeshFile([])
-        radius = point_radius(points)
-        warn(f"{path}: has no triangles, so its {len(points):,} points are drawn as balls of radius {radius:.3g}.")
-        mesh = _stroked(*balls(points, radius), mesh.colours)
-    return MeshFile([mesh], [-1], ply=read, coloured=read.coloured, single=read.single)
+        meshes = _strokes(path, read.mesh.vertices, read.edges, read.mesh.colours)
+    return MeshFile(meshes, [-1] * len(meshes), ply=read, coloured=read.coloured, single=read.single)
 
 
 def _warn_of_what_is_dropped(path: Path, file: MeshFile) -> None:

@@ -2,7 +2,8 @@
 
 Colours are linear, as Blender writes them. What the statements become:
 
-    Kd map_Kd             reflectance and its texture
+    Kd map_Kd             reflectance and its texture. Kd of 0 beside a texture is 1, and so is Ke. Kd from 0 to 255
+                          is divided by 255, and so are the other colours of the file
     Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
     Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, instead of Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 is taken for opaque, with a note
@@ -18,8 +19,8 @@ Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloade
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable
+import re
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +30,7 @@ from numpy.typing import NDArray
 
 from glpath.io import phong
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.named_files import UnusableError
+from glpath.io.named_files import UnusableError, spelt_file, without_comment
 from glpath.io.pictures import Image, Pictures, resized
 from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
@@ -42,6 +43,13 @@ _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": 
 # How many words follow an option of a texture; -o, -s and -t have one to three numbers.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
 _OPTIONS |= {"-bm": 1, "-type": 1}
+_TRAILING_OPTIONS = re.compile(
+    r"(?:[ \t]{1,8}-(?:(?:[sot]|bm|mm|boost|texres)(?:[ \t]{1,8}[-+.\de]+){1,3}"
+    r"|(?:blend[uv]|cc|clamp)[ \t]{1,8}o(?:n|ff)|(?:imfchan|type)[ \t]{1,8}\w+)){1,16}$",
+    re.IGNORECASE,
+)
+# Numbers of Kd up to this one are fractions, which some write a little above 1.
+_MAX_FRACTION = 2.0
 _UNUSED_MAPS = ("map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "disp", "decal", "refl")
 _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
 
@@ -70,6 +78,7 @@ class Library:
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
     _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    _commented: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
     pictures: Pictures = field(init=False)
 
@@ -78,12 +87,13 @@ class Library:
 
     def add(self, name: str) -> None:
         """Read the MTL file of that name in the folder, or the files, if `name` lists several."""
-        names = name.split()
-        if len(names) > 1 and not os.path.isfile(self.folder / name):
-            for each in names:
-                self._add(each)
-        else:
-            self._add(name)
+        try:
+            spelt_file(self.folder, name)
+            names = [name]
+        except UnusableError:
+            names = name.split() or [name]
+        for each in names:
+            self._add(each)
 
     def _add(self, name: str) -> None:
         try:
@@ -96,20 +106,40 @@ class Library:
             self._note(f'The materials of "{name}", which cannot be read: {reason_of(error)}.')
             return
         written: dict[str, list[str]] = {}
+        materials: dict[str, dict[str, list[str]]] = {}
         for _, words in statements(decoded(content)):
             keyword, values = words[0].lower(), words[1:]
             if keyword == "newmtl":
                 # As others do, the first of a name counts.
-                written = self._written.setdefault(" ".join(values), {})
+                defined = " ".join(" ".join(values).split())
+                written = self._written.setdefault(defined, {})
+                self._commented.setdefault(without_comment(defined), written)
+                materials[defined] = written
             else:
                 written[_SHORT.get(keyword, keyword)] = values
+        self._divide_bytes(materials.values())
 
     def surface(self, name: str) -> Surface | None:
         """The surface of that name; None where no file has it, which is noted."""
-        if name not in self._written:
-            self._note(f'The material "{name}", which no file defines.')
-            return None
-        return _Reader(self, name, self._written[name]).surface()
+        for names, each in ((self._written, name), (self._written, without_comment(name)), (self._commented, name)):
+            if each in names:
+                return _Reader(self, name, names[each]).surface()
+        self._note(f'The material "{name}", which no file defines.')
+        return None
+
+    def _divide_bytes(self, materials: Collection[dict[str, list[str]]]) -> None:
+        """Divide the colours of a file by 255 if Kd has numbers from 0 to 255, which is noted."""
+        for keyword in ("kd", "ks", "ke", "tf"):
+            rows = [each[keyword] for each in materials if all(map(_is_number, each.get(keyword, ["none"])))]
+            numbers = np.array([real(word) for row in rows for word in row])
+            highest = numbers.max(initial=0.0)
+            if keyword == "kd":
+                if not _MAX_FRACTION < highest <= 255 or ((numbers > 0) & (numbers < 1)).any():
+                    return
+                self._note(f"Kd of {highest:g}, which is more than 1: white is taken to be 255.")
+            if highest > 1:
+                for row in rows:
+                    row[:] = [repr(real(word) / 255) for word in row]
 
     def slot(self, key: tuple[object, ...], image: Image, given: _Map, srgb: bool) -> TextureSlot:
         """Where an image is used; one of the same `key` is kept once."""
@@ -137,7 +167,7 @@ class _Reader:
             key: self._map(key) for key in ("map_kd", "map_d", "map_ke", "norm", "map_bump", "map_pr", "map_pm")
         }
         base, alpha = maps["map_kd"], maps["map_d"]
-        diffuse = self._colour("kd", 1.0 if base is not None else 0.8)
+        diffuse = self._tint("kd", 1.0 if base is not None else 0.8)
         specular = self._colour("ks", 0.0)
         illum = int(self._number("illum", 2.0))
         if any(key in self.written for key in ("pr", "pm", "map_pr", "map_pm")):
@@ -158,8 +188,8 @@ class _Reader:
             self.library.notes["d of 0, by which a surface would not be there: it is opaque."] = None
             opacity = 1.0
         texture = self._base_slot(base, alpha)
-        emission = np.maximum(self._colour("ke", 1.0 if maps["map_ke"] is not None else 0.0, limited=False), 0.0)
-        for key in _UNUSED_MAPS:
+        emission = np.maximum(self._tint("ke", 1.0 if maps["map_ke"] is not None else 0.0, limited=False), 0.0)
+        for key in _UNUSED_MAPS if "map_kd" in self.written else ("map_ka", *_UNUSED_MAPS):
             if key in self.written:
                 self.library.notes[f"Textures of {key}."] = None
         material = Material(
@@ -261,7 +291,9 @@ class _Reader:
             self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
 
     def _map(self, keyword: str) -> _Map | None:
-        words = list(self.written.get(keyword, ()))
+        text = _with_options_first(" ".join(self.written.get(keyword, ())))
+        words = text.split()
+        total = len(words)
         scale, offset = np.ones(2), np.zeros(2)
         clamped, channel, multiplier = False, None, 1.0
         while words and words[0].startswith("-"):
@@ -284,12 +316,22 @@ class _Reader:
                 multiplier = _number(values[0], 1.0)
         if not words:
             return None
-        name = " ".join(words)
+        name = text.split(maxsplit=total - len(words))[-1]
         image = self.library.pictures.picture(name)
         if image is None:
             return None
         matrix = np.column_stack([np.diag(scale), offset])
         return _Map(image, name, matrix, clamped, channel, multiplier)
+
+    def _tint(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
+        """Return the colour that multiplies a texture; instead of 0 the default, which is noted."""
+        colour = self._colour(keyword, default, limited=limited)
+        name = keyword.capitalize()
+        if colour.any() or not default or f"map_{keyword}" not in self.written:
+            return colour
+        # Maya writes Kd 0 0 0 for what a texture replaces.
+        self.library.notes[f"{name} of 0 beside map_{name}, by which the texture would be black."] = None
+        return np.full(3, default)
 
     def _colour(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
         """(3,) of one number or three; spectra and CIE XYZ are noted, and the default is taken."""
@@ -315,6 +357,12 @@ class _Reader:
 
     def _share(self, keyword: str, default: float) -> float:
         return float(phong.share(self._number(keyword, default)))
+
+
+def _with_options_first(text: str) -> str:
+    """Return the values of a texture's statement with the options before the name, behind which some write them."""
+    trailing = _TRAILING_OPTIONS.search(text)
+    return text if trailing is None else f"{trailing[0].strip()} {text[: trailing.start()]}"
 
 
 def _is_number(word: str) -> bool:

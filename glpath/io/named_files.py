@@ -1,12 +1,15 @@
 """Files that a model names, such as pictures: where they are, and notes on those that are elsewhere.
 
-Models travel: names are written in another case, with backslashes, or as paths of another machine.
+Models travel: names are written in another case, with backslashes, or as paths of another machine, with quotes,
+with accents as letters of their own, and in the encoding of another country.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import unicodedata
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +17,10 @@ from glpath.system.files import reason_of
 
 # Folders of a model, and folders of a name, in which a file is looked for.
 _MAX_FOLDERS, _MAX_PARTS = 100, 8
+# Encodings of names that are not UTF-8, beside Latin-1, as which they are read.
+_ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
+# Letters of names that a system may have.
+_MAX_NAME = 4096
 # Files that a note lists, and letters of each.
 _LISTED, _LONGEST = 10, 120
 
@@ -35,14 +42,14 @@ class NamedFiles:
     _paths: dict[tuple[Path, str], Path | UnusableError] = field(default_factory=dict)
 
     def find(self, folder: Path, name: str) -> Path:
-        """Return the file as `named_file` does, or one of the same base name, which `notes` then says.
+        """Return the file as `spelt_file` does, or one of the same base name, which `notes` then says.
 
         Of several files, that with most of the name's folders is taken. Raises UnusableError.
         """
         key = (folder, name)
         if key not in self._paths:
             try:
-                self._paths[key] = named_file(folder, name)
+                self._paths[key] = spelt_file(folder, name)
             except UnusableError as error:
                 self._paths[key] = self._elsewhere(folder, name) or error
         found = self._paths[key]
@@ -51,7 +58,8 @@ class NamedFiles:
         return found
 
     def _elsewhere(self, folder: Path, name: str) -> Path | None:
-        paths = _of_base_name(folder, _parts(name))
+        spellings = (name, *_spellings(name))
+        paths = next(filter(None, (_of_base_name(folder, _parts(each)) for each in spellings)), None)
         if not paths:
             return None
         others = f" (one of {len(paths)} files of that name)" if len(paths) > 1 else ""
@@ -94,6 +102,46 @@ def named_file(folder: Path, name: str) -> Path:
         raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
 
 
+def spelt_file(folder: Path, name: str) -> Path:
+    """Return the file as `named_file` does, also if the name is in quotes or in another encoding.
+
+    Raises UnusableError.
+    """
+    try:
+        return named_file(folder, name)
+    except UnusableError:
+        for each in _spellings(name):
+            with suppress(UnusableError):
+                return named_file(folder, each)
+        raise
+
+
+def _spellings(name: str) -> Iterator[str]:
+    """Yield what else a name may mean: without quotes or a comment, or with its bytes in another encoding."""
+    if len(name) > _MAX_NAME:
+        return
+    plain = without_comment(name)
+    if len(plain) > 1 and plain[0] in "\"'" and plain[-1] == plain[0]:
+        plain = plain[1:-1]
+    if plain != name:
+        yield plain
+    if name.isascii():
+        return
+    try:
+        stored = plain.encode("latin-1")
+    except UnicodeEncodeError:
+        return
+    yield os.fsdecode(stored)
+    for encoding in _ENCODINGS:
+        with suppress(UnicodeDecodeError):
+            yield stored.decode(encoding)
+
+
+def without_comment(name: str) -> str:
+    """Return a name up to a # between blanks, which may begin a comment."""
+    return name.partition(" # ")[0].rstrip()
+
+
 def _is_inside(path: Path, folder: Path) -> bool:
     return path.resolve().is_relative_to(folder.resolve())
 
@@ -125,7 +173,8 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
             if part == "..":
                 return None
             if not os.path.exists(path / part):
-                alike = sorted(each for each in os.listdir(path) if each.casefold() == part.casefold())
+                folded = _folded(part)
+                alike = sorted(each for each in os.listdir(path) if _folded(each) == folded)
                 if not alike:
                     return None
                 part = alike[0]
@@ -135,6 +184,10 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
     except (OSError, RuntimeError, ValueError):  # a NUL, a circle of links
         pass
     return None
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name.casefold())
 
 
 def _quoted(name: str) -> str:

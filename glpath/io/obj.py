@@ -8,7 +8,9 @@ Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 
 from __future__ import annotations
 
+import re
 from array import array
+from collections import Counter
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from typing import NamedTuple
@@ -29,6 +31,9 @@ Int64 = NDArray[np.int64]
 
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
+_FACES = ("f", "fo")  # the second is an older word
+_UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces"}
+_MRGB = re.compile(rb"^#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)[ \t]*\r?$", re.MULTILINE)
 _DIGITS = b"0123456789"
 # Vertices of the file for each corner of a part, up to which arrays as long as the file are faster than sorting.
 _MAX_SPARSENESS = 4
@@ -128,11 +133,12 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     drawn: list[tuple[int, int, int]] = []  # two vertices, and the line of the file
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
+    unused: Counter[str] = Counter()
     for number, words in statements(decoded(content)):
         kind, values = words[0], words[1:]
         if kind in rows:
             rows[kind].append(number, values)
-        elif kind == "f":
+        elif kind in _FACES:
             text = " ".join(values)
             if "-" in text:
                 text = " ".join(
@@ -145,10 +151,19 @@ def read_obj(content: bytes, source: str) -> ObjFile:
             points = [int(_counted_from_one(value, rows, location).partition("/")[0]) for value in values]
             drawn += ((*pair, number) for pair in pairwise(points))
         elif kind == "usemtl":
-            used.append((len(sizes), materials.setdefault(" ".join(values), len(materials))))
+            name = " ".join(" ".join(values).split())
+            used.append((len(sizes), materials.setdefault(name, len(materials))))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
+        elif kind == "p" or kind in _UNUSED:
+            unused[kind] += 1
     tables = _Tables(*(each.table(source) for each in rows.values()))
+    left_out = {name: unused[kind] for kind, name in _UNUSED.items()}
+    polypaint = _polypaint(content)
+    if len(polypaint) == len(tables.v) and tables.v.shape[1] < 6:
+        tables = tables._replace(v=np.column_stack([tables.v[:, :3], polypaint]))
+    else:
+        left_out["colours in #MRGB"] = len(polypaint)
     corners = _corners(face_texts, sizes, source, content)
     _check_corners(corners, sizes, tables, source, content)
     lines = np.array(drawn, np.int64).reshape(-1, 3)
@@ -158,16 +173,26 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     starts, numbers = (np.array(each, np.int64) for each in zip(*used, strict=True))
     material_of = np.repeat(numbers, np.diff(starts, append=len(sizes)))
     colours, guess = _colours(tables.v)
+    if sizes:
+        left_out["lines beside faces"] = len(lines)
+    if sizes or len(lines):
+        left_out["points beside faces or lines"] = unused["p"]
     return ObjFile(
         tables.v[:, :3],
         colours,
-        _parts(tables, corners, np.array(sizes, np.int64), material_of, source),
+        _parts(tables, corners, np.array(sizes, np.int64), material_of, source, left_out),
         tuple(materials),
         tuple(libraries),
-        max(rows["v"].widths, default=0) >= 6,
+        max([*rows["v"].widths, tables.v.shape[1]]) >= 6,
         guess,
         lines[:, :2] - 1,
     )
+
+
+def _polypaint(content: bytes) -> Float64:
+    """Return (N, 3) fractions: ZBrush's colours of vertices, MMRRGGBB in comments `#MRGB`, where MM is a mask."""
+    digits = b"".join(_MRGB.findall(content)) if b"#MRGB" in content else b""
+    return np.frombuffer(bytes.fromhex(digits.decode()), np.uint8).reshape(-1, 4)[:, 1:] / 255.0
 
 
 def _colours(rows: Float64) -> tuple[Float64 | None, str]:
@@ -265,7 +290,7 @@ def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: st
 def _location_of_corner(corner: int, sizes: list[int], source: str, content: bytes) -> SourceLocation:
     """Return the line of the face that has a corner, counted from 0 through all faces."""
     face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
-    faces = (number for number, words in statements(decoded(content)) if words[0] == "f")
+    faces = (number for number, words in statements(decoded(content)) if words[0] in _FACES)
     return SourceLocation(source, f"line {next(islice(faces, face, None))}")
 
 
@@ -276,13 +301,16 @@ def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> Sce
     )
 
 
-def _parts(tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, source: str) -> list[Part]:
-    """Return the triangles of faces with `sizes` corners each, by material. Warns of what is left out."""
-    others: dict[str, int] = {}
+def _parts(
+    tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, source: str, others: dict[str, int]
+) -> list[Part]:
+    """Return the triangles of faces with `sizes` corners each, by material. Warns of what is left out.
+
+    others : counts of other things that are left out, by name; it grows
+    """
     uv = finite_rows(tables.vt, "texture coordinates", others)
     normals = finite_rows(tables.vn, "normals", others)
-    if (material_of < 0).any():  # whose faces have the colours of vertices
-        finite_rows(_stored_colours(tables.v), "colours", others)
+    finite_rows(_stored_colours(tables.v), "colours", others)
     split = split_finite(source, tables.v[:, :3], corners[:, 0], sizes, others)
     triangles, materials = corners[split.triangles], material_of[split.polygons]
     colours, _ = _colours(tables.v)

@@ -2,13 +2,14 @@
 
 Names of properties that are read: x y z; nx ny nz; texture coordinates u v, s t, texture_u texture_v; colours red
 green blue alpha, r g b a, diffuse_red ..., color_r ... and alike, in any case; faces as lists of vertex_indices or
-vertex_index, with texcoord for each corner; tristrips, which -1 divides.
+vertex_index, with texcoord for each corner; tristrips, which -1 divides; vertex1 vertex2 of edges.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from glpath.io.values import as_float64, finite_rows, no_such_vertex, warn_of_le
 from glpath.scene.geometry import Float64, Mesh, unit_normals
 from glpath.scene.source_location import SourceLocation
 
+# Elements that are read, and one that nothing is lost with.
+_ELEMENTS = ("vertex", "face", "tristrips", "camera")
+_EDGE = ("vertex1", "vertex2")
 _POSITION = ("x", "y", "z")
 _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 _UV = (
@@ -37,7 +41,7 @@ _COLOURS = tuple(
     for red, green, blue, alpha in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a"))
 ) + tuple(tuple(f"{prefix}{index}" for index in range(4)) for prefix in ("color_", "colour_", "rgb_"))
 # Properties that hold some colour, whatever their names.
-_COLOUR_LIKE = re.compile(r"red|green|blue|rgb|colou?r|^[rgb]$|f_dc_")
+_COLOUR_LIKE = re.compile(r"red|green|blue|rgb|colou?r|^[rgb]$|f_dc_|intensity|gr[ae]y|luminance|reflectance")
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ class PlyMesh:
     vertices   : element of the vertices, as stored
     faces      : element of the faces, as stored
     vertex_of  : (V,) row of `vertices` for each vertex of the mesh
+    edges      : (L, 2) vertices of the mesh between which edges are, if it has no faces
     polygon_of : (F,) row of the faces for each triangle of the mesh; -1 for those of strips
     notes      : parts of the file that are not used, as sentences
     """
@@ -62,6 +67,7 @@ class PlyMesh:
     vertices: Element
     faces: Element
     vertex_of: Int64
+    edges: Int64
     polygon_of: Int64
     notes: tuple[str, ...]
 
@@ -97,8 +103,16 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
         warn(f"{source}: {behind:,} {unit} behind the last element are not read, as the header announces no more.")
     positions = vertices.stacked(_POSITION)
     finite = np.asarray(np.isfinite(positions).all(axis=1))
-    notes: list[str] = []
+    others = [
+        f"{name} ({each.count:,})"
+        for name, each in elements.items()
+        if each.count and name not in _ELEMENTS and not each.first_of(_EDGE)
+    ]
+    notes = [f"Elements of other kinds: {', '.join(others)}."] if others else []
     left_out: dict[str, int] = {}
+    edges = _edges(elements.get("edge", Element()), finite, source)
+    if header.count("face", "tristrips"):
+        left_out["edges beside faces"] = len(edges)
     uv = _attribute(vertices, _UV, "texture coordinates", left_out)
     normals = _attribute(vertices, _NORMALS, "normals", left_out)
     colours = _Colours(source, looks, notes, left_out)
@@ -151,6 +165,7 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
         vertices,
         faces,
         vertex_of,
+        edges,
         triangles.polygons,
         tuple(notes),
     )
@@ -188,6 +203,20 @@ def _triangles(
         np.concatenate([split.polygons, np.full(len(of_strips), -1)]),
         None if uv is None else uv[split.triangles.ravel()],
     )
+
+
+def _edges(edges: Element, finite: NDArray[np.bool_], source: str) -> Int64:
+    """Return (L, 2) edges between finite vertices, counted among these. Raises SceneError."""
+    if not edges.first_of(_EDGE):
+        return np.zeros((0, 2), np.int64)
+    stored = np.nan_to_num(edges.stacked(_EDGE), nan=-1)
+    wrong = np.argwhere((stored < 0) | (stored >= len(finite)))
+    if len(wrong):
+        row, column = wrong[0]
+        raise no_such_vertex(SourceLocation(source, f"edge {row}"), int(stored[row, column]), len(finite))
+    ends = stored.astype(np.int64)
+    ends = ends[finite[ends].all(axis=1)]
+    return np.asarray((np.cumsum(finite) - 1)[ends])
 
 
 def _vertex_lists(element: Element, name: str) -> Ragged:
@@ -244,6 +273,12 @@ def _attribute(
     return finite_rows(element.stacked(names), name, left_out) if names else None
 
 
+def _kind(stored: NDArray[Any], declared: str) -> str:
+    """Return the type of colours: floats if an ASCII file has fractions where it declares whole numbers."""
+    finite = stored[np.isfinite(stored)]
+    return declared if declared[0] == "f" or (finite == np.floor(finite)).all() else "f8"
+
+
 @dataclass(frozen=True)
 class _Colours:
     """Reader of the colours of elements, which collects notes, and counts of those that are not finite."""
@@ -266,10 +301,16 @@ class _Colours:
         if not names or not element.count:
             return None
         stored = element.stacked(names)
-        values, guess = fractions(stored, element.types[names[0]])
+        declared = element.types[names[0]]
+        kind = _kind(stored, declared)
+        values, guess = fractions(stored, kind)
+        if kind != declared and not guess:
+            guess = "they are fractions, although the header declares whole numbers"
         colours = linear(values)
         if alpha in element.columns:
-            colours[:, 3], _ = fractions(element.columns[alpha], element.types[alpha])
+            colours[:, 3], _ = fractions(
+                element.columns[alpha], _kind(element.columns[alpha], element.types[alpha])
+            )
             stored = np.column_stack([stored, element.columns[alpha]])
         if self.looks:
             finite_rows(stored, "colours", self.left_out)

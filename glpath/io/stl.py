@@ -30,7 +30,8 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 _MAX_GROWTH = 100.0
 # Bytes of a file in which ASCII has the word facet, and no zero.
 _BEGINNING = 1024
-_SOLID = re.compile(r"\b(?:end)?solid\b[^\n]*?(?=\bfacet\b|\n|$)")
+# Names of solids may have the words of the format in them, but in files of one line a facet may follow them.
+_SOLID = re.compile(r"\b(?:end)?solid\b[^\n]*?(?=\bfacet\s+(?:normal\s+(?:[-+.\d]|nan|inf)|outer\s+loop)|\n|$)")
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,8 @@ def read_stl(content: bytes, source: str) -> list[Facets]:
     """
     count = int.from_bytes(content[80:_HEADER], "little")
     is_exact = len(content) >= _HEADER and len(content) == _HEADER + _FACET.itemsize * count
-    beginning = content[:_BEGINNING].lower()
-    is_text = b"\0" not in beginning and (b"facet" in beginning or beginning.lstrip().startswith(b"solid"))
+    beginning = decoded(content[:_BEGINNING]).lower()
+    is_text = "\0" not in beginning and ("facet" in beginning or beginning.lstrip().startswith("solid"))
     if is_text and not is_exact:
         return _read_ascii(content, source)
     if len(content) < _HEADER:
@@ -141,7 +142,7 @@ def _first_three(text: str) -> str:
 def _check_lines(text: str, source: str) -> None:
     """Raise SceneError for the first line that has a vertex without three numbers."""
     for number, line in enumerate(text.split("\n"), start=1):
-        for part in line.split("vertex")[1:]:
+        for part in _SOLID.sub("", line).split("vertex")[1:]:
             found = parse_lines([_first_three(part)], [number], source)
             if len(found) < 3:
                 raise SourceLocation(source, f"line {number}").error(

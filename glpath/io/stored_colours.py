@@ -15,6 +15,8 @@ from glpath.scene.geometry import Float64
 _MAX_FRACTION = 2.0
 _MAX_WORD = 31  # 5 bits
 _HIGHEST_BIT = 1 << 15
+# Programs, as headers name them, whose facets have colours if they have the highest bit.
+_PROGRAMS = (b"viscam", b"solidview")
 # Reflectance of facets without colour, as that of meshes without.
 _GREY = 0.5
 
@@ -66,7 +68,8 @@ def colours_of_facets(words: NDArray[np.uint16], header: bytes) -> Float64 | Non
 
     Magics writes COLOR= and RGBA of the object into the header, red into the lowest five bits of a word, and sets
     the highest bit if the facet has the object's colour. VisCAM and SolidView write blue into the lowest five bits,
-    and set the highest bit if the facet has a colour.
+    and set the highest bit if the facet has a colour. If the header does not name them, words without that bit are
+    0, as other programs store other numbers.
 
     words  : (F,) the 16 bits that end each facet
     header : the first 80 bytes of the file
@@ -78,6 +81,7 @@ def colours_of_facets(words: NDArray[np.uint16], header: bytes) -> Float64 | Non
         of_object = linear(np.frombuffer(header, np.uint8, 3, at + 6)[None] / 255.0)
         of_object[:, 3] = (header[at + 9] or 255) / 255.0  # an invisible object is never meant
         return np.where(~flagged, parts, of_object) if words.any() else np.repeat(of_object, len(words), axis=0)
-    if not flagged.any():
+    named = any(name in header.lower() for name in _PROGRAMS)
+    if not flagged.any() or not (named or not words[~flagged[:, 0]].any()):
         return None
     return np.where(flagged, parts[:, [2, 1, 0, 3]], [_GREY, _GREY, _GREY, 1.0])

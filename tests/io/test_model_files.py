@@ -386,6 +386,158 @@ def test_one_mtllib_statement_may_name_several_files(tmp_path: Path) -> None:
     assert [m.reflectance.tolist() for m in quiet(path).materials] == [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
 
 
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+FACE = "f 1/1 2/2 3/3 4/4\n"
+
+
+def square(folder: Path, mtl: str, *, names: tuple[str, ...] = ("m",), library: str = "a.mtl") -> Path:
+    """An OBJ of a square for each name of a material; bytes of the names are those of Latin-1."""
+    (folder / "a.mtl").write_bytes(mtl.encode("latin-1"))
+    faces = "".join(f"usemtl {name}\n{FACE}" for name in names)
+    (folder / "a.obj").write_bytes(f"mtllib {library}\n{SQUARE}{faces}".encode("latin-1"))
+    return folder / "a.obj"
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("Material #25", "Material #26"),
+        ("#FF0000", "#0000FF"),
+        ("Part # 5", "Part # 6"),
+        ("1.#IND", "1.#INF"),
+        ("\x95\x5c", "\x83\x5c"),  # two letters of Shift-JIS, whose second byte is a backslash
+        ("C:\\paint\\", "C:\\gold\\"),
+    ],
+)
+def test_names_of_materials_are_as_they_are_written(tmp_path: Path, first: str, second: str) -> None:
+    mtl = f"newmtl {first}\nKd 1 0 0\nnewmtl {second}\nKd 0 0 1\n"
+    path = square(tmp_path, mtl, names=(first, second))
+    assert len(said(path)) == 1  # of the camera
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[1, 0, 0], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("defined", "used"), [("red # my", "red"), ("red", "red # my"), ("red", "red #my"), ("red #2", "red")]
+)
+def test_a_comment_behind_a_name_is_one_if_it_has_blanks_around_it(tmp_path: Path, defined: str, used: str) -> None:
+    path = square(tmp_path, f"newmtl {defined}\nKd 1 0 0\n", names=(used,))
+    is_known = " # " in defined + used
+    assert quiet(path).materials[0].reflectance.tolist() == ([1, 0, 0] if is_known else [0.5] * 3)
+    assert len(said(path)) == (1 if is_known else 2)
+
+
+def test_statements_go_on_behind_a_backslash(tmp_path: Path) -> None:
+    mtl = "newmtl m\nKd 1 \\ # red\n0 0\nmap_Kd -s 2 \\\n2 2 wood.png\n"
+    Image.new("RGB", (2, 2)).save(tmp_path / "wood.png")
+    (material,) = quiet(square(tmp_path, mtl)).materials
+    assert material.reflectance.tolist() == [1, 0, 0]
+    assert material.texture is not None
+    assert material.texture.uv_transform.tolist() == [[2, 0, 0], [0, 2, 0]]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "wood #2.png",
+        "a  b.png",
+        '"wood.png"',
+        '"my wood.png"',
+        "'wood.png'",
+        "wood.png # brown",
+        '"C:\\x\\wood.png"',
+    ],
+)
+def test_names_of_textures_are_as_they_are_written_or_in_quotes(tmp_path: Path, name: str) -> None:
+    stored = name.partition(" # ")[0].strip("\"'").rpartition("\\")[2]
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / stored)
+    path = square(tmp_path, f"newmtl m\nmap_Kd {name}\n", library='"a.mtl"')
+    assert [texture.image[0, 0].tolist() for texture in quiet(path).textures] == [[9, 8, 7]]
+    assert len(said(path)) == 1 + ("C:" in name)
+
+
+def test_options_of_a_texture_may_follow_its_name(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "a  b.png")
+    options = "-s 2 3 1 -clamp on"
+    (behind,) = quiet(square(tmp_path, f"newmtl m\nmap_Kd a  b.png {options}\nbump a  b.png -bm 0.5\n")).materials
+    (before,) = quiet(square(tmp_path, f"newmtl m\nmap_Kd {options} a  b.png\nbump -bm 0.5 a  b.png\n")).materials
+    for material in (behind, before):
+        assert material.texture is not None
+        assert material.texture.uv_transform.tolist() == [[2, 0, 0], [0, 3, 0]]
+        assert material.normal_scale == 0.5
+
+
+@pytest.mark.parametrize(("colour", "texture"), [("Kd", "map_Kd"), ("Ke", "map_Ke")])
+def test_black_beside_a_texture_is_white(tmp_path: Path, colour: str, texture: str) -> None:
+    """Maya writes Kd 0 0 0 there, and three.js takes it for 1."""
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "wood.png")
+    path = square(tmp_path, f"newmtl m\n{colour} 0 0 0\n{texture} wood.png\n")
+    scene = quiet(path)
+    found = scene.materials[0].reflectance if colour == "Kd" else scene.shapes[0].emission
+    assert found.tolist() == [1, 1, 1]
+    assert any(f"{colour} of 0 beside {texture}" in text for text in said(path))
+
+
+def test_colours_of_mtl_up_to_255_are_divided_in_the_whole_file(tmp_path: Path) -> None:
+    mtl = "newmtl a\nKd 204 102 51\nKs 51 51 51\nnewmtl b\nKd 1 0 0\nKs 0 0 0\nKe 255 0 0\n"
+    path = square(tmp_path, mtl, names=("a", "b"))
+    scene = quiet(path)
+    assert scene.materials[0].reflectance == pytest.approx([0.8, 0.4, 0.2])
+    assert scene.materials[0].specular_colour == pytest.approx([0.4] * 3)  # twice Ks, see `phong`
+    assert scene.materials[1].reflectance == pytest.approx([1 / 255, 0, 0])
+    assert scene.shapes[1].emission.tolist() == [1, 0, 0]
+    assert any("white is taken to be 255" in text for text in said(path))
+
+
+def test_a_colour_above_1_among_fractions_is_not_of_255(tmp_path: Path) -> None:
+    path = square(tmp_path, "newmtl a\nKd 3 3 3\nnewmtl b\nKd 0.5 1 0\n", names=("a", "b"))
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[1, 1, 1], [0.5, 1, 0]]
+
+
+def test_a_texture_of_ambient_light_alone_is_told(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2)).save(tmp_path / "wood.png")
+    assert "Textures of map_ka." in said(square(tmp_path, "newmtl m\nmap_Ka wood.png\n"))[0]
+    assert len(said(square(tmp_path, "newmtl m\nmap_Ka wood.png\nmap_Kd wood.png\n"))) == 1
+
+
+def polypainted(rows: str) -> str:
+    vertices = "".join(f"v {x} {y} 0\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    return f"#File exported by Pixologic ZBrush\n#MRGB Block\n{vertices}{rows}f 1 2 3 4\n"
+
+
+def test_polypaint_of_zbrush_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(polypainted("#MRGB ffff0000ff00ff00\n#MRGB 000000ffff808080\n"))
+    colours = quiet(path).shapes[0].geometry.colours
+    rgb = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [128, 128, 128]]) / 255
+    assert colours[:, :3] == pytest.approx(decode_srgb(rgb))
+    assert len(said(path)) == 1
+    path.write_text(polypainted("#MRGB ffff0000ff00ff00\n"))
+    assert any("left out: colours in #MRGB (2)" in text for text in said(path))
+
+
+def test_what_an_obj_has_beside_faces_is_counted_in_one_warning(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"{SQUARE}{FACE}l 1 2 3\np 1\np 2\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3 4\nsurf 0 1 0 1 1 2 3 4\n")
+    assert (
+        "left out: curves (1), surfaces (2), lines beside faces (2), points beside faces or lines (2)."
+        in said(path)[0]
+    )
+
+
+def test_the_old_word_of_faces_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"{SQUARE}fo 1 2 3\nf 1 3 4\n")
+    assert quiet(path).areas.sum() == pytest.approx(1)
+
+
+def test_a_material_that_is_not_defined_leaves_the_colours_of_vertices(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 1 0 1 0 0\nusemtl m\nf 1 2 3\n")
+    (text, _) = said(path)
+    assert text.endswith('not used: The material "m", which no file defines.')
+    assert [m.reflectance.tolist() for m in quiet(path).materials] == [[1, 0, 0]]
+
+
 @pytest.mark.parametrize(
     "row",
     ["0.9 0.1 0.2", "0.9 0.1 0.2 1.0", "0.9 0.1 0.2 0.5", "1.0 0.9 0.1 0.2"],
@@ -601,6 +753,20 @@ def test_words_of_stl_that_are_no_colours_are_not_taken_for_such(tmp_path: Path)
     path = tmp_path / "a.stl"
     path.write_bytes(coloured_stl((50, 12)))
     assert quiet(path).materials[0].reflectance.tolist() == [0.5] * 3
+
+
+@pytest.mark.parametrize(
+    ("words", "is_coloured"),
+    [((0x1234, 0x9ABC), False), ((word(31, 0, 0, 1), 0), True), ((word(31, 0, 0, 1), word(0, 31, 0, 1)), True)],
+)
+def test_words_of_stl_are_colours_if_those_without_the_mark_are_zero(
+    tmp_path: Path, words: tuple[int, int], is_coloured: bool
+) -> None:
+    """VxElements stores other numbers there."""
+    path = tmp_path / "a.stl"
+    path.write_bytes(coloured_stl(words, b"VxElements"))
+    assert (quiet(path).shapes[0].geometry.colours is not None) == is_coloured
+    assert any("not taken for colours" in text for text in said(path)) != is_coloured
 
 
 def test_colours_of_an_stl_are_not_used_for_bare_geometry(tmp_path: Path) -> None:

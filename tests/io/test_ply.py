@@ -321,6 +321,32 @@ def test_colours_that_are_not_understood_are_named(tmp_path: Path) -> None:
     assert told == ["not used: Colours in the properties red, green, rgb."]
 
 
+@pytest.mark.parametrize("rest", [[], ["uchar alpha"]])
+def test_fractions_in_a_column_of_bytes_are_fractions(tmp_path: Path, rest: list[str]) -> None:
+    names = ["uchar red", "uchar green", "uchar blue", *rest]
+    scene, told = load(tmp_path, cube(of_vertices=(names, (1.0, 0.5, 0.25, *[0.75] * len(rest)))))
+    assert colour(scene) == pytest.approx((255, 127.5, 63.75), abs=0.01)
+    assert scene.materials[0].opacity == pytest.approx(0.75 if rest else 1)
+    assert told == ["its colours red, green, blue: they are fractions, although the header declares whole numbers."]
+
+
+def test_intensity_edges_and_elements_of_other_kinds_are_told(tmp_path: Path) -> None:
+    vertices = [(*corner, 7) for corner in CORNERS]
+    content = ply(
+        {
+            "vertex": (["float x", "float y", "float z", "uchar intensity"], vertices),
+            "face": (["list uchar int vertex_indices"], [(quad,) for quad in QUADS]),
+            "edge": (["int vertex1", "int vertex2"], [(0, 1), (1, 2)]),
+            "material": (["uchar diffuse_red", "uchar diffuse_green", "uchar diffuse_blue"], [BROWN]),
+        }
+    )
+    assert load(tmp_path, content)[1] == [
+        "left out: edges beside faces (2).",
+        "not used: Elements of other kinds: material (1).",
+        "not used: Colours in the properties intensity.",
+    ]
+
+
 # Alpha.
 
 
@@ -498,3 +524,4 @@ def test_data_behind_the_last_element_are_counted(tmp_path: Path) -> None:
         "3 bytes behind the last element are not read, as the header announces no more."
     ]
     assert load(tmp_path, cube(format_name="binary_big_endian") + b"\n")[1] == []
+    assert load(tmp_path, cube() + b"\x1a")[1] == []  # as old programs end text

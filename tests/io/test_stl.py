@@ -74,6 +74,14 @@ DAMAGED = {
     "ascii, old Mac": (ASCII.replace("\n", "\r").encode(), 12, ""),
     "ascii in capitals": (ASCII.upper().encode(), 12, ""),
     "ascii with a name of the format's words": (ASCII.replace("solid", "solid vertex facet", 1).encode(), 12, ""),
+    "ascii with a name of two words of the format": (
+        ASCII.replace("solid ", "solid facet vertex demo ").encode(),
+        12,
+        "",
+    ),
+    "ascii in UTF-16": (ASCII.encode("utf-16"), 12, ""),
+    "ascii in UTF-16 without a mark": (ASCII.encode("utf-16-le"), 12, ""),
+    "ascii of DOS": (ASCII.encode() + b"\x1a", 12, ""),
     "ascii nan": (
         ASCII.replace("vertex 1.0", "vertex -nan(ind)", 1).encode(),
         11,

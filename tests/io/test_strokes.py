@@ -46,6 +46,31 @@ def test_a_ply_of_points_is_balls_of_their_colours(cloud: str, tmp_path: Path):
     assert colours == {(1, 0, 0), (0, 1, 0), (0, 0, 1)}
 
 
+@pytest.mark.filterwarnings("ignore:.*(no camera|not finite)")
+@pytest.mark.parametrize("format_name", ["ascii", "binary_little_endian"])
+def test_a_ply_of_edges_is_rods(format_name: str, tmp_path: Path):
+    path = tmp_path / "frame.ply"
+    coordinates = "".join(f"property float {axis}\n" for axis in "xyz")
+    header = (
+        f"ply\nformat {format_name} 1.0\nelement vertex 4\n{coordinates}"
+        "element edge 2\nproperty int vertex1\nproperty int vertex2\nend_header\n"
+    )
+    points = np.array([[np.nan, 0, 0], [0, 0, 0], [3, 0, 0], [3, 4, 0]], "<f4")
+    edges = np.array([[1, 2], [3, 2]], "<i4")
+    if format_name == "ascii":
+        body = "".join(f"{' '.join(map(str, row))}\n" for row in (*points.tolist(), *edges.tolist())).encode()
+    else:
+        body = points.tobytes() + edges.tobytes()
+    path.write_bytes(header.encode() + body)
+    with pytest.warns(SceneWarning, match=r"has no triangles, so its 2 lines are drawn as rods of radius 0\.02\."):
+        scene = load_scene(path)
+    assert scene.bounds == (pytest.approx([-0.02] * 3, abs=2e-3), pytest.approx([3.02, 4.02, 0.02], abs=2e-3))
+    path.write_bytes(header.encode() + body.replace(b"1 2\n3 2", b"1 9\n3 2"))
+    if format_name == "ascii":
+        with pytest.raises(SceneError, match=r"edge 0 names vertex 9, but the mesh has 4 vertices"):
+            load_scene(path)
+
+
 def test_as_the_bare_geometry_of_a_shape_it_has_no_triangles(tmp_path: Path):
     (tmp_path / "cloud.ply").write_text(CLOUD)
     scene = {"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "sky": {"zenith": 1.0}}
