@@ -17,9 +17,11 @@ from glpath.errors import SceneError, SceneWarning
 from glpath.film.image import encode_png, write_exr
 from glpath.io.export.mitsuba_xml import ply
 from glpath.io.library import scene_parameters
+from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
 from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
+from glpath.scene.triangulate import path_traceable
 from glpath.system.files import read_bytes
 from tests.io.test_export import everything, quietly
 from tests.support.command_line import run
@@ -1245,3 +1247,66 @@ def test_a_pinhole_may_have_a_focus(tmp_path: Path) -> None:
     cameras = [glpath.load_scene(file(tmp_path, FLOOR, LAMP, camera)).camera for camera in (focused, CAMERA)]
     assert cameras[0].aperture_radius == 0
     assert cameras[0].fov == cameras[1].fov
+
+
+SCALES = {"upright": "1 1 1", "mirrored": "-1 1 1", "inverted": "-1 -1 -1"}
+FACING = {
+    **dict.fromkeys(("sphere", "cube", "cylinder"), ""),
+    "obj with normals": '<string name="filename" value="normals.obj"/>',
+    "ply with normals": '<string name="filename" value="normals.ply"/>',
+    "obj without its normals": '<string name="filename" value="normals.obj"/>'
+    '<boolean name="face_normals" value="true"/>',
+}
+
+
+@pytest.mark.parametrize("flips", [False, True])
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("shape", FACING)
+@pytest.mark.parametrize("is_instance", [False, True])
+def test_fronts_and_textures_of_mirrored_shapes_are_where_mitsuba_has_them(
+    shape: str, scale: str, flips: bool, is_instance: bool, tmp_path: Path
+) -> None:
+    mi = pytest.importorskip("mitsuba", reason="needs the extra reference")
+    mi.set_variant("scalar_rgb")
+    _write_balls(tmp_path)
+    factors = "".join(f' {axis}="{value}"' for axis, value in zip("xyz", SCALES[scale].split(), strict=True))
+    mirror = f'<transform name="to_world"><rotate y="1" angle="25"/><scale{factors}/></transform>'
+    body = f'{FACING[shape]}<boolean name="flip_normals" value="{str(flips).lower()}"/>{WITNESSES["textured"]}'
+    given = f'<shape type="{shape.split()[0]}">{body}{"" if is_instance else mirror}</shape>'
+    if is_instance:
+        given = f'<shape type="shapegroup" id="group">{given}</shape>'
+        given += f'<shape type="instance"><ref id="group"/>{mirror}</shape>'
+    path = file(tmp_path, given, name="facing.xml")
+    triangulated = path_traceable(read(path)[0])
+    theirs, checked = mi.load_file(str(path)), 0
+    step = len(triangulated.triangles) // 12
+    for corners, corner_uv in zip(triangulated.triangles[::step], triangulated.triangle_uv[::step], strict=True):
+        middle, uv = corners.mean(axis=0), corner_uv.mean(axis=0)
+        front = unit_normals(np.cross(*(corners[1:] - corners[0]))[None])[0]
+        hit = theirs.ray_intersect(mi.Ray3f(middle + 0.1 * front, -front))
+        assert hit.is_valid()
+        assert np.dot(np.ravel(hit.sh_frame.n), front) > 0
+        # The triangles are a little inside of a sphere, and u has no value at a pole.
+        if abs(uv[1] - 0.5) < 0.45:
+            away = np.ravel(hit.uv) - [uv[0], 1.0 - uv[1]]
+            assert np.abs((away + 0.5) % 1.0 - 0.5).max() < 0.01
+            checked += 1
+    assert checked > 2
+
+
+def _write_balls(folder: Path) -> None:
+    """A ball with and without normals, and a picture."""
+    ball = unit_sphere(2, with_uv=True)
+    rows = {"v": ball.vertices, "vt": ball.uv, "vn": ball.normals}
+    lines = [f"{kind} {' '.join(map(str, row))}" for kind, values in rows.items() for row in values]
+    lines += [f"f {' '.join(f'{index}/{index}/{index}' for index in face)}" for face in ball.faces + 1]
+    (folder / "normals.obj").write_text("\n".join(lines))
+    (folder / "normals.ply").write_bytes(ply(ball))
+    (folder / "a.png").write_bytes(encode_png(np.full((4, 8, 3), 128, np.uint8)))
+
+
+def test_an_ellipsoid_that_mitsuba_draws_as_a_sphere_warns(tmp_path: Path) -> None:
+    stretched = '<shape type="sphere"><transform name="to_world"><scale x="2"/></transform></shape>'
+    scene, told = read(room(tmp_path, stretched))
+    assert ["ellipsoid" in text for text in told] == [True]
+    np.testing.assert_allclose(np.linalg.norm(scene.spheres[0, :, :3], axis=0), [2, 1, 1])

@@ -69,7 +69,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         raise location.error("has no shapes, so there is nothing to see.", 'Add a <shape type="sphere"/>.')
     if hides_emitters and any(shape.emits for shape in reader.shapes):
         emitters.notes["`hide_emitters` is not read: the camera sees the area lights"] = None
-    for note in (*surfaces.notes, *emitters.notes):
+    for note in (*surfaces.notes, *emitters.notes, *reader.notes):
         warn(f"{path}: {note}.")
     for text in textures.files.notes():
         warn(f"{path}: not used: {text}")
