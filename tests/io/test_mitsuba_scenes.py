@@ -1252,6 +1252,7 @@ def test_a_pinhole_may_have_a_focus(tmp_path: Path) -> None:
 SCALES = {"upright": "1 1 1", "mirrored": "-1 1 1", "inverted": "-1 -1 -1"}
 FACING = {
     **dict.fromkeys(("sphere", "cube", "cylinder"), ""),
+    "ply": '<string name="filename" value="plain.ply"/>',
     "obj with normals": '<string name="filename" value="normals.obj"/>',
     "ply with normals": '<string name="filename" value="normals.ply"/>',
     "obj without its normals": '<string name="filename" value="normals.obj"/>'
@@ -1296,12 +1297,13 @@ def test_fronts_and_textures_of_mirrored_shapes_are_where_mitsuba_has_them(
 
 def _write_balls(folder: Path) -> None:
     """A ball with and without normals, and a picture."""
-    ball = unit_sphere(2, with_uv=True)
+    ball, plain = unit_sphere(2, with_uv=True), unit_sphere(2)
     rows = {"v": ball.vertices, "vt": ball.uv, "vn": ball.normals}
     lines = [f"{kind} {' '.join(map(str, row))}" for kind, values in rows.items() for row in values]
     lines += [f"f {' '.join(f'{index}/{index}/{index}' for index in face)}" for face in ball.faces + 1]
     (folder / "normals.obj").write_text("\n".join(lines))
     (folder / "normals.ply").write_bytes(ply(ball))
+    (folder / "plain.ply").write_bytes(ply(replace(plain, normals=None)))
     (folder / "a.png").write_bytes(encode_png(np.full((4, 8, 3), 128, np.uint8)))
 
 
@@ -1310,3 +1312,18 @@ def test_an_ellipsoid_that_mitsuba_draws_as_a_sphere_warns(tmp_path: Path) -> No
     scene, told = read(room(tmp_path, stretched))
     assert ["ellipsoid" in text for text in told] == [True]
     np.testing.assert_allclose(np.linalg.norm(scene.spheres[0, :, :3], axis=0), [2, 1, 1])
+
+
+@pytest.mark.parametrize("separator", ["", "o other\n", "usemtl other\n"])
+def test_faces_without_texture_coordinates_show_the_first_texel(separator: str, tmp_path: Path) -> None:
+    """Mitsuba leaves their coordinates at (0, 0), or whatever is in memory."""
+    square = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
+    (tmp_path / "a.obj").write_text(f"{square}{separator}v 2 0 0\nv 3 0 0\nv 2 1 0\nf 5 6 7\n")
+    (tmp_path / "a.png").write_bytes(encode_png(np.full((4, 8, 3), 128, np.uint8)))
+    shape = '<shape type="obj"><string name="filename" value="a.obj"/>{}</shape>'
+    scene, told = read(room(tmp_path, shape.format(WITNESSES["textured"])))
+    assert ["first texel" in text for text in told] == [True]
+    mesh = shape_named(scene, "a").geometry
+    np.testing.assert_array_equal(mesh.uv[mesh.vertices[:, 0] > 1.5], [(0, 1)] * 3)
+    np.testing.assert_array_equal(mesh.uv[:4], [(0, 0), (1, 0), (1, 1), (0, 1)])
+    assert read(room(tmp_path, shape.format(WITNESSES["twosided"])))[1] == []

@@ -71,7 +71,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
         # Materials in it are not used, in Mitsuba neither.
         file = read_mesh_file(path, where, colours=False)
         stored = file.ply
-        mesh = Mesh.joined(file.meshes)
+        mesh = Mesh.joined(_alike(file.meshes))
     if mesh.uv is not None and not flips:
         mesh = replace(mesh, uv=v_downwards(mesh.uv))
     is_flat = plugin.flag("face_normals", False)
@@ -93,6 +93,21 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
     if not of_faces:
         return replace(mesh, colours=colours), has_normals
     return replace(mesh.unshared(), colours=np.repeat(colours, 3, axis=0)), has_normals
+
+
+def _alike(meshes: list[Mesh]) -> list[Mesh]:
+    """Return the meshes, all of them with texture coordinates if any has some: NaN for those that lack them."""
+    if all(mesh.uv is None for mesh in meshes):
+        return meshes
+    return [
+        replace(mesh, uv=np.full((len(mesh.vertices), 2), np.nan)) if mesh.uv is None else mesh for mesh in meshes
+    ]
+
+
+def with_uv_of_triangles(mesh: Mesh) -> Mesh:
+    """A mesh with Mitsuba's texture coordinates for meshes without: each triangle has (0, 0), (1, 0) and (0, 1)."""
+    apart = mesh.unshared()
+    return replace(apart, uv=v_downwards(np.tile([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], (len(mesh.faces), 1))))
 
 
 def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from glpath.io.meshes import has_uv_gaps, without_uv_gaps
 from glpath.io.mitsuba import meshes
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.plugin import Plugin
@@ -54,6 +55,7 @@ class Reader:
     notes: dict[str, None] = field(default_factory=dict)
     _meshes: dict[tuple[object, ...], Mesh] = field(default_factory=dict)
     _with_normals: set[Mesh] = field(default_factory=set)
+    _with_all_uv: dict[Mesh, Mesh] = field(default_factory=dict)
     _turned: dict[Mesh, Mesh] = field(default_factory=dict)
     _groups: dict[int, list[tuple[str, _Part]]] = field(default_factory=dict)
     _instances: dict[tuple[int, int, bool], list[Float64]] = field(default_factory=dict)
@@ -138,14 +140,27 @@ class Reader:
             self.notes["a sphere whose `to_world` stretches it is an ellipsoid, but a sphere in Mitsuba"] = None
         return "sphere", matrix[:3], False  # a mirror puts its front inside, here and in Mitsuba
 
+    def _with_uv(self, mesh: Mesh, material: int) -> Mesh:
+        """The mesh, with texture coordinates for all vertices if the material has textures."""
+        is_textured, has_gaps = bool(self.surfaces.materials[material].slots), has_uv_gaps(mesh)
+        if has_gaps and is_textured:
+            self.notes["faces without texture coordinates show the first texel of their texture"] = None
+        if not has_gaps and (mesh.uv is not None or not is_textured):
+            return mesh
+        if mesh not in self._with_all_uv:
+            self._with_all_uv[mesh] = without_uv_gaps(mesh) if has_gaps else meshes.with_uv_of_triangles(mesh)
+        return self._with_all_uv[mesh]
+
     def _facing(
         self, geometry: Mesh | Literal["sphere"], maps: Float64, reverse: bool, material: int
     ) -> tuple[Mesh | Literal["sphere"], Float64]:
-        """Geometry and its maps (..., 3, 4), with fronts and backs exchanged if `reverse`.
+        """Geometry for a material, and its maps (..., 3, 4), with fronts and backs exchanged if `reverse`.
 
         A sphere can only be turned by a mirror. If it has a texture it becomes triangles, so that the texture is
         not mirrored.
         """
+        if isinstance(geometry, Mesh):
+            geometry = self._with_uv(geometry, material)
         if not reverse:
             return geometry, maps
         if geometry == "sphere":
