@@ -1327,3 +1327,19 @@ def test_faces_without_texture_coordinates_show_the_first_texel(separator: str, 
     np.testing.assert_array_equal(mesh.uv[mesh.vertices[:, 0] > 1.5], [(0, 1)] * 3)
     np.testing.assert_array_equal(mesh.uv[:4], [(0, 0), (1, 0), (1, 1), (0, 1)])
     assert read(room(tmp_path, shape.format(WITNESSES["twosided"])))[1] == []
+
+
+@pytest.mark.parametrize(
+    ("opacity", "expected"),
+    [
+        ('<rgb name="opacity" value="0.53 0.53 0.53"/>', 0.53),
+        ('<rgb name="opacity" value="0.9, 0.5, 0.1"/>', 0.5),
+        ('<spectrum name="opacity" value="0.3"/>', 0.3),
+    ],
+)
+def test_a_colour_for_a_number_is_its_mean(opacity: str, expected: float, tmp_path: Path) -> None:
+    """Mitsuba 3.9 renders the same picture, bit by bit, with the mean of the colour as a <float>."""
+    veil = surface(tmp_path, f'<bsdf type="mask">{opacity}<bsdf type="diffuse"/></bsdf>')
+    assert veil.opacity == pytest.approx(expected)
+    rough = surface(tmp_path, f'<bsdf type="principled">{opacity.replace("opacity", "roughness")}</bsdf>')
+    assert rough.roughness == pytest.approx(expected)

@@ -134,6 +134,12 @@ class Plugin:
             )
         return colour
 
+    def fraction(self, name: str, default: float) -> float:
+        """A number from 0 to 1; the mean of a colour, as Mitsuba takes it. Raises SceneError."""
+        if self.kind_of(name) in ("rgb", "spectrum"):
+            return float(self.share(name, default).mean())
+        return self.number(name, default, 0.0, 1.0)
+
     def texture(self, name: str) -> Plugin | None:
         """The texture that a parameter is; None where it is not one."""
         self._asked[name] = None
