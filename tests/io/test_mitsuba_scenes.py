@@ -1343,3 +1343,39 @@ def test_a_colour_for_a_number_is_its_mean(opacity: str, expected: float, tmp_pa
     assert veil.opacity == pytest.approx(expected)
     rough = surface(tmp_path, f'<bsdf type="principled">{opacity.replace("opacity", "roughness")}</bsdf>')
     assert rough.roughness == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("clip", "message"),
+    [
+        ('<float name="near_clip" value="6"/>', "`near_clip` is not read: what is nearer than 6 is visible"),
+        ('<float name="far_clip" value="5.5"/>', "`far_clip` is not read: what is farther than 5.5 is visible"),
+        ('<float name="near_clip" value="3.9"/><float name="far_clip" value="6.1"/>', None),
+        ("", None),
+    ],
+)
+def test_clipping_planes_that_cut_off_shapes_in_mitsuba_warn(
+    clip: str, message: str | None, tmp_path: Path
+) -> None:
+    camera = f"""<sensor type="perspective">{clip}
+    <transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>"""
+    path = file(tmp_path, camera, '<emitter type="constant"/>', '<shape type="sphere"/>')
+    assert read(path)[1] == ([] if message is None else [f"{path}: {message}."])
+
+
+def test_an_orthographic_picture_may_be_stretched(tmp_path: Path) -> None:
+    """The rays of Mitsuba's own camera, through some positions of the picture."""
+    camera = """<sensor type="orthographic"><transform name="to_world"><scale x="2" y="0.7"/>
+    <lookat origin="1, 2, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="24"/></film></sensor>"""
+    path = file(tmp_path, camera, '<emitter type="constant"/>', '<shape type="sphere"/>')
+    camera = read(path)[0].camera
+    at = np.array([[0.5, 0.5], [12.0, 21.0], [39.5, 3.5]])
+    mi = pytest.importorskip("mitsuba", reason="needs the extra reference")
+    mi.set_variant("scalar_rgb")
+    sensor = mi.load_file(str(path)).sensors()[0]
+    rays = [sensor.sample_ray(0.0, 0.5, mi.Point2f(*(each / [48, 24])), mi.Point2f(0.5))[0] for each in at]
+    np.testing.assert_allclose([np.ravel(ray.d) for ray in rays], camera.rays(at), atol=1e-5)
+    across = np.array(camera.frame()[:2])
+    origins = np.array([np.ravel(ray.o) for ray in rays])
+    np.testing.assert_allclose(origins @ across.T, camera.origins(at) @ across.T, atol=1e-5)
