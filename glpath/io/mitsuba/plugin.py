@@ -179,6 +179,14 @@ class Plugin:
             raise self.where(name).error("is singular: it flattens what it moves.", "Give no factor of zero.")
         return matrix
 
+    def inverse_transform(self, name: str) -> Float64:
+        """(4, 4): the inverse as Mitsuba has it, which transposes rotations even about an axis that is not unit."""
+        child, matrix = self._take(name, ("transform",)), np.eye(4)
+        for step in child.children if child is not None else ():
+            moved = _step(step)
+            matrix = matrix @ (moved.T if step.tag == "rotate" else np.linalg.inv(moved))
+        return matrix
+
     def refuse_unless(self, name: str, value: float, why: str) -> None:
         """Raise SceneError where a number is given that is not `value`, the only one that is read."""
         if self.texture(name) is not None:
