@@ -25,6 +25,8 @@ _KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap", "s
 _SHARP = 0.999
 # Rows of a map from which half a row is not seen.
 _SMALL = 1100
+# Rows of a stretched map that are made at once, to save memory.
+_ROWS_AT_ONCE = 64
 
 
 @dataclass
@@ -149,9 +151,19 @@ def _stretched(image: NDArray[np.float32], map_from_world: Float64) -> NDArray[n
     Mitsuba takes the arc cosine of the y of a direction that it brings into the frame of the map, however long that
     direction is then.
     """
+    height = image.shape[0]
+    rows = max(height, min(2 * height, 2048), 512)
+    angles = np.pi * (np.arange(rows) + 0.5) / rows
+    parts = np.array_split(angles, rows // _ROWS_AT_ONCE)
+    return np.concatenate([_stretched_rows(image, map_from_world, part[:, None], rows) for part in parts])
+
+
+def _stretched_rows(
+    image: NDArray[np.float32], map_from_world: Float64, theta: Float64, rows: int
+) -> NDArray[np.float32]:
+    """Rows of a stretched map of so many `rows`. theta: (n, 1) angles of rows from up."""
     height, width = image.shape[:2]
-    rows = min(max(2 * height, 512), 2048)
-    theta, phi = np.pi * (np.arange(rows)[:, None] + 0.5) / rows, np.pi * (np.arange(2 * rows) + 0.5) / rows
+    phi = np.pi * (np.arange(2 * rows) + 0.5) / rows
     parts = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))
     x, y, z = np.tensordot(map_from_world, np.stack(parts), axes=1)
     column = np.arctan2(x, -z) / (2 * np.pi) % 1.0 * width - 0.5
