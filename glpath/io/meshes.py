@@ -172,7 +172,9 @@ def has_uv_gaps(mesh: Mesh) -> bool:
 
 def without_uv_gaps(mesh: Mesh) -> Mesh:
     """The mesh with the first texel of pictures, (0, 1), for vertices without texture coordinates."""
-    return replace(mesh, uv=np.where(np.isnan(mesh.uv), (0.0, 1.0), mesh.uv)) if has_uv_gaps(mesh) else mesh
+    if mesh.uv is None or not has_uv_gaps(mesh):
+        return mesh
+    return replace(mesh, uv=np.where(np.isnan(mesh.uv), (0.0, 1.0), mesh.uv))
 
 
 @dataclass(frozen=True)

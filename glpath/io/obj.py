@@ -308,7 +308,7 @@ class _Attributes(NamedTuple):
 def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
     """Return triangles (T, 3 corners, 3 indices) with one vertex for each distinct corner."""
     corners = triangles.reshape(-1, 3)
-    has_uv, has_normals = (corners[:, 1:] >= 0).any(axis=0).tolist()
+    has_uv, has_normals = (bool((corners[:, column] >= 0).any()) for column in (1, 2))
     # The arrays below that are as long as the file are worth it if the part is a good part of the file.
     key, is_vertex = corners[:, 0], _MAX_SPARSENESS * len(corners) >= len(rows.positions)
     for column, count in [(1, len(rows.uv) - 1)] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
