@@ -23,6 +23,7 @@ from glpath.scene.maintenance import with_factor
 from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Portal, Shape, Sky
 from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation
+from glpath.scene.spot_cone import spot_solid_angle
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 # What a sky of irradiances does not have.
@@ -107,8 +108,7 @@ def _light(
             return Light(
                 name,
                 "spot",
-                # Between the two angles it fades evenly about the middle of their cosines.
-                _intensity(given, 2 * np.pi * (1 - float(np.cos(np.radians(cone)).mean())), location),
+                _intensity(given, spot_solid_angle(cone), location),
                 position=position,
                 direction=axis / length,
                 cone=cone,

@@ -11,7 +11,7 @@ from glpath.errors import warn
 from glpath.io.from_trimesh import surface_of_colours
 from glpath.io.gltf import Model
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.meshes import MeshFile, read_mesh_file, which
+from glpath.io.meshes import MeshFile, has_uv_gaps, read_mesh_file, which, without_uv_gaps
 from glpath.io.mtl import Library
 from glpath.io.pictures import Pictures
 from glpath.io.values import LARGEST
@@ -71,7 +71,7 @@ class _Reader:
             else:
                 mesh, surface = self._plain(mesh)
                 uses_colours |= surface.material.name in ("colours", "colour")
-            mesh = mesh.without_unused_vertices()
+            mesh = without_uv_gaps(mesh).without_unused_vertices()
             if len(self.file.meshes) > 1 and without_area(mesh.vertices[mesh.faces]).all():
                 self.notes[f'"{name}", which has no area.'] = None
                 continue
@@ -101,8 +101,12 @@ class _Reader:
         return index
 
     def _with_coordinates(self, surface: Surface, mesh: Mesh) -> Surface:
-        """Without textures where the mesh has no coordinates for them."""
-        if mesh.uv is not None or not surface.material.slots:
+        """Without textures if the mesh has no coordinates for them."""
+        if not surface.material.slots:
+            return surface
+        if mesh.uv is not None:
+            if has_uv_gaps(mesh):
+                self.notes["Textures of faces without texture coordinates: each shows one of its texels."] = None
             return surface
         self.notes["Textures of faces without texture coordinates."] = None
         material = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]

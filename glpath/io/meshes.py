@@ -161,14 +161,27 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
     """
     file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
-    return Mesh.joined(file.meshes)
+    mesh = Mesh.joined(file.meshes)
+    return replace(mesh, uv=None) if has_uv_gaps(mesh) else mesh
+
+
+def has_uv_gaps(mesh: Mesh) -> bool:
+    """True if some vertices of a mesh have no texture coordinates, which are NaN, though others have."""
+    return mesh.uv is not None and bool(np.isnan(mesh.uv).any())
+
+
+def without_uv_gaps(mesh: Mesh) -> Mesh:
+    """The mesh with the first texel of pictures, (0, 1), for vertices without texture coordinates."""
+    if mesh.uv is None or not has_uv_gaps(mesh):
+        return mesh
+    return replace(mesh, uv=np.where(np.isnan(mesh.uv), (0.0, 1.0), mesh.uv))
 
 
 @dataclass(frozen=True)
 class MeshFile:
     """Meshes of a file, in the order in which it first uses their materials.
 
-    meshes    : each with faces, and with its colours, if these are wanted
+    meshes    : each with faces, and with its colours, if these are wanted; texture coordinates may have gaps
     materials : number of each mesh's material in an OBJ, or -1
     obj       : the contents of an OBJ file
     ply       : the contents of a PLY file

@@ -46,7 +46,7 @@ class Part:
     material  : index into `ObjFile.materials`; -1 without a material
     positions : (V, 3)
     faces     : (F, 3) indices of positions
-    uv        : (V, 2); None if any corner has none
+    uv        : (V, 2), NaN where the file has none; None if no corner has one
     normals   : (V, 3), zeros where the file has none; None if no corner has one
     colours   : (V, 3) in [0, 1]; None without
     """
@@ -314,8 +314,8 @@ def _parts(
     split = split_finite(source, tables.v[:, :3], corners[:, 0], sizes, others)
     triangles, materials = corners[split.triangles], material_of[split.polygons]
     colours, _ = _colours(tables.v)
-    normals = np.vstack([normals[:, :3], np.zeros(3)])
-    vertices = _Attributes(tables.v[:, :3], uv[:, :2], normals, colours)
+    uv, normals = np.vstack([uv[:, :2], np.full(2, np.nan)]), np.vstack([normals[:, :3], np.zeros(3)])
+    vertices = _Attributes(tables.v[:, :3], uv, normals, colours)
     if len(materials) and (materials == materials[0]).all():
         return [_part(int(materials[0]), triangles, vertices)]
     order = np.argsort(materials, kind="stable")
@@ -325,7 +325,7 @@ def _parts(
 
 
 class _Attributes(NamedTuple):
-    """Rows that corners index. Index -1, of a corner without a normal, is the last row, a normal of zero."""
+    """Rows that corners index. The last row of uv is NaN and of normals zero, for index -1 of corners without."""
 
     positions: Float64
     uv: Float64
@@ -336,10 +336,10 @@ class _Attributes(NamedTuple):
 def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
     """Return triangles (T, 3 corners, 3 indices) with one vertex for each distinct corner."""
     corners = triangles.reshape(-1, 3)
-    has_uv, has_normals = bool((corners[:, 1] >= 0).all()), bool((corners[:, 2] >= 0).any())
+    has_uv, has_normals = (bool((corners[:, column] >= 0).any()) for column in (1, 2))
     # The arrays below that are as long as the file are worth it if the part is a good part of the file.
     key, is_vertex = corners[:, 0], _MAX_SPARSENESS * len(corners) >= len(rows.positions)
-    for column, count in [(1, len(rows.uv))] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
+    for column, count in [(1, len(rows.uv) - 1)] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
         if not np.array_equal(corners[:, column], corners[:, 0]):
             _, key = np.unique(key, return_inverse=True)
             key, is_vertex = key * (count + 1) + corners[:, column] + 1, False

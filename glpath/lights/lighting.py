@@ -24,6 +24,7 @@ from glpath.sampling.points import uniform_sphere
 from glpath.scene.appearance import Appearance
 from glpath.scene.geometry import sphere_areas
 from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky, unit_normals
+from glpath.scene.spot_cone import spot_solid_angle
 
 # Probability of selecting a triangle by area alone, if a texture modulates the shape's emission.
 _UNSEEN = 0.2
@@ -313,8 +314,7 @@ def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
         return strength * radius**2
     angle = 4 * np.pi
     if light.kind == "spot":
-        # The smooth edge between both cones counts half.
-        angle = 2 * np.pi * (1 - float(np.cos(np.radians(light.cone)).mean()))
+        angle = spot_solid_angle(light.cone)
     distance = float(np.linalg.norm(light.position - centre))
     if distance > radius and not len(scene.planes):
         angle = min(angle, 2 * np.pi * (1 - np.sqrt(1 - (radius / distance) ** 2)))

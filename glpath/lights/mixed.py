@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from glpath.lights.samples import Incident
 from glpath.scene.model import Float64, Light, LightProfile
+from glpath.scene.spot_cone import spot_fade
 
 Int64 = NDArray[np.int64]
 
@@ -77,9 +78,7 @@ class MixedLights(NamedTuple):
         if self.spot.any():
             full, end = self.full[lights], self.end[lights]
             cosine = -np.einsum("ni,ni->n", wi, direction)
-            s = np.clip((cosine - end) / np.where(full > end, full - end, 1.0), 0.0, 1.0)
-            fade = np.where(full > end, s * s * (3.0 - 2.0 * s), cosine >= end)
-            strength *= np.where(self.spot[lights], fade, 1.0)
+            strength *= np.where(self.spot[lights], spot_fade(cosine, full, end), 1.0)
         if distant.any():
             wi[distant], distance[distant], strength[distant] = -direction[distant], np.inf, 1.0
         return Incident(wi, distance, strength[:, None] * self.intensity[lights])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.model import Float64, Light, Scene
+from glpath.scene.spot_cone import spot_fade
 
 Kind = Literal["point", "spot", "directional", "area", "sky"]
 #: Kinds of light; their numbers in GLSL are their indices here.
@@ -165,10 +166,5 @@ def incident(light: Light, positions: Float64) -> Incident:
         strength *= light.profile.intensity(-wi, light.direction, light.c0)
     if light.kind == "spot":
         full, end = np.cos(np.radians(light.cone))
-        cosine = -(wi @ light.direction)
-        if full > end:
-            s = np.clip((cosine - end) / (full - end), 0.0, 1.0)
-            strength *= s * s * (3.0 - 2.0 * s)
-        else:
-            strength *= cosine >= end
+        strength *= spot_fade(-(wi @ light.direction), full, end)
     return Incident(wi, distance, strength[:, None] * light.intensity)

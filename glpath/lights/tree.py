@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from glpath.lights.lighting import Lighting
 from glpath.scene.model import Float64, Light
+from glpath.scene.spot_cone import spot_fade
 
 Int64 = NDArray[np.int64]
 
@@ -121,8 +122,7 @@ def _cone(light: Light) -> tuple[float, float]:
         sent[(gamma < first - _MARGIN) | (gamma > last + _MARGIN)] = 0.0
     elif light.kind == "spot":
         full, end = np.cos(np.radians(light.cone))
-        s = np.clip((np.cos(gamma) - end) / max(full - end, 1e-9), 0.0, 1.0)
-        sent = s * s * (3.0 - 2.0 * s)
+        sent = spot_fade(np.cos(gamma), full, end)
     else:
         return np.pi, 0.5 * np.pi
     shining = np.flatnonzero(sent > 0)

@@ -70,7 +70,7 @@ class Light:
     position  : (3,) float64; of no meaning for a directional light
     direction : (3,) float64 unit, in which light travels; of a point light with a profile, where gamma is 0; of no
                 meaning for one without
-    cone      : half angles in degrees, of full light and of its end; between them it fades smoothly
+    cone      : half angles in degrees, of full light and of its end; between them it fades by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
     profile   : of a point light, how much it sends in which direction; None: in all alike
     c0        : (3,) float64 unit, perpendicular to `direction`: where C is 0 and gamma 90 degrees of the profile

@@ -256,9 +256,10 @@ def test_lights_are_given_by_their_flux(profile: str) -> None:
     assert lux(scene(point)) == pytest.approx(179 * 250, rel=1e-5)  # in watts
     form = LAMP | {"profile": profile, "direction": [0, -1, 0], "flux": 4000 * np.pi}
     assert lux(scene(form)) == pytest.approx(250, rel=1e-3)  # of what is linear between 0, 90 and 180 degrees
-    # Within the cone of full light, 1000 lm spread over the angle that the smooth edge counts half of.
+    # Within the cone of full light, 1000 lm spread over the solid angle, of which the squared edge counts a third.
     spot = {"type": "spot", "position": [0, 2, 0], "target": [0, 0, 0], "cone": [20, 40], "flux": 1000}
-    angle = 2 * np.pi * (1 - np.cos(np.radians([20, 40])).mean())
+    full, end = np.cos(np.radians([20, 40]))
+    angle = 2 * np.pi * (1 - (2 * full + end) / 3)
     assert lux(scene(spot | lm)) == pytest.approx(1000 / angle / 4, rel=1e-5)
     corners = [[-0.5, 2, -0.5], [0.5, 2, -0.5], [0.5, 2, 0.5], [-0.5, 2, 0.5]]
     panel = {"type": "quad", "corners": corners, "material": "black", "emission": {"flux": 500 * np.pi} | lm}

@@ -50,7 +50,7 @@ OVER_THE_FLOOR: dict[str, tuple[dict[str, Any], Any]] = {
             "intensity": 5.0,
             "cone": [np.degrees(np.arccos(0.9)), np.degrees(np.arccos(0.7))],
         },
-        0.5 * 5 * 2 / 2.5**3,
+        0.5**2 * 5 * 2 / 2.5**3,
     ),
     "spot wider than a half space": (
         {
@@ -76,8 +76,8 @@ OVER_THE_FLOOR: dict[str, tuple[dict[str, Any], Any]] = {
 def test_a_punctual_light_over_a_floor(light: str, depth: int) -> None:
     given, E = OVER_THE_FLOOR[light]
     film = glpath.render(floor_from_above(lights=[given]), spp=16, max_depth=depth)
-    # A pixel is a patch of the floor.
-    np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * E, rtol=1e-3, atol=1e-9)
+    # A pixel is a patch of the floor, over which the edge of a spot is not linear.
+    np.testing.assert_allclose(film.mean.mean(axis=(0, 1)), RHO / np.pi * E, rtol=2e-3, atol=1e-9)
 
 
 def test_the_lights_of_a_scene_add_up() -> None:

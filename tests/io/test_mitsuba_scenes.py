@@ -17,9 +17,11 @@ from glpath.errors import SceneError, SceneWarning
 from glpath.film.image import encode_png, write_exr
 from glpath.io.export.mitsuba_xml import ply
 from glpath.io.library import scene_parameters
+from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
 from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
+from glpath.scene.triangulate import path_traceable
 from glpath.system.files import read_bytes
 from tests.io.test_export import everything, quietly
 from tests.support.command_line import run
@@ -1245,3 +1247,165 @@ def test_a_pinhole_may_have_a_focus(tmp_path: Path) -> None:
     cameras = [glpath.load_scene(file(tmp_path, FLOOR, LAMP, camera)).camera for camera in (focused, CAMERA)]
     assert cameras[0].aperture_radius == 0
     assert cameras[0].fov == cameras[1].fov
+
+
+SCALES = {"upright": "1 1 1", "mirrored": "-1 1 1", "inverted": "-1 -1 -1"}
+FACING = {
+    **dict.fromkeys(("sphere", "cube", "cylinder"), ""),
+    "ply": '<string name="filename" value="plain.ply"/>',
+    "obj with normals": '<string name="filename" value="normals.obj"/>',
+    "ply with normals": '<string name="filename" value="normals.ply"/>',
+    "obj without its normals": '<string name="filename" value="normals.obj"/>'
+    '<boolean name="face_normals" value="true"/>',
+}
+
+
+@pytest.mark.parametrize("flips", [False, True])
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("shape", FACING)
+@pytest.mark.parametrize("is_instance", [False, True])
+def test_fronts_and_textures_of_mirrored_shapes_are_where_mitsuba_has_them(
+    shape: str, scale: str, flips: bool, is_instance: bool, tmp_path: Path
+) -> None:
+    mi = pytest.importorskip("mitsuba", reason="needs the extra reference")
+    mi.set_variant("scalar_rgb")
+    _write_balls(tmp_path)
+    factors = "".join(f' {axis}="{value}"' for axis, value in zip("xyz", SCALES[scale].split(), strict=True))
+    mirror = f'<transform name="to_world"><rotate y="1" angle="25"/><scale{factors}/></transform>'
+    body = f'{FACING[shape]}<boolean name="flip_normals" value="{str(flips).lower()}"/>{WITNESSES["textured"]}'
+    given = f'<shape type="{shape.split()[0]}">{body}{"" if is_instance else mirror}</shape>'
+    if is_instance:
+        given = f'<shape type="shapegroup" id="group">{given}</shape>'
+        given += f'<shape type="instance"><ref id="group"/>{mirror}</shape>'
+    path = file(tmp_path, given, name="facing.xml")
+    triangulated = path_traceable(read(path)[0])
+    theirs, checked = mi.load_file(str(path)), 0
+    step = len(triangulated.triangles) // 12
+    for corners, corner_uv in zip(triangulated.triangles[::step], triangulated.triangle_uv[::step], strict=True):
+        middle, uv = corners.mean(axis=0), corner_uv.mean(axis=0)
+        front = unit_normals(np.cross(*(corners[1:] - corners[0]))[None])[0]
+        hit = theirs.ray_intersect(mi.Ray3f(middle + 0.1 * front, -front))
+        assert hit.is_valid()
+        assert np.dot(np.ravel(hit.sh_frame.n), front) > 0
+        # The triangles are a little inside of a sphere, and u has no value at a pole.
+        if abs(uv[1] - 0.5) < 0.45:
+            away = np.ravel(hit.uv) - [uv[0], 1.0 - uv[1]]
+            assert np.abs((away + 0.5) % 1.0 - 0.5).max() < 0.01
+            checked += 1
+    assert checked > 2
+
+
+def _write_balls(folder: Path) -> None:
+    """A ball with and without normals, and a picture."""
+    ball, plain = unit_sphere(2, with_uv=True), unit_sphere(2)
+    rows = {"v": ball.vertices, "vt": ball.uv, "vn": ball.normals}
+    lines = [f"{kind} {' '.join(map(str, row))}" for kind, values in rows.items() for row in values]
+    lines += [f"f {' '.join(f'{index}/{index}/{index}' for index in face)}" for face in ball.faces + 1]
+    (folder / "normals.obj").write_text("\n".join(lines))
+    (folder / "normals.ply").write_bytes(ply(ball))
+    (folder / "plain.ply").write_bytes(ply(replace(plain, normals=None)))
+    (folder / "a.png").write_bytes(encode_png(np.full((4, 8, 3), 128, np.uint8)))
+
+
+def test_an_ellipsoid_that_mitsuba_draws_as_a_sphere_warns(tmp_path: Path) -> None:
+    stretched = '<shape type="sphere"><transform name="to_world"><scale x="2"/></transform></shape>'
+    scene, told = read(room(tmp_path, stretched))
+    assert ["ellipsoid" in text for text in told] == [True]
+    np.testing.assert_allclose(np.linalg.norm(scene.spheres[0, :, :3], axis=0), [2, 1, 1])
+
+
+@pytest.mark.parametrize("separator", ["", "o other\n", "usemtl other\n"])
+def test_faces_without_texture_coordinates_show_the_first_texel(separator: str, tmp_path: Path) -> None:
+    """Mitsuba leaves their coordinates at (0, 0), or whatever is in memory."""
+    square = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n"
+    (tmp_path / "a.obj").write_text(f"{square}{separator}v 2 0 0\nv 3 0 0\nv 2 1 0\nf 5 6 7\n")
+    (tmp_path / "a.png").write_bytes(encode_png(np.full((4, 8, 3), 128, np.uint8)))
+    shape = '<shape type="obj"><string name="filename" value="a.obj"/>{}</shape>'
+    scene, told = read(room(tmp_path, shape.format(WITNESSES["textured"])))
+    assert ["first texel" in text for text in told] == [True]
+    mesh = shape_named(scene, "a").geometry
+    np.testing.assert_array_equal(mesh.uv[mesh.vertices[:, 0] > 1.5], [(0, 1)] * 3)
+    np.testing.assert_array_equal(mesh.uv[:4], [(0, 0), (1, 0), (1, 1), (0, 1)])
+    assert read(room(tmp_path, shape.format(WITNESSES["twosided"])))[1] == []
+
+
+@pytest.mark.parametrize(
+    ("opacity", "expected"),
+    [
+        ('<rgb name="opacity" value="0.53 0.53 0.53"/>', 0.53),
+        ('<rgb name="opacity" value="0.9, 0.5, 0.1"/>', 0.5),
+        ('<spectrum name="opacity" value="0.3"/>', 0.3),
+    ],
+)
+def test_a_colour_for_a_number_is_its_mean(opacity: str, expected: float, tmp_path: Path) -> None:
+    """Mitsuba 3.9 renders the same picture, bit by bit, with the mean of the colour as a <float>."""
+    veil = surface(tmp_path, f'<bsdf type="mask">{opacity}<bsdf type="diffuse"/></bsdf>')
+    assert veil.opacity == pytest.approx(expected)
+    rough = surface(tmp_path, f'<bsdf type="principled">{opacity.replace("opacity", "roughness")}</bsdf>')
+    assert rough.roughness == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("clip", "message"),
+    [
+        ('<float name="near_clip" value="6"/>', "`near_clip` is not read: what is nearer than 6 is visible"),
+        ('<float name="far_clip" value="5.5"/>', "`far_clip` is not read: what is farther than 5.5 is visible"),
+        ('<float name="near_clip" value="3.9"/><float name="far_clip" value="6.1"/>', None),
+        ("", None),
+    ],
+)
+def test_clipping_planes_that_cut_off_shapes_in_mitsuba_warn(
+    clip: str, message: str | None, tmp_path: Path
+) -> None:
+    camera = f"""<sensor type="perspective">{clip}
+    <transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>"""
+    path = file(tmp_path, camera, '<emitter type="constant"/>', '<shape type="sphere"/>')
+    assert read(path)[1] == ([] if message is None else [f"{path}: {message}."])
+
+
+def test_an_orthographic_picture_may_be_stretched(tmp_path: Path) -> None:
+    """The rays of Mitsuba's own camera, through some positions of the picture."""
+    camera = """<sensor type="orthographic"><transform name="to_world"><scale x="2" y="0.7"/>
+    <lookat origin="1, 2, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="24"/></film></sensor>"""
+    path = file(tmp_path, camera, '<emitter type="constant"/>', '<shape type="sphere"/>')
+    camera = read(path)[0].camera
+    at = np.array([[0.5, 0.5], [12.0, 21.0], [39.5, 3.5]])
+    mi = pytest.importorskip("mitsuba", reason="needs the extra reference")
+    mi.set_variant("scalar_rgb")
+    sensor = mi.load_file(str(path)).sensors()[0]
+    rays = [sensor.sample_ray(0.0, 0.5, mi.Point2f(*(each / [48, 24])), mi.Point2f(0.5))[0] for each in at]
+    np.testing.assert_allclose([np.ravel(ray.d) for ray in rays], camera.rays(at), atol=1e-5)
+    across = np.array(camera.frame()[:2])
+    origins = np.array([np.ravel(ray.o) for ray in rays])
+    np.testing.assert_allclose(origins @ across.T, camera.origins(at) @ across.T, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        "",
+        '<rotate y="1" angle="33"/><scale x="-1"/>',
+        '<scale value="3"/>',
+        '<scale value="0.5"/>',
+        '<scale y="2"/><rotate x="1" angle="50"/>',
+        '<rotate x="1" y="1" angle="50"/>',
+    ],
+)
+def test_an_environment_map_is_mitsubas_in_all_directions(steps: str, tmp_path: Path) -> None:
+    """Mitsuba stretches a map that is scaled, and transposes a rotation instead of inverting it."""
+    mi = pytest.importorskip("mitsuba", reason="needs the extra reference")
+    mi.set_variant("scalar_rgb")
+    rng = np.random.default_rng(0)
+    write_exr(tmp_path / "sky.exr", rng.uniform(0, 1, (16, 32, 3)).astype(np.float32))
+    light = '<emitter type="envmap"><string name="filename" value="sky.exr"/><transform name="to_world">'
+    light += f'{steps}</transform><boolean name="mis_compensation" value="true"/></emitter>'
+    distant = '<shape type="rectangle"><transform name="to_world"><translate z="-50"/></transform></shape>'
+    path = file(tmp_path, light, distant)
+    directions = unit_normals(rng.normal(size=(200, 3)))
+    scene = mi.load_file(str(path))
+    rays = (mi.Ray3f([0, 0, 0], direction) for direction in directions)
+    theirs = np.array([np.ravel(scene.environment().eval(scene.ray_intersect(ray))) for ray in rays])
+    off = np.abs(read(path)[0].sky.radiance(directions) - theirs)
+    assert np.quantile(off, 0.99) < 0.03  # a map that is shrunk has an edge that no grid of texels has
+    assert off.mean() < 1e-3

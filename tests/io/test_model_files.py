@@ -688,6 +688,19 @@ def test_colours_of_faces_and_colours_that_are_one(tmp_path: Path) -> None:
     assert scene.materials[0].reflectance.tolist() == [1, 0, 0]
 
 
+def test_faces_without_texture_coordinates_show_the_first_texel(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 4)).save(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl A\nmap_Kd a.png\n")
+    path = tmp_path / "a.obj"
+    square = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nusemtl A\n"
+    path.write_text(f"{square}f 1/1 2/2 3/3\nf 1 3 4\n")
+    note = "Textures of faces without texture coordinates: each shows one of its texels."
+    assert f"{path}: not used: {note}" in said(path)
+    scene = quiet(path)
+    assert scene.materials[0].texture is not None
+    np.testing.assert_array_equal(scene.triangle_uv, [[(0, 0), (1, 0), (1, 1)], [(0, 1)] * 3])
+
+
 def test_colours_of_an_obj(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nf 1 2 3\n")

@@ -11,6 +11,7 @@ from glpath.io import scene_from_dict
 from glpath.lights.lighting import Lighting, max_radiance, sky_radiance
 from glpath.sampling.points import uniform_sphere
 from glpath.scene import Scene
+from glpath.scene.spot_cone import spot_fade, spot_solid_angle
 
 QUAD: dict[str, Any] = {"type": "quad", "corners": [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]]}
 UP = np.array([[0.0, 1.0, 0.0]])
@@ -80,7 +81,7 @@ def test_all_kinds_of_light_are_chosen_by_the_power_that_reaches_the_scene_and_a
     power = [
         4 * 0.7,
         4 * 2.0,
-        4 * 4.0 * 2 * np.pi * 0.75 / (4 * np.pi),
+        4 * 4.0 * 2 * np.pi * (2 / 3) / (4 * np.pi),
         1.5 * 2,
         1e4 * 2 / 1e4,
         2 * np.pi * 0.6 * 2,
@@ -131,13 +132,22 @@ def test_irradiance_of_punctual_lights_by_their_closed_forms() -> None:
     assert not everything.irradiance(x, -np.repeat(UP, 2, axis=0)).any()
 
 
-def test_a_spot_fades_smoothly_between_its_cones() -> None:
+def test_a_spot_fades_as_gltf_defines_it() -> None:
+    """The reference code of KHR_lights_punctual squares the share of the cosine between the two cones."""
     spot = {"type": "spot", "position": [0, 1, 0], "target": [0, 0, 0], "intensity": 1.0, "cone": [30, 60]}
     lighting = Lighting.of(scene_of(lights=[spot]))
     angles = np.radians([0, 29.9, np.degrees(np.arccos(np.cos(np.radians([30, 60])).mean())), 60.1, 80])
     x = np.stack([np.tan(angles), np.zeros(5), np.zeros(5)], axis=1)
     found = lighting.irradiance(x, np.repeat(UP, 5, axis=0))[:, 0] / np.cos(angles) ** 3
-    np.testing.assert_allclose(found, [1, 1, 0.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(found, [1, 1, 0.25, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("cone", [(10.0, 35.0), (20.0, 20.0), (0.0, 170.0)])
+def test_the_solid_angle_of_a_spot_is_the_integral_of_its_fade(cone: tuple[float, float]) -> None:
+    cosine = (np.arange(200_000) + 0.5) / 100_000 - 1.0
+    full, end = np.cos(np.radians(cone))
+    integral = 2 * np.pi * 2 * spot_fade(cosine, full, end).mean()
+    assert spot_solid_angle(cone) == pytest.approx(integral, rel=1e-4)
 
 
 def test_a_scene_without_light_says_so() -> None:

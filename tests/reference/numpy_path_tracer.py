@@ -151,7 +151,7 @@ def _punctual_irradiance(scene: Scene, position: Float64, n: Float64, near: floa
         if light.kind == "spot":
             full, end = np.cos(np.radians(light.cone))
             x = np.clip((-to_light @ light.direction / r - end) / (full - end), 0, 1)
-            E = E * (3 * x**2 - 2 * x**3)[:, None]
+            E = E * (x**2)[:, None]
         met = nearest_hits(scene.triangles, position, to_light, near / r)[1]
         blocked = np.isfinite(met) if parallel else met < 1 - 1e-7
         cos = np.sum(n * to_light, axis=1) / r

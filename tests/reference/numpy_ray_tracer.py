@@ -124,7 +124,7 @@ def trace(scene: Scene, origins: Float64, directions: Float64, max_depth: int, t
             with np.errstate(divide="ignore", invalid="ignore"):
                 s = np.clip((cosine - end) / (full - end), 0, 1)
             s = np.where(full > end, s, cosine >= end)
-            E = E * (s * s * (3 - 2 * s))[:, None]
+            E = E * (s * s)[:, None]
         cosine = np.sum(n * to_light, axis=1)
         start = position + 1e-7 * size * n
         blocked = nearest(scene, start, to_light)[1] < distance * (1 - 1e-7)

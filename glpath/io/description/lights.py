@@ -112,7 +112,8 @@ class SpotLight(Light, tag="spot", kw_only=True):
     cone: Annotated[
         tuple[float, float],
         Meta(
-            description="Two half angles in degrees, 0 to 180: full light within the first, none beyond the second."
+            description="Two half angles in degrees, 0 to 180: full light within the first, none beyond the "
+            "second. Between them it fades as in glTF."
         ),
     ] = (30.0, 40.0)
     falloff: Falloff = "quadratic"

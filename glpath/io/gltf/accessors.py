@@ -5,6 +5,7 @@ Source: glTF 2.0, 3.6.2 (strides, padding of matrices, sparse values) and 3.11 (
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from glpath.io.gltf import limits
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
-from glpath.io.values import LARGEST, as_float64
+from glpath.io.values import LARGEST, as_float64, finite_rows
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation
 
@@ -22,6 +23,12 @@ _COMPONENTS: dict[int, np.dtype[Any]] = {
     5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"), 5123: np.dtype("<u2"),
     5125: np.dtype("<u4"), 5126: np.dtype("<f4"),
 }  # fmt: skip
+#: Attributes that a vertex need not have, as names for messages.
+OPTIONAL_ATTRIBUTES = {
+    "NORMAL": "normals",
+    **dict.fromkeys(("TEXCOORD_0", "TEXCOORD_1"), "texture coordinates"),
+    "COLOR_0": "colours",
+}
 _INDICES = {kind: _COMPONENTS[kind] for kind in (5121, 5123, 5125)}
 #: Rows and columns; columns of matrices begin at multiples of four bytes.
 _TYPES = {
@@ -31,9 +38,13 @@ _TYPES = {
 
 @dataclass
 class Accessors:
-    """The accessors of a document, each decoded once."""
+    """The accessors of a document, each decoded once.
+
+    left_out : counts of values that are not finite, by what they are
+    """
 
     document: Document
+    left_out: Counter[str] = field(default_factory=Counter)
     _stored: dict[int, NDArray[Any]] = field(default_factory=dict)
     _floats: dict[int, Float64] = field(default_factory=dict)
 
@@ -45,16 +56,7 @@ class Accessors:
 
         A matrix has its columns one after the other.
         """
-        if index not in self._floats:
-            table = self.document.all("accessors")[index]
-            stored = self._array(index)
-            self.document.take(8 * stored.size, table.location)
-            values = as_float64(stored)
-            if table.flag("normalized") and stored.dtype.kind != "f":
-                values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
-            values.flags.writeable = False
-            self._floats[index] = values
-        values = self._floats[index]
+        values = self._converted(index)
         self._check_width(values, widths, index, location)
         bad = ~(np.abs(values) <= LARGEST)
         if bad.any():
@@ -65,6 +67,35 @@ class Accessors:
                 .wrong(float(values[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
             )
         return values
+
+    def attribute(self, name: str, index: int, widths: tuple[int, ...], location: SourceLocation) -> Float64:
+        """As `floats`; of attributes that a vertex need not have, rows that are not finite become zeros.
+
+        name : of the attribute, such as NORMAL
+        """
+        if name in OPTIONAL_ATTRIBUTES:
+            self._floats[index] = self.repaired(name, self._converted(index))
+        return self.floats(index, widths, location)
+
+    def repaired(self, name: str, values: Float64) -> Float64:
+        """Values (N, k) of an optional attribute with zeros for rows that are not finite, which are counted."""
+        counts: dict[str, int] = {}
+        values = finite_rows(values, OPTIONAL_ATTRIBUTES[name], counts)
+        self.left_out.update(counts)
+        return values
+
+    def _converted(self, index: int) -> Float64:
+        """(N, k) float64, integers normalised if the accessor has that flag."""
+        if index not in self._floats:
+            table = self.document.all("accessors")[index]
+            stored = self._array(index)
+            self.document.take(8 * stored.size, table.location)
+            values = as_float64(stored)
+            if table.flag("normalized") and stored.dtype.kind != "f":
+                values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
+            values.flags.writeable = False
+            self._floats[index] = values
+        return self._floats[index]
 
     def integers(self, index: int, width: int, location: SourceLocation) -> NDArray[np.int64]:
         """(N, width) int64 of unsigned integers."""

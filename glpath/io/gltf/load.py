@@ -172,7 +172,11 @@ def read_gltf(
         lights=tuple(light for light in lights if light is not None),
         cameras=cameras,
         camera=_chosen(cameras, camera, document),
-        notes=(*document.notes.texts, *document.files.notes()),
+        notes=(
+            *document.notes.texts,
+            *(f"{name[0].upper()}{name[1:]} ({count:,})." for name, count in accessors.left_out.items()),
+            *document.files.notes(),
+        ),
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
         unit=unit,
         sky=environment_of(document),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.io.gltf import compression
-from glpath.io.gltf.accessors import Accessors
+from glpath.io.gltf.accessors import OPTIONAL_ATTRIBUTES, Accessors
 from glpath.io.gltf.table import Table, Tables
 from glpath.io.strokes import balls, line_radius, point_radius, rods
 from glpath.scene.geometry import unit_normals
@@ -117,7 +117,7 @@ class Primitives:
         for name, widths in _WIDTHS.items():
             index = attributes.index(name, every, "accessors")
             if index is not None:
-                found[name] = self.accessors.floats(index, widths, attributes.location.field(name))
+                found[name] = self.accessors.attribute(name, index, widths, attributes.location.field(name))
         for name in attributes.values:
             if name.startswith("TEXCOORD_") and name not in _WIDTHS:
                 self.accessors.document.notes.add("Texture coordinates beyond TEXCOORD_1.")
@@ -150,6 +150,8 @@ class Primitives:
             values = stored.astype(np.float64)
             if stored.dtype.kind != "f" and name in ("COLOR_0", "TEXCOORD_0", "TEXCOORD_1", "NORMAL"):
                 values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
+            if name in OPTIONAL_ATTRIBUTES and values.ndim == 2:
+                values = self.accessors.repaired(name, values)
             if values.ndim != 2 or values.shape[1] not in widths or not np.isfinite(values).all():
                 raise location.error(f"has Draco data of shape {values.shape}, or numbers that are not finite.")
             found[name] = values
@@ -196,7 +198,7 @@ class Primitives:
                 location = target.location.field(name)
                 index = target.index(name, every, "accessors")
                 assert index is not None, "its name is among the keys"
-                offsets = self.accessors.floats(index, _WIDTHS[name], location)
+                offsets = self.accessors.attribute(name, index, _WIDTHS[name], location)
                 if offsets.shape != found[name].shape:
                     raise location.error(
                         f"is of {offsets.shape[0]:,} x {offsets.shape[1]} numbers, but the mesh has "

@@ -22,7 +22,7 @@ from glpath.io.gltf import compression, glossiness
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import read_image
 from glpath.io.gltf.material_extensions import LAYERS
-from glpath.io.gltf.table import Table
+from glpath.io.gltf.table import Choice, Table
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 
@@ -305,11 +305,19 @@ class Surfaces:
             return None
         return _LookUp(
             source,
-            (sampler.choice("wrapS", _WRAPS, "repeat"), sampler.choice("wrapT", _WRAPS, "repeat")),
-            sampler.choice("magFilter", _FILTERS, "linear"),
+            (self._sampled(sampler, "wrapS", _WRAPS, "repeat"), self._sampled(sampler, "wrapT", _WRAPS, "repeat")),
+            self._sampled(sampler, "magFilter", _FILTERS, "linear"),
             1 if uv_set else 0,
             np.eye(2, 3) if transform is None else _uv_transform(transform),
         )
+
+    def _sampled(self, sampler: Table, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
+        """A value of a sampler; the default, with a note, for a number that glTF does not define."""
+        value = sampler.values.get(name)
+        if type(value) is int and value not in allowed:
+            self.document.notes.add(f"{name} {value} of samplers, which glTF does not define: {default} is taken.")
+            return default
+        return sampler.choice(name, allowed, default)
 
     def _texture(self, found: _LookUp, srgb: bool) -> int:
         """The index in `textures` of a texture of the document, of one colour space."""

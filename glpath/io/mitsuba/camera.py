@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.transform import mirrors
 from glpath.scene.camera import Camera
+from glpath.scene.geometry import Float64
 from glpath.scene.source_location import shown
 
 _KINDS = dict.fromkeys(("perspective", "thinlens", "orthographic"))
@@ -21,10 +23,32 @@ _LENGTH = re.compile(r"\s*([0-9.]+)\s*mm\s*")
 # Of the frames of 35 mm film, 24 x 36, that a focal length is of.
 _DIAGONAL = float(np.hypot(24.0, 36.0))
 _RESOLUTION = (768, 576)
+# Depth of a near plane, as a fraction of the scene's size, up to which it cuts off nothing that matters.
+_NEGLIGIBLE = 1e-2
 
 
-def camera_of(plugin: Plugin) -> Camera:
-    """The camera of a sensor. Raises SceneError."""
+class Clips(NamedTuple):
+    """Depths along the view axis, scene units, between which Mitsuba's camera sees."""
+
+    near: float = 1e-2
+    far: float = 1e4
+
+
+def clipping_notes(clips: Clips, camera: Camera, lower: Float64, upper: Float64) -> list[str]:
+    """Sentences about planes that cut off a part of the scene's box in Mitsuba. lower, upper: (3,) of the box."""
+    corners = np.stack(np.meshgrid(*np.transpose([lower, upper]), indexing="ij"), axis=-1).reshape(-1, 3)
+    axis = (camera.target - camera.position) / np.linalg.norm(camera.target - camera.position)
+    depths = (corners - camera.position) @ axis
+    notes = []
+    if clips.near > max(float(depths.min()), _NEGLIGIBLE * float(np.linalg.norm(upper - lower))):
+        notes.append(f"`near_clip` is not read: what is nearer than {clips.near:g} is visible")
+    if clips.far < depths.max():
+        notes.append(f"`far_clip` is not read: what is farther than {clips.far:g} is visible")
+    return notes
+
+
+def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
+    """Return the camera of a sensor, and the clipping planes, which it lacks. Raises SceneError."""
     if plugin.kind not in _KINDS:
         raise error_of_kind(plugin.element, "a sensor", _KINDS)
     width, height = _film(plugin)
@@ -39,13 +63,15 @@ def camera_of(plugin: Plugin) -> Camera:
         raise plugin.where("to_world").error(
             "shears the picture.", "Give a lookat, or rotations and a translation."
         )
-    for name in ("near_clip", "far_clip", "shutter_open", "shutter_close"):
-        plugin.number(name, 0.0, 0.0)  # nothing moves, and nothing is cut off
+    for name in ("shutter_open", "shutter_close"):
+        plugin.number(name, 0.0, 0.0)  # nothing moves
+    clips = Clips(*(plugin.number(f"{side}_clip", default, 0.0) for side, default in Clips()._asdict().items()))
     position, forward = world[:3, 3], axes[:, 2]
     camera = Camera(position, position + forward, axes[:, 1], 40.0, (width, height))
     if plugin.kind == "orthographic":  # of a picture that is 2 wide before its transform
-        size = float(np.linalg.norm(world[:3, 0]))
-        camera = replace(camera, projection="orthographic", height=2.0 * size * height / width)
+        across, up = np.linalg.norm(world[:3, :2], axis=0).tolist()
+        aspect = 1.0 if np.isclose(across, up, rtol=1e-9) else across / up
+        camera = replace(camera, projection="orthographic", height=2.0 * up * height / width, pixel_aspect=aspect)
     else:
         offset = (plugin.number(f"principal_point_offset_{axis}", 0.0) for axis in "xy")
         across, down = (0.5 - each for each in offset)
@@ -61,7 +87,7 @@ def camera_of(plugin: Plugin) -> Camera:
     if plugin.nested("sampler"):
         pass  # how many samples, and which, is asked of `glpath render`
     plugin.check_all_read()
-    return camera
+    return camera, clips
 
 
 def _film(plugin: Plugin) -> tuple[int, int]:

@@ -25,6 +25,8 @@ _KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap", "s
 _SHARP = 0.999
 # Rows of a map from which half a row is not seen.
 _SMALL = 1100
+# Rows of a stretched map that are made at once, to save memory.
+_ROWS_AT_ONCE = 64
 
 
 @dataclass
@@ -103,7 +105,12 @@ def _environment(plugin: Plugin) -> Environment:
     path = plugin.element.file(plugin.text("filename"))
     scale, world = plugin.number("scale", 1.0, 0.0), plugin.transform("to_world")
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_image)
-    image = _in_middles(np.maximum(stored[..., :3], 0.0).astype(np.float32))
+    plugin.flag("mis_compensation", False)  # which light is sampled most, not what it is
+    image = np.maximum(stored[..., :3], 0.0).astype(np.float32)
+    map_from_world = plugin.inverse_transform("to_world")[:3, :3]
+    if not np.allclose(map_from_world @ map_from_world.T, np.eye(3), atol=1e-5):
+        return Environment(_stretched(image, map_from_world), scale=scale)
+    image = _in_middles(image)
     if mirrors(world):
         image = image[:, ::-1]
     up, middle = (world[:3, axis] / np.linalg.norm(world[:3, axis]) for axis in (1, 2))
@@ -122,15 +129,49 @@ def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """The rows of a map at the middles of equal steps of the angle from up.
 
     Mitsuba takes its first row as straight up and its last as straight down. A map of `glpath export` has rows
-    between that are the means of their neighbours, so that it is read as it was. Small maps get twice the rows; of
-    large ones each row is half a step off at the most, and is left.
+    between that are the means of their neighbours, so that it is read as it was. Small maps get so many rows that
+    interpolation between these hardly changes them; of large ones each row is half a step off at the most, and is
+    left.
     """
     height = image.shape[0]
     if height < 2 or height >= _SMALL:
         return image
     if height % 2 and np.allclose(image[2:-1:2], 0.5 * (image[1:-2:2] + image[3::2]), rtol=1e-3, atol=1e-6):
         return image[1::2]
-    at = (np.arange(2 * height) + 0.5) / (2 * height) * (height - 1)
+    rows = height * (2 * _SMALL // height)
+    at = (np.arange(rows) + 0.5) / rows * (height - 1)
     above = np.minimum(at.astype(np.intp), height - 2)
     below_share = (at - above)[:, None, None].astype(np.float32)
     return np.asarray(image[above] * (1 - below_share) + image[above + 1] * below_share)
+
+
+def _stretched(image: NDArray[np.float32], map_from_world: Float64) -> NDArray[np.float32]:
+    """The map as Mitsuba shows it through a linear map (3, 3) that is no rotation, in a frame with y up.
+
+    Mitsuba takes the arc cosine of the y of a direction that it brings into the frame of the map, however long that
+    direction is then.
+    """
+    height = image.shape[0]
+    rows = max(height, min(2 * height, 2048), 512)
+    angles = np.pi * (np.arange(rows) + 0.5) / rows
+    parts = np.array_split(angles, rows // _ROWS_AT_ONCE)
+    return np.concatenate([_stretched_rows(image, map_from_world, part[:, None], rows) for part in parts])
+
+
+def _stretched_rows(
+    image: NDArray[np.float32], map_from_world: Float64, theta: Float64, rows: int
+) -> NDArray[np.float32]:
+    """Rows of a stretched map of so many `rows`. theta: (n, 1) angles of rows from up."""
+    height, width = image.shape[:2]
+    phi = np.pi * (np.arange(2 * rows) + 0.5) / rows
+    parts = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))
+    x, y, z = np.tensordot(map_from_world, np.stack(parts), axes=1)
+    column = np.arctan2(x, -z) / (2 * np.pi) % 1.0 * width - 0.5
+    row = np.arccos(np.clip(y, -1.0, 1.0)) / np.pi * (height - 1)
+    left, above = np.floor(column).astype(np.intp), np.clip(row.astype(np.intp), 0, max(height - 2, 0))
+    right_share, below_share = (each[..., None].astype(np.float32) for each in (column - left, row - above))
+    upper, lower = (
+        image[each, left % width] * (1 - right_share) + image[each, (left + 1) % width] * right_share
+        for each in (above, np.minimum(above + 1, height - 1))
+    )
+    return np.asarray(upper * (1 - below_share) + lower * below_share)

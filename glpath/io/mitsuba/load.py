@@ -11,7 +11,7 @@ import msgspec
 from glpath.errors import warn
 from glpath.io.completed import NO_CAMERA, completed
 from glpath.io.convert import convert
-from glpath.io.mitsuba.camera import camera_of
+from glpath.io.mitsuba.camera import Clips, camera_of, clipping_notes
 from glpath.io.mitsuba.document import read_document
 from glpath.io.mitsuba.lights import Emitters
 from glpath.io.mitsuba.plugin import Plugin
@@ -45,7 +45,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         up = _up(given["up"], location.field("up"))
     textures = Textures()
     surfaces = Surfaces(textures)
-    reader, emitters, camera = Reader(surfaces, textures), Emitters(), None
+    reader, emitters, camera, clips = Reader(surfaces, textures), Emitters(), None, Clips()
     hides_emitters = False
     for child in document.root.children:
         element = document.resolved(child)
@@ -56,7 +56,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         elif element.tag == "emitter":
             emitters.add(Plugin(element, document))
         elif element.tag == "sensor" and camera is None:
-            camera = camera_of(Plugin(element, document))
+            camera, clips = camera_of(Plugin(element, document))
         elif element.tag == "sensor":
             emitters.notes["of several sensors the first is taken"] = None
         elif element.tag == "integrator":
@@ -69,7 +69,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         raise location.error("has no shapes, so there is nothing to see.", 'Add a <shape type="sphere"/>.')
     if hides_emitters and any(shape.emits for shape in reader.shapes):
         emitters.notes["`hide_emitters` is not read: the camera sees the area lights"] = None
-    for note in (*surfaces.notes, *emitters.notes):
+    for note in (*surfaces.notes, *emitters.notes, *reader.notes):
         warn(f"{path}: {note}.")
     for text in textures.files.notes():
         warn(f"{path}: not used: {text}")
@@ -86,6 +86,8 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     )
     if camera is not None:
         check_camera(scene.camera, location)
+        for note in clipping_notes(clips, camera, *scene.bounds):
+            warn(f"{path}: {note}.")
         if up != "guess":
             raise location.field("up").error(
                 "is for files without a camera, but this one has a sensor.", "Turn its camera by its `to_world`."

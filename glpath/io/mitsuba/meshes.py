@@ -49,8 +49,10 @@ _SERIALIZED = 0x041C
 _SERIALIZED_HEAD, _SERIALIZED_SMALL, _SERIALIZED_RATIO = 4096, 2**24, 32
 
 
-def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
-    """The mesh of an OBJ, PLY or serialized file. Raises SceneError.
+def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh, bool]:
+    """Return the mesh of an OBJ, PLY or serialized file, and True if it has normals of the file.
+
+    Raises SceneError.
 
     attribute : whose colours it has, and must have in its file, such as vertex_color or face_color
     """
@@ -69,15 +71,15 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
         # Materials in it are not used, in Mitsuba neither.
         file = read_mesh_file(path, where, colours=False)
         stored = file.ply
-        mesh = Mesh.joined(file.meshes)
+        mesh = Mesh.joined(_alike(file.meshes))
     if mesh.uv is not None and not flips:
         mesh = replace(mesh, uv=v_downwards(mesh.uv))
-    if plugin.flag("face_normals", False):
-        mesh = replace(mesh, normals=None)
-    elif mesh.normals is None:
-        mesh = replace(mesh, normals=smooth_normals(mesh))
+    is_flat = plugin.flag("face_normals", False)
+    has_normals = mesh.normals is not None and not is_flat
+    if not has_normals:
+        mesh = replace(mesh, normals=None if is_flat else smooth_normals(mesh))
     if not attribute:
-        return mesh
+        return mesh, has_normals
     of_faces = attribute.startswith("face_")
     colours = None if stored is None else _ply_attribute(stored, attribute, str(path))
     if colours is None:
@@ -89,8 +91,23 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> Mesh:
         )
     colours = np.concatenate([colours, np.ones((len(colours), 1))], axis=1)
     if not of_faces:
-        return replace(mesh, colours=colours)
-    return replace(mesh.unshared(), colours=np.repeat(colours, 3, axis=0))
+        return replace(mesh, colours=colours), has_normals
+    return replace(mesh.unshared(), colours=np.repeat(colours, 3, axis=0)), has_normals
+
+
+def _alike(meshes: list[Mesh]) -> list[Mesh]:
+    """Return the meshes, all of them with texture coordinates if any has some: NaN for those that lack them."""
+    if all(mesh.uv is None for mesh in meshes):
+        return meshes
+    return [
+        replace(mesh, uv=np.full((len(mesh.vertices), 2), np.nan)) if mesh.uv is None else mesh for mesh in meshes
+    ]
+
+
+def with_uv_of_triangles(mesh: Mesh) -> Mesh:
+    """A mesh with Mitsuba's texture coordinates for meshes without: each triangle has (0, 0), (1, 0) and (0, 1)."""
+    apart = mesh.unshared()
+    return replace(apart, uv=v_downwards(np.tile([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], (len(mesh.faces), 1))))
 
 
 def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:

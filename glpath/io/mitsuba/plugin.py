@@ -134,6 +134,12 @@ class Plugin:
             )
         return colour
 
+    def fraction(self, name: str, default: float) -> float:
+        """A number from 0 to 1; the mean of a colour, as Mitsuba takes it. Raises SceneError."""
+        if self.kind_of(name) in ("rgb", "spectrum"):
+            return float(self.share(name, default).mean())
+        return self.number(name, default, 0.0, 1.0)
+
     def texture(self, name: str) -> Plugin | None:
         """The texture that a parameter is; None where it is not one."""
         self._asked[name] = None
@@ -171,6 +177,14 @@ class Plugin:
         stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
         if not stretch[2] > 1e-9 * stretch[0]:
             raise self.where(name).error("is singular: it flattens what it moves.", "Give no factor of zero.")
+        return matrix
+
+    def inverse_transform(self, name: str) -> Float64:
+        """(4, 4): the inverse as Mitsuba has it, which transposes rotations even about an axis that is not unit."""
+        child, matrix = self._take(name, ("transform",)), np.eye(4)
+        for step in child.children if child is not None else ():
+            moved = _step(step)
+            matrix = matrix @ (moved.T if step.tag == "rotate" else np.linalg.inv(moved))
         return matrix
 
     def refuse_unless(self, name: str, value: float, why: str) -> None:

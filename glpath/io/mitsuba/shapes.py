@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from glpath.io.meshes import has_uv_gaps, without_uv_gaps
 from glpath.io.mitsuba import meshes
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.plugin import Plugin
@@ -27,8 +28,11 @@ _MADE: dict[str, Callable[[], Mesh]] = {
     "disk": meshes.disk,
 }
 _KINDS = dict.fromkeys((*_FILES, *_MADE, "cylinder", "sphere", "instance", "shapegroup"))
-# A mirroring transform turns the normals of these, as those of instances, with them; of others only the corners.
-_OF_NORMALS = ("rectangle", "disk", "cylinder")
+# Shapes whose fronts stay in front in a mirroring transform, because their normals tell the front. So do those of
+# instances and of files with normals. The fronts of other meshes follow the order of the corners.
+_OF_NORMALS = ("rectangle", "cube", "disk", "cylinder")
+# Difference between the axes of a sphere, as a fraction, above which it is an ellipsoid.
+_ELLIPSOID = 1e-4
 
 
 @dataclass
@@ -48,7 +52,11 @@ class Reader:
     surfaces: Surfaces
     textures: Textures
     shapes: list[Shape] = field(default_factory=list)
+    notes: dict[str, None] = field(default_factory=dict)
     _meshes: dict[tuple[object, ...], Mesh] = field(default_factory=dict)
+    _with_normals: set[Mesh] = field(default_factory=set)
+    _with_all_uv: dict[Mesh, Mesh] = field(default_factory=dict)
+    _turned: dict[Mesh, Mesh] = field(default_factory=dict)
     _groups: dict[int, list[tuple[str, _Part]]] = field(default_factory=dict)
     _instances: dict[tuple[int, int, bool], list[Float64]] = field(default_factory=dict)
     _names: set[str] = field(default_factory=set)
@@ -70,12 +78,8 @@ class Reader:
         """Add the instances, each mesh with all of its maps."""
         for (group, number, mirrored), own_maps in self._instances.items():
             name, part = self._groups[group][number]
-            geometry = part.geometry
-            if isinstance(geometry, Mesh) and mirrored:
-                geometry = geometry.turned()
             maps = np.stack([_composed(m, part.world_from_object) for m in own_maps])
-            if geometry == "sphere":
-                maps = np.stack([turned(m) if mirrored else m for m in maps])
+            geometry, maps = self._facing(part.geometry, maps, mirrored, part.material)
             self.shapes.append(Shape(name, geometry, part.material, maps))
 
     def _put(self, name: str, part: _Part, plugin: Plugin) -> None:
@@ -95,7 +99,7 @@ class Reader:
         interior = next(iter(plugin.nested("medium", "interior")), None)
         back = self.surfaces.back(surface)
         flips = plugin.flag("flip_normals", False) != self.surfaces.is_turned(surface)
-        geometry, world = self._placed(plugin, flips, self.surfaces.colour_attribute(surface))
+        geometry, world, mirrored = self._placed(plugin, self.surfaces.colour_attribute(surface))
         lengths = (1.0, 1.0)
         if self.surfaces.is_bumpy(surface):
             lengths = meshes.uv_lengths(unit_sphere(3, with_uv=True) if geometry == "sphere" else geometry, world)
@@ -108,31 +112,66 @@ class Reader:
             one_side=back is not None,
             uv_lengths=lengths,
         )
-        parts = [_Part(geometry, world, number, emission)]
+        parts = [_Part(*self._facing(geometry, world, flips != mirrored, number), number, emission)]
         if back is not None:
             number = self.surfaces.number(back, None, None, f"{name}-back", one_side=True)
-            attribute = self.surfaces.colour_attribute(back)
-            parts.append(_Part(*self._placed(plugin, not flips, attribute), number, np.zeros(3)))
+            geometry, world, _ = self._placed(plugin, self.surfaces.colour_attribute(back))
+            placed_back = self._facing(geometry, world, flips == mirrored, number)
+            parts.append(_Part(*placed_back, number, np.zeros(3)))
         plugin.check_all_read()
         return parts
 
-    def _placed(self, plugin: Plugin, flips: bool, attribute: str) -> tuple[Mesh | Literal["sphere"], Float64]:
-        """Geometry of a shape, and its map into the world.
+    def _placed(self, plugin: Plugin, attribute: str) -> tuple[Mesh | Literal["sphere"], Float64, bool]:
+        """Geometry of a shape, its (3, 4) map into the world, and True if its fronts must be exchanged.
 
-        flips     : the front is on the other side
         attribute : of the mesh, whose colours it has; empty for none
         """
         matrix = plugin.transform("to_world")
         if plugin.kind != "sphere":
-            turns = flips != (plugin.kind in _OF_NORMALS and mirrors(matrix))
-            return self._mesh(plugin, attribute, turns), matrix[:3]
+            mesh = self._mesh(plugin, attribute)
+            has_normals = plugin.kind in _OF_NORMALS or mesh in self._with_normals
+            return mesh, matrix[:3], has_normals and mirrors(matrix)
         centre, radius = plugin.vector("center", (0, 0, 0)), plugin.number("radius", 1.0, 1e-15)
         local = np.eye(4)
         local[:3, :3], local[:3, 3] = radius * np.eye(3), centre
         matrix = matrix @ local
-        return "sphere", np.asarray(turned(matrix[:3]) if mirrors(matrix) != flips else matrix[:3])
+        axes = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+        if axes[0] - axes[2] > _ELLIPSOID * axes[0]:
+            self.notes["a sphere whose `to_world` stretches it is an ellipsoid, but a sphere in Mitsuba"] = None
+        return "sphere", matrix[:3], False  # a mirror puts its front inside, here and in Mitsuba
 
-    def _mesh(self, plugin: Plugin, attribute: str, turns: bool) -> Mesh:
+    def _with_uv(self, mesh: Mesh, material: int) -> Mesh:
+        """The mesh, with texture coordinates for all vertices if the material has textures."""
+        is_textured, has_gaps = bool(self.surfaces.materials[material].slots), has_uv_gaps(mesh)
+        if has_gaps and is_textured:
+            self.notes["faces without texture coordinates show the first texel of their texture"] = None
+        if not has_gaps and (mesh.uv is not None or not is_textured):
+            return mesh
+        if mesh not in self._with_all_uv:
+            self._with_all_uv[mesh] = without_uv_gaps(mesh) if has_gaps else meshes.with_uv_of_triangles(mesh)
+        return self._with_all_uv[mesh]
+
+    def _facing(
+        self, geometry: Mesh | Literal["sphere"], maps: Float64, reverse: bool, material: int
+    ) -> tuple[Mesh | Literal["sphere"], Float64]:
+        """Geometry for a material, and its maps (..., 3, 4), with fronts and backs exchanged if `reverse`.
+
+        A sphere can only be turned by a mirror. If it has a texture it becomes triangles, so that the texture is
+        not mirrored.
+        """
+        if isinstance(geometry, Mesh):
+            geometry = self._with_uv(geometry, material)
+        if not reverse:
+            return geometry, maps
+        if geometry == "sphere":
+            if not self.surfaces.materials[material].needs_uv:
+                return geometry, turned(maps)
+            geometry = unit_sphere(Shape.subdivisions, with_uv=True)
+        if geometry not in self._turned:
+            self._turned[geometry] = geometry.turned()
+        return self._turned[geometry], maps
+
+    def _mesh(self, plugin: Plugin, attribute: str) -> Mesh:
         """A mesh, the same one for shapes of one file."""
         if plugin.kind in _FILES:
             path: Path = plugin.element.file(plugin.text("filename"))
@@ -145,8 +184,10 @@ class Reader:
                 attribute,
             )
             if key not in self._meshes:
-                made = meshes.read_file(plugin, _FILES[plugin.kind], attribute=attribute)
+                made, has_normals = meshes.read_file(plugin, _FILES[plugin.kind], attribute=attribute)
                 self._meshes[key] = made.without_unused_vertices()
+                if has_normals:
+                    self._with_normals.add(self._meshes[key])
         else:
             if attribute:
                 raise plugin.location.error(f"has no attributes, but its surface asks for {attribute}.")
@@ -160,11 +201,7 @@ class Reader:
             else:
                 key = (plugin.kind,)
                 self._meshes.setdefault(key, _MADE[plugin.kind]())
-        if not turns:
-            return self._meshes[key]
-        if (*key, "turned") not in self._meshes:
-            self._meshes[*key, "turned"] = self._meshes[key].turned()
-        return self._meshes[*key, "turned"]
+        return self._meshes[key]
 
     def _emitter(self, plugin: Plugin) -> Plugin | None:
         """The area light of a shape, if it has one."""

@@ -147,7 +147,7 @@ class Surfaces:
 
     def _scalar(self, plugin: Plugin, name: str, default: float) -> float | Look:
         texture = plugin.texture(name)
-        return plugin.number(name, default, 0.0, 1.0) if texture is None else self.textures.numbers(texture)
+        return plugin.fraction(name, default) if texture is None else self.textures.numbers(texture)
 
     def _rough(self, plugin: Plugin, default: float) -> Fields:
         """Roughness by GGX's alpha, whose root it is, with anisotropy or a texture."""
@@ -338,7 +338,7 @@ class Surfaces:
             fields |= self._surface_texture(rough, metal)
         else:
             fields |= {"roughness": rough, "metallic": metal}
-        fields["anisotropy"] = anisotropic = plugin.number("anisotropic", 0.0, 0.0, 1.0)
+        fields["anisotropy"] = anisotropic = plugin.fraction("anisotropic", 0.0)
         if isinstance(rough, float) and metal == 1.0:  # nothing but metal, which is glTF's
             fields["layering"], aspect = "gltf", np.sqrt(1.0 - 0.9 * anisotropic)
             if anisotropic > 0:
@@ -351,10 +351,10 @@ class Surfaces:
             fields["ior"] = float((1.0 + root) / (1.0 - root))
             if specular == 0:
                 fields["specular_weight"] = 0.0
-        through = plugin.number("spec_trans", 0.0, 0.0, 1.0)
+        through = plugin.fraction("spec_trans", 0.0)
         if through > 0:
             fields |= {"transmission": through, "thin": False}
-        coat, gloss = plugin.number("clearcoat", 0.0, 0.0, 1.0), plugin.number("clearcoat_gloss", 0.0, 0.0, 1.0)
+        coat, gloss = plugin.fraction("clearcoat", 0.0), plugin.fraction("clearcoat_gloss", 0.0)
         if coat > 0:
             self.notes["the clearcoat of a principled surface is another lobe, and takes light from the base"] = (
                 None
@@ -399,7 +399,7 @@ class Surfaces:
 
     def _mask(self, plugin: Plugin) -> Fields:
         texture = plugin.texture("opacity")
-        opacity = plugin.number("opacity", 0.5, 0.0, 1.0) if texture is None else 1.0
+        opacity = plugin.fraction("opacity", 0.5) if texture is None else 1.0
         inner = self._one_inside(plugin)
         fields = {**self._fields(inner), "alpha": "blend", "opacity": opacity}
         if texture is None:

@@ -597,3 +597,19 @@ def test_a_million_nodes_take_seconds(tmp_path: Path) -> None:
     assert count == 1_000_000
     assert seconds < 60  # 10 on the machine where this was written
     assert peak_mb < 1500  # 850
+
+
+def test_values_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> None:
+    nan, file = np.nan, Gltf()
+    normals = [[nan, nan, nan], [0, 0, 1], [0, np.inf, 0]]
+    mesh = file.mesh(NORMAL=normals, TEXCOORD_0=[[0, 0], [nan, 0], [0, 1]], COLOR_0=[[1, nan, 1]] + [[1, 1, 1]] * 2)
+    file.node(mesh=mesh)
+    file.node(mesh=mesh, scale=[-1, 1, 1])
+    model = read(file, tmp_path)
+    counts = ("Normals that are not finite (2).", "Texture coordinates that are not finite (1).")
+    assert model.notes == (*counts, "Colours that are not finite (1).")
+    geometry = model.shapes[0].geometry
+    assert isinstance(geometry, Mesh)
+    np.testing.assert_array_equal(geometry.normals, [[0, 0, 0], [0, 0, 1], [0, 0, 0]])
+    np.testing.assert_array_equal(geometry.uv, [[0, 1], [0, 1], [0, 0]])
+    np.testing.assert_array_equal(geometry.colours, [[0, 0, 0, 1], [1, 1, 1, 1], [1, 1, 1, 1]])

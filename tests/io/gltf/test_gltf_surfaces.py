@@ -369,6 +369,17 @@ def test_samplers_wrap_and_filter(tmp_path: Path) -> None:
     assert (texture.wrap, texture.filter) == (("clamp", "mirror"), "nearest")
 
 
+@pytest.mark.parametrize("given", [{"wrapS": 10496, "wrapT": 10496}, {"magFilter": 9987}])
+def test_samplers_with_numbers_of_opengl_repeat_and_interpolate(given: dict[str, int], tmp_path: Path) -> None:
+    """GL_CLAMP, and a filter for minification, which exporters write by mistake."""
+    file = Gltf()
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": {"index": file.texture(FOUR, **given)}})
+    model = read(file, tmp_path)
+    assert (model.textures[0].wrap, model.textures[0].filter) == (("repeat", "repeat"), "linear")
+    notes = [note for note in model.notes if "which glTF does not define" in note]
+    assert len(notes) == len(given)
+
+
 def test_one_image_for_colour_and_for_numbers_is_two_textures_of_the_same_pixels(tmp_path: Path) -> None:
     file = Gltf()
     info = {"index": file.texture(FOUR)}
