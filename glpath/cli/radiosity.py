@@ -21,7 +21,7 @@ from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler,
 from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
-from glpath.system.files import check_writable, save_all
+from glpath.system.files import check_writable, save_all, short_name
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -220,7 +220,7 @@ def _checkpoint(out: Path, run: RunRequest) -> SolverCheckpoint | None:
 
     if not run.keeps:
         return None
-    path = out.with_name(f"{out.stem}.checkpoint.npz")
+    path = out.with_name(short_name("", out.stem, ".checkpoint.npz"))
     check_writable(path)
     return SolverCheckpoint(path, *run.interval)
 

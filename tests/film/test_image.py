@@ -16,7 +16,9 @@ from glpath.errors import ImageError, UsageError
 from glpath.film import image
 from glpath.film.choices import TONEMAP_NAMES
 from glpath.film.film import read_image
+from glpath.jobs.checkpoint import checkpoint_path
 from glpath.system import files
+from glpath.system.locks import Lock
 from tests.conftest import MakeFilm
 
 RAMP = np.linspace(0, 1, 256)
@@ -257,9 +259,39 @@ def test_auto_exposure_scales_with_the_light_and_hears_no_noise() -> None:
     assert abs(image.auto_exposure(noisy) - image.auto_exposure(radiance)) <= 0.25
 
 
-@pytest.mark.parametrize("length", [245, 300, 5000])
+@pytest.mark.parametrize("name", ["a" * 251, "a" * 240, "\u00fc" * 125])
+def test_a_name_of_the_longest_kind_is_written(name: str, tmp_path: Path) -> None:
+    """Linux takes 255 bytes. Names of temporary files, locks and checkpoints, which are longer, are shortened."""
+    path = tmp_path / f"{name}.png"
+    files.check_writable(path)
+    part = files.new_file(tmp_path, path)  # as a process leaves that is killed
+    files.remove_parts(path)
+    assert not part.exists()
+    checkpoint = checkpoint_path([path])
+    for file in (path, checkpoint):
+        with Lock(file, "a test"), files.whole_file(file) as temporary:
+            temporary.write_bytes(b"whole")
+    assert {file.read_bytes() for file in tmp_path.iterdir() if file.suffix != ".lock"} == {b"whole"}
+    assert len([file for file in tmp_path.iterdir() if file.suffix != ".lock"]) == 2
+    assert checkpoint != checkpoint_path([tmp_path / f"{name[:-1]}b.png"])
+
+
+def test_a_relative_output_in_a_deleted_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "deleted"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    try:
+        for use in (files.check_writable, lambda path: files.write_bytes(b"", path), lambda path: Lock(path, "it")):
+            with pytest.raises(ImageError, match=r"a.png: the current folder was deleted"):
+                use(Path("a.png"))
+        files.write_bytes(b"", tmp_path / "a.png")
+    finally:
+        os.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("length", [252, 300, 5000])
 def test_a_name_that_is_too_long_is_found_before_the_work(length: int, tmp_path: Path) -> None:
-    """245 letters and a suffix fit, but not those of the file that is moved there."""
     with pytest.raises(ImageError, match="File name too long"):
         files.check_writable(tmp_path / f"{'a' * length}.png")
     assert list(tmp_path.iterdir()) == []
