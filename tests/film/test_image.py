@@ -75,6 +75,36 @@ def test_exr_holds_float32_and_where_it_lies_and_what_it_means(tmp_path: Path) -
     assert [c.name for c in header["channels"]] == ["B", "G", "R"]
 
 
+@pytest.mark.parametrize(
+    ("chromaticities", "red"),
+    [
+        ((0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290), (1.6605, -0.1246, -0.0182)),  # ITU-R BT.2087
+        ((0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290), (1.2249, -0.0420, -0.0196)),  # Display P3
+        ((0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767), (1.70505, -0.13026, -0.02400)),  # ACEScg
+    ],
+)
+def test_an_exr_of_other_primaries_is_converted(
+    tmp_path: Path, chromaticities: tuple[float, ...], red: tuple[float, ...]
+) -> None:
+    path = tmp_path / "a.exr"
+    pixels = np.array([[[1, 0, 0], [1, 1, 1]]], np.float32)
+    header = {"type": OpenEXR.scanlineimage, "chromaticities": chromaticities}
+    OpenEXR.File(header, {"RGB": pixels}).write(str(path))
+    found = read_image(path)
+    assert np.allclose(found[0, 0], red, atol=1e-4)
+    assert np.allclose(found[0, 1], 1.0)
+    assert np.array_equal(image.read_image(path, colours=False), pixels)
+
+
+def test_chromaticities_that_are_no_colours_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    for broken in ((0.0,) * 8, (*image.REC709_CHROMATICITIES[:7], 0.0)):
+        header = {"type": OpenEXR.scanlineimage, "chromaticities": broken}
+        OpenEXR.File(header, {"RGB": np.ones((1, 1, 3), np.float32)}).write(str(path))
+        with pytest.raises(ImageError, match=r"a\.exr: cannot be read as \.exr"):
+            read_image(path)
+
+
 def test_png_holds_the_picture_and_its_metadata(tmp_path: Path) -> None:
     picture = np.random.default_rng(2).integers(0, 256, (4, 5, 3), np.uint8)
     image.write_png(tmp_path / "a.png", picture, {"glpath.scene": "Kornell-Büchse"})
