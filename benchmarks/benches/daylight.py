@@ -35,7 +35,7 @@ from glpath.daylight.year import GROUND, daylight_year
 from glpath.errors import GlpathError
 from glpath.gl.context import open_context
 from glpath.io import scene_from_dict
-from glpath.io.sun_position import pvlib_module
+from glpath.io.sun_position import quiet_pvlib
 from glpath.io.weather import Weather, read_weather
 from glpath.scene.model import Float64, Scene
 from glpath.system.machine import peak_resident_bytes
@@ -70,7 +70,8 @@ _UP = [0.0, 0.0, 1.0]
 
 def real_year() -> Path:
     """Greensboro, North Carolina, a typical year [NREL, TMY3], which comes with pvlib."""
-    return Path(pvlib_module().__file__).parent / "data" / "723170TYA.CSV"
+    with quiet_pvlib() as pvlib:
+        return Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
 
 
 def office_seconds(rounds: int, say: Say) -> tuple[list[float], str]:

@@ -22,7 +22,7 @@ from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
-from glpath.system.files import check_writable, save_all
+from glpath.system.files import check_writable, save_all, short_name
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -221,7 +221,7 @@ def _checkpoint(out: Path, run: RunRequest) -> SolverCheckpoint | None:
 
     if not run.keeps:
         return None
-    path = out.with_name(f"{out.stem}.checkpoint.npz")
+    path = out.with_name(short_name("", out.stem, ".checkpoint.npz"))
     check_writable(path)
     return SolverCheckpoint(path, *run.interval)
 

@@ -402,8 +402,8 @@ def _count(year: DaylightYear) -> None:
     """Fill in the summaries."""
     skies, of = year.skies, year.coefficients
     counted = year.occupied[skies.hours]
-    dark = int(year.occupied.sum()) - int(counted.sum())
     hours = int(year.occupied.sum())
+    dark = hours - int(counted.sum())
     month = year.weather.times[skies.hours].astype("datetime64[M]").astype(np.int64) % 12
     months = (month[:, None] == np.arange(12)).astype(np.float32)
     watts_sky = skies.sky("irradiance") @ months
@@ -411,12 +411,11 @@ def _count(year: DaylightYear) -> None:
     np.add.at(suns, (skies.position, month), skies.direct.astype(np.float32))
     shining = (skies.direct >= _SUNSHINE).astype(np.float32)
     for part in _parts(len(of), len(skies)):
-        lux = _light(year, part, "illuminance")[:, counted]
         # Hours after dark have no light, and count.
-        year.autonomy[part] = metrics.daylight_autonomy(lux, year.threshold) * counted.sum() / hours
-        year.useful[part] = metrics.useful_daylight(lux) * counted.sum() / hours
-        year.useful[part, 0] += dark / hours
-        year.mean[part] = lux.sum(axis=1, dtype=np.float64) / hours
+        lux = np.pad(_light(year, part, "illuminance")[:, counted], ((0, 0), (0, dark)))
+        year.autonomy[part] = metrics.daylight_autonomy(lux, year.threshold)
+        year.useful[part] = metrics.useful_daylight(lux)
+        year.mean[part] = lux.mean(axis=1, dtype=np.float64)
         direct = _direct(of, part, skies.position, skies.to_sun)
         sunlight = direct[:, counted] * skies.sun("illuminance")[counted].astype(np.float32)
         year.sunlight_hours[part] = (sunlight >= metrics.SUNLIGHT).sum(axis=1)

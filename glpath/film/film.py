@@ -241,7 +241,7 @@ def read_image(path: str | Path) -> Float64:
     """Read an image, or the mean of a film, as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
 
     .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
-    .exr : channels R, G, B or Y; of a crop its own pixels only
+    .exr : channels R, G, B or Y; other primaries are converted; of a crop its own pixels only
     .hdr : Radiance's RGBE
     .npz : a film's mean, or the array `radiance`
     .npy : (H, W, 3) or (H, W)

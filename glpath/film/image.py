@@ -51,6 +51,11 @@ READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
+# Difference of x or y that other programs' rounding makes.
+_SAME_CHROMATICITY = 1e-3
+# Cone responses from XYZ.
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+
 # Luminance that Reinhard's operator takes to white. Fixed, not the picture's own maximum: a crop and the frames of
 # a series must come out alike.
 REINHARD_WHITE = 4.0
@@ -287,8 +292,11 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
     return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
 
 
-def read_image(path: str | Path) -> Float64:
-    """Read an image as `glpath.film.film.read_image` does, whatever is no film."""
+def read_image(path: str | Path, colours: bool = True) -> Float64:
+    """Read an image as `glpath.film.film.read_image` does, whatever is no film.
+
+    colours : convert an .exr of other primaries to Rec. 709; False for normals and other values
+    """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READABLE:
@@ -297,7 +305,8 @@ def read_image(path: str | Path) -> Float64:
         )
     with reading(path, suffix):
         check_file(path)
-        return _three_channels(_READERS[suffix](path))
+        image = _READERS[suffix](path) if colours or suffix != ".exr" else _read_exr(path, False)
+        return _three_channels(image)
 
 
 def read_eight_bits(path: str | Path) -> UInt8 | None:
@@ -378,12 +387,38 @@ def _read_jpeg(path: Path) -> Float64:
     return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # a JPEG may be CMYK
 
 
-def _read_exr(path: Path) -> Float64:
-    channels, _ = _exr(path)
+def _read_exr(path: Path, convert: bool = True) -> Float64:
+    channels, header = _exr(path)
     if not {"R", "G", "B"} <= channels.keys() and "Y" not in channels:
         raise ValueError(f"found the channels {', '.join(sorted(channels)) or 'none'}, expected R, G, B or Y")
     names = "RGB" if "R" in channels else "Y"
-    return np.stack([channels[name] for name in names], axis=-1).astype(np.float64)
+    colours = np.stack([channels[name] for name in names], axis=-1).astype(np.float64)
+    given = np.array(header.get("chromaticities", REC709_CHROMATICITIES), np.float64)
+    if not convert or names == "Y" or np.allclose(given, REC709_CHROMATICITIES, rtol=0.0, atol=_SAME_CHROMATICITY):
+        return colours
+    return colours @ _rec709_from(given).T
+
+
+def _rec709_from(chromaticities: Float64) -> Float64:
+    """Return the (3, 3) matrix to linear Rec. 709 from other primaries; their white becomes white.
+
+    chromaticities : (8,) x and y of red, green, blue and white
+
+    Sources: SMPTE RP 177-1993 (XYZ from RGB); Lam 1985, the Bradford adaptation, as of ICC.1:2022, annex E.
+    """
+    cone = [_BRADFORD @ _xyz_from_rgb(each) for each in (chromaticities, np.array(REC709_CHROMATICITIES))]
+    theirs, ours = (each.sum(axis=1) for each in cone)  # of their whites
+    matrix = np.linalg.solve(cone[1], (ours / theirs)[:, None] * cone[0])
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"its chromaticities {chromaticities.round(4).tolist()} are not those of colours")
+    return matrix
+
+
+def _xyz_from_rgb(chromaticities: Float64) -> Float64:
+    x, y = chromaticities.reshape(4, 2).T
+    xyz = np.stack([x, y, 1.0 - x - y])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3] / y[3])
 
 
 def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

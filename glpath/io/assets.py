@@ -26,6 +26,7 @@ from glpath.scene.camera import upright_from_world
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.terminal import encodable
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Assets:
     def _add(self, given: Asset, location: SourceLocation) -> None:
         read = self._model(given, location)
         model, path = read.model, Path(given.file)
-        name = path.stem if isinstance(given.name, UnsetType) else given.name
+        name = encodable(path.stem) if isinstance(given.name, UnsetType) else given.name
         world = transform.world_from_shape(given.transform, location.field("transform"))
         if not isinstance(given.up, UnsetType):
             world[:3, :3] = world[:3, :3] @ upright_from_world(axis_vector(given.up))
@@ -135,7 +136,7 @@ class Assets:
             first = len(self.textures)
             for material in model.materials:
                 moved = moved_textures(material, first)
-                self.materials.append(replace(moved, name=f"{path.stem}/{material.name}"))
+                self.materials.append(replace(moved, name=f"{encodable(path.stem)}/{material.name}"))
             self.textures += model.textures
         return self._read[path, time]
 

@@ -63,7 +63,7 @@ class _Reader:
         self._path, self._location = path, location
         # Of bytes, as text has more ends of lines than files, one of them an ellipsis of Windows.
         self._lines = [line.decode("latin-1").strip() for line in data.removeprefix(b"\xef\xbb\xbf").splitlines()]
-        while self._lines and self._lines[-1].strip("\x1a") == "":
+        while self._lines and self._lines[-1].strip("\x1a\0") == "":
             self._lines.pop()
         self._line = 0  # that was read last
 

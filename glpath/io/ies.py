@@ -18,6 +18,7 @@ Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for what files in use look lik
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import NoReturn
 
@@ -35,13 +36,18 @@ _TYPES = {"1": "C", "2": "B", "3": "A"}
 # First and last angle of C.
 _SPANS = ((0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0))
 
+_WHOLE = "Take a whole file of the maker's, or open it in a viewer of photometric files."
+_DECIMALS = "Commas separate numbers. If they are decimal commas here, write points instead."
+
 
 def parse_ies(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
     """The profile of what is in a file, which a scene names at `location`; `path` is what errors call it.
 
-    Raises SceneError, with the line; warns of a TILT.
+    Raises SceneError, with the line; warns of a TILT, and of words after the last candela.
     """
-    return _Reader(data.decode("latin-1"), path, location).profile()
+    # DOS ends a text with ^Z, other systems pad it with NUL.
+    text = data.decode("latin-1").partition("\x1a")[0].rstrip("\0 \r\n")
+    return _Reader(text, path, location).profile()
 
 
 class _Reader:
@@ -53,11 +59,13 @@ class _Reader:
         self._line = 0  # of the last number, from 1
         self._numbers: list[tuple[str, int]] = []
         self._next = 0
+        self._has_commas = False  # between digits
 
     def profile(self) -> LightProfile:
         tilt = self._tilt()
         for number, line in enumerate(self._lines[self._line :], self._line + 1):
             self._numbers += [(word, number) for word in line.replace(",", " ").split()]
+            self._has_commas |= re.search(r"\d,\d", line) is not None
         if tilt == "INCLUDE":
             self._skip_tilt()
         self._number("the number of lamps")
@@ -81,13 +89,11 @@ class _Reader:
         gamma = self._angles("gamma", rows)
         if not (gamma[0] >= 0 and gamma[-1] <= 180):
             self._wrong(f"gamma from {gamma[0]:g} to {gamma[-1]:g}; type C has angles from 0 to 180")
-        c = self._angles("C", columns)
+        c = _with_last_plane(self._angles("C", columns))
         self._check_around(c)
         candela = np.array([self._number("candela", 0.0) for _ in range(rows * columns)]).reshape(columns, rows)
-        if self._next < len(self._numbers):
-            self._line = self._numbers[self._next][1]
-            self._wrong(f"{len(self._numbers) - self._next} more words than its counts of angles promise")
-        candela = candela * factor
+        self._check_end()
+        candela = np.concatenate([candela, candela[: len(c) - columns]]) * factor
         if candela.max() > LARGEST:
             self._wrong(f"{candela.max():.3g} candela; at most {LARGEST:g} are taken")
         return on_regular_grid(*all_around(c, candela), gamma)
@@ -131,6 +137,16 @@ class _Reader:
         if len(c) > 1 and (c[0], c[-1]) not in _SPANS:
             self._wrong(f"C from {c[0]:g} to {c[-1]:g}; expected 0 alone, 0 to 90, 180 or 360, or 90 to 270")
 
+    def _check_end(self) -> None:
+        """Warn of words after the last candela. Raises SceneError if they may come from decimal commas."""
+        if self._next == len(self._numbers):
+            return
+        first, self._line = self._numbers[self._next]
+        count = f"{len(self._numbers) - self._next} more words than its counts of angles promise"
+        if self._has_commas:
+            self._wrong(count)
+        warn(f'{self._location}: {self._path} has {count}, from "{first[:20]}" in line {self._line}: not used.')
+
     # Words and numbers.
 
     def _word(self, what: str) -> str:
@@ -169,5 +185,14 @@ class _Reader:
     def _wrong(self, found: str, remedy: str = "") -> NoReturn:
         raise self._location.error(
             f"names {self._path}, which cannot be used: line {self._line} has {found}.",
-            remedy or "Take a whole file of the maker's, or open it in a viewer of photometric files.",
+            remedy or (_DECIMALS if self._has_commas else _WHOLE),
         )
+
+
+def _with_last_plane(c: Float64) -> Float64:
+    """Return angles of C with 360 added, if they go around from 0 and only the plane that closes them is missing.
+
+    Source: Cycles 4.2, util/ies.cpp, which reads such files likewise.
+    """
+    is_open = len(c) > 2 and c[0] == 0 and c[-1] > 180 and math.isclose(360 - c[-1], c[-1] - c[-2])
+    return np.append(c, 360.0) if is_open else c

@@ -14,6 +14,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, get_args
 
@@ -25,7 +26,8 @@ from glpath.errors import SceneError
 from glpath.io.build import build
 from glpath.io.completed import NO_CAMERA, completed, is_aside
 from glpath.io.convert import convert
-from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile
+from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile, Sky
+from glpath.io.description.camera import AnyCamera, Film
 from glpath.io.meshes import MESH_KEYS, mesh_of_table
 from glpath.io.other_names import meant_by
 from glpath.io.streams import Chunks
@@ -44,6 +46,8 @@ _DEEP_KEY = re.compile(
     r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
 )
 _LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
+# Tables that a scene file has once, and their types.
+_TABLES = {"film": (Film,), "camera": get_args(AnyCamera), "sky": (Sky,)}
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
@@ -327,6 +331,10 @@ def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
             there = name if name in fields else meant_by(name, fields)
             if there:
                 return f"`{there}` is a field of the type {shown(other.tag)}."  # type: ignore[attr-defined]
+    for table, kinds in _TABLES.items():
+        known = {field for kind in kinds for field in _field_names(inspect.type_info(kind))}
+        if name in known and declared.cls in (SceneFile, *chain(*_TABLES.values())):
+            return f"`{name}` is a field of [{table}]."
     near = difflib.get_close_matches(name, allowed, 1)
     return f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format."
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -211,7 +212,7 @@ def _texture(name: str, given: AnyTexture, location: SourceLocation, folder: Pat
         )
     if isinstance(given, description.Image):
         path = folder / given.file
-        image = _picture(path, location.field("file"), use.shines)
+        image = _picture(path, location.field("file"), use)
         bytes_ = image.dtype == np.uint8
         if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
@@ -225,20 +226,21 @@ def _texture(name: str, given: AnyTexture, location: SourceLocation, folder: Pat
     return Texture(name, np.array([[first, second], [second, first]], np.float32), (u, v), "nearest")
 
 
-def _as_stored(path: Path) -> Float64 | NDArray[np.uint8]:
+def _as_stored(path: Path, colours: bool) -> Float64 | NDArray[np.uint8]:
     eight_bits = read_eight_bits(path)
-    return read_image(path) if eight_bits is None else eight_bits
+    return read_image(path, colours) if eight_bits is None else eight_bits
 
 
-def _picture(path: Path, location: SourceLocation, shines: bool) -> NDArray[np.float32] | NDArray[np.uint8]:
+def _picture(path: Path, location: SourceLocation, use: _Use) -> NDArray[np.float32] | NDArray[np.uint8]:
     """(h, w, 3) or, with alpha, (h, w, 4): uint8 of 8 bits as they are, of others float32, linear Rec. 709.
 
-    Row 0 is the top. What `shines` may be above 1. Raises SceneError; warns of what it clips.
+    Row 0 is the top. A texture that `shines` may be above 1. Raises SceneError; warns of what it clips.
     """
-    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, _as_stored)
+    read = partial(_as_stored, colours=use.colour)
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, read)
     if stored.dtype == np.uint8:
         return stored.astype(np.uint8, copy=False)
-    if shines:
+    if use.shines:
         return np.maximum(stored, 0).astype(np.float32)
     beyond = np.count_nonzero((stored < 0) | (stored > 1))
     if beyond:

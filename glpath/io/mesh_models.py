@@ -19,6 +19,7 @@ from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import with_area, without_area
+from glpath.system.terminal import encodable
 
 _UNUSED = "Colours, of some vertices only or beside materials, textures or their coordinates."
 _UNUSED_OF = {".off": "Colours. Those of PLY files are read."}
@@ -44,6 +45,11 @@ class _Reader:
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
 
+    @property
+    def name(self) -> str:
+        """Name of the model: that of its file."""
+        return encodable(self.path.stem)
+
     def model(self) -> Model:
         library = Library(self.path.parent, self.textures, self.notes)
         plain = self.file.obj
@@ -65,7 +71,7 @@ class _Reader:
                 name = plain.materials[number]
                 defined = library.surface(name)
             else:
-                name = self.path.stem if len(self.file.meshes) == 1 else f"{self.path.stem}-{len(shapes)}"
+                name = self.name if len(self.file.meshes) == 1 else f"{self.name}-{len(shapes)}"
             if defined is not None:
                 mesh, surface = replace(mesh, colours=None), self._with_coordinates(defined, mesh)
             else:
@@ -84,7 +90,7 @@ class _Reader:
         self.notes |= dict.fromkeys(library.pictures.files.notes())
         return Model(
             source=str(self.path),
-            name=self.path.stem,
+            name=self.name,
             shapes=tuple(shapes),
             materials=tuple(surface.material for surface in self.surfaces),
             textures=tuple(self.textures),

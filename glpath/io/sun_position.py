@@ -9,6 +9,9 @@ Source:   Reda & Andreas 2004, Solar position algorithm for solar radiation appl
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,16 +33,22 @@ class SunPosition(NamedTuple):
     azimuth: Float64
 
 
-def pvlib_module() -> Any:
-    """The module. Raises GlpathError with the line to type where it is missing."""
-    try:
-        import pvlib
-    except ImportError:
-        raise GlpathError(
-            "The sun of a site and time, and weather files, need the package pvlib, which is not installed.",
-            'pip install "glpath[sky]"; or give the sun by `altitude` and `azimuth`, `direct` and `diffuse`.',
-        ) from None
-    return pvlib
+@contextmanager
+def quiet_pvlib() -> Iterator[Any]:
+    """Context with the module pvlib, in which it and its libraries give no warning.
+
+    Raises GlpathError with the line to type if it is missing.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            import pvlib
+        except ImportError:
+            raise GlpathError(
+                "The sun of a site and time, and weather files, need the package pvlib, which is not installed.",
+                'pip install "glpath[sky]"; or give the sun by `altitude` and `azimuth`, `direct` and `diffuse`.',
+            ) from None
+        yield pvlib
 
 
 def sun_positions(times: Times, latitude: float, longitude: float, elevation: float = 0.0) -> SunPosition:
@@ -50,11 +59,8 @@ def sun_positions(times: Times, latitude: float, longitude: float, elevation: fl
 
     Raises GlpathError where pvlib is missing.
     """
-    pvlib = pvlib_module()
-    import pandas
-
-    index = pandas.DatetimeIndex(np.asarray(times, "datetime64[ns]")).tz_localize("UTC")
-    found = pvlib.solarposition.get_solarposition(index, latitude, longitude, altitude=elevation)
+    with quiet_pvlib() as pvlib:
+        found = pvlib.solarposition.get_solarposition(_index(times), latitude, longitude, altitude=elevation)
     return SunPosition(
         found["apparent_elevation"].to_numpy(np.float64), found["azimuth"].to_numpy(np.float64) % 360.0
     )
@@ -87,6 +93,12 @@ def _seconds(hours: ArrayLike) -> NDArray[np.timedelta64]:
     return np.asarray(np.rint(3600 * np.asarray(hours)).astype("timedelta64[s]"))
 
 
+def _index(times: Times) -> Any:
+    import pandas
+
+    return pandas.DatetimeIndex(np.asarray(times, "datetime64[ns]")).tz_localize("UTC")
+
+
 def clear_day(times: Times, latitude: float, longitude: float) -> tuple[Float64, Float64]:
     """(N,) each, W m^-2: direct on a surface that faces the sun, and diffuse on a horizontal one, without clouds.
 
@@ -94,9 +106,7 @@ def clear_day(times: Times, latitude: float, longitude: float) -> tuple[Float64,
 
     times : (N,), UTC
     """
-    pvlib = pvlib_module()
-    import pandas
-
-    index = pandas.DatetimeIndex(np.asarray(times, "datetime64[ns]")).tz_localize("UTC")
-    found = pvlib.location.Location(latitude, longitude, tz="UTC").get_clearsky(index, model="ineichen")
+    with quiet_pvlib() as pvlib:
+        site = pvlib.location.Location(latitude, longitude, tz="UTC")
+        found = site.get_clearsky(_index(times), model="ineichen")
     return found["dni"].to_numpy(np.float64), found["dhi"].to_numpy(np.float64)

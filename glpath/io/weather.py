@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, warn
-from glpath.io.sun_position import SunPosition, Times, pvlib_module, sun_of_hours
+from glpath.errors import GlpathError, SceneError, warn
+from glpath.io.sun_position import SunPosition, Times, quiet_pvlib, sun_of_hours
 from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
 from glpath.scene.source_location import shown
@@ -37,8 +37,10 @@ TYPICAL_YEAR = 2023
 _MAX_BYTES = 2**24
 # Irradiance from here on is a mark for what is missing, W m^-2.
 _MISSING = 9000.0
-# Lines before the first hour.
-_EPW_HEAD, _TMY3_HEAD = 8, 2
+# An EPW file: lines before the first hour, the last of these, the one about leap years, and fields of a row.
+_EPW_HEAD, _EPW_LAST, _EPW_HOLIDAYS, _EPW_FIELDS = 8, "DATA PERIODS", "HOLIDAYS/DAYLIGHT SAVING", 35
+# Lines before the first hour of a TMY3 file.
+_TMY3_HEAD = 2
 # Lowest irradiance that counts as noise of a pyranometer around 0, W m^-2.
 _MIN_NOISE = -20.0
 # Of the year's global light: what the sun and the sky may differ from it by, without a warning.
@@ -161,21 +163,54 @@ def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if not text.startswith("LOCATION"):
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
     _check_head(text, path, 6)
-    table, site = _parsed(pvlib_module().iotools.read_epw, _with_hours_from_one(text, path), path)
+    plain, lines = _plain_epw(text, path)
+    table, site = _parsed("read_epw", plain, path)
     begin = _without_zone(table)
-    return _with_lines(table, text, _EPW_HEAD), {**site, "name": site.get("city", "")}, begin
+    return _with_lines(table, lines), {**site, "name": site.get("city", "")}, begin
 
 
-def _with_hours_from_one(text: str, path: Path) -> str:
-    """Return the text of an EPW file with its hours from 1 to 24, also if they are from 0 to 23."""
-    lines = text.splitlines()
-    rows = [line.split(",") for line in lines[_EPW_HEAD:]]
-    hours = {row[3].strip() for row in rows if len(row) > 3}
+def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
+    """Return the text of an EPW file that EnergyPlus reads in the form that pvlib reads, and the lines of its rows.
+
+    Its head has no comments, its rows have all fields, its hours are from 1 to 24, and it has no 29 February that
+    the head does not allow. A field that is missing at the end of a row is empty. Lines are counted from 1.
+    """
+    # Not splitlines, which knows ends of lines that are letters in Latin-1.
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    last = [number for number, line in enumerate(lines) if line.upper().startswith(_EPW_LAST)]
+    first = last[0] + 1 if last else _EPW_HEAD
+    rows = {
+        number: (line.split(",") + [""] * _EPW_FIELDS)[:_EPW_FIELDS]
+        for number, line in enumerate(lines[first:], first + 1)
+        if line.strip()
+    }
+    rows = _with_hours_from_one(_without_leap_day(rows, lines[:first], path), path)
+    head = [lines[0], *["-"] * (_EPW_HEAD - 1)]
+    return "\n".join([*head, *(",".join(row) for row in rows.values())]) + "\n", list(rows)
+
+
+def _without_leap_day(rows: dict[int, list[str]], head: list[str], path: Path) -> dict[int, list[str]]:
+    """Return rows without 29 February, as EnergyPlus does, if the head says that no leap year was observed."""
+    holidays = next((line for line in head if line.upper().startswith(_EPW_HOLIDAYS)), "")
+    if not holidays.partition(",")[2].strip().upper().startswith("N"):
+        return rows
+    days = {line: [field.strip().lstrip("0") for field in row[1:3]] for line, row in rows.items()}
+    kept = {line: row for line, row in rows.items() if days[line] != ["2", "29"]}
+    if len(kept) < len(rows):
+        warn(
+            f"{path}: its 29 February is not used, because {_EPW_HOLIDAYS} says No for leap years. "
+            "EnergyPlus does so, too; say Yes there to use it."
+        )
+    return kept
+
+
+def _with_hours_from_one(rows: dict[int, list[str]], path: Path) -> dict[int, list[str]]:
+    """Return rows of an EPW file with hours from 1 to 24, also if they are from 0 to 23."""
+    hours = {row[3].strip() for row in rows.values()}
     if not hours & {"0", "00"} or "24" in hours or not all(hour.isdecimal() for hour in hours):
-        return text
+        return rows
     warn(f"{path}: its hours are from 0 to 23, not from 1 to 24. They are read as those that begin then.")
-    rows = [[*row[:3], str(int(row[3]) + 1), *row[4:]] if len(row) > 3 else row for row in rows]
-    return "\n".join([*lines[:_EPW_HEAD], *(",".join(row) for row in rows)]) + "\n"
+    return {line: [*row[:3], str(int(row[3]) + 1), *row[4:]] for line, row in rows.items()}
 
 
 def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
@@ -185,13 +220,15 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
             "Other tables are not read; EnergyPlus weather has the suffix .epw.",
         )
     _check_head(text, path, 3)
-    table, site = _parsed(pvlib_module().iotools.read_tmy3, text, path, map_variables=True)
+    table, site = _parsed("read_tmy3", text, path, map_variables=True)
     # Its times are the ends of the hours. February has 28 days, though its year may be a leap year.
     begin = _without_zone(table) - np.timedelta64(3600, "s")
     month, day, hour = _in_year(begin)
     alone = (month == 1) & (day == 28) & (hour == 23) & (np.append([0], day[:-1]) == 27)
     begin[alone] -= np.timedelta64(86400, "s")
-    return _with_lines(table, text, _TMY3_HEAD), {**site, "name": site.get("Name", "")}, begin
+    rows = enumerate(re.split(r"\r\n|\r|\n", text), 1)
+    lines = [number for number, line in rows if line and number > _TMY3_HEAD]
+    return _with_lines(table, lines), {**site, "name": site.get("Name", "")}, begin
 
 
 def _check_head(text: str, path: Path, first: int) -> None:
@@ -206,11 +243,14 @@ def _check_head(text: str, path: Path, first: int) -> None:
             ) from None
 
 
-def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:
+def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:
     try:
-        table, site = reader(io.StringIO(text), **how)
+        with quiet_pvlib() as pvlib:
+            table, site = getattr(pvlib.iotools, reader)(io.StringIO(text), **how)
         for name in ("latitude", "longitude", "TZ", "altitude"):
             site[name] = float(site[name])
+    except GlpathError:
+        raise
     # What a broken file makes of pvlib and pandas is of any kind.
     except Exception as error:
         raise SceneError(
@@ -220,10 +260,9 @@ def _parsed(reader: Any, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
     return table, site
 
 
-def _with_lines(table: Any, text: str, head: int) -> Any:
+def _with_lines(table: Any, lines: list[int]) -> Any:
     """Return a table with the line of the file that each row is on, counted from 1, as its column `line`."""
-    lines = [number for number, line in enumerate(re.split(r"\r\n|\r|\n", text), 1) if line and number > head]
-    return table.assign(line=lines if len(lines) == len(table) else head + 1 + np.arange(len(table)))
+    return table.assign(line=lines if len(lines) == len(table) else np.arange(1, len(table) + 1))
 
 
 def _without_zone(table: Any) -> Times:

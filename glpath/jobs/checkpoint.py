@@ -21,7 +21,7 @@ from pathlib import Path
 from glpath.errors import UsageError
 from glpath.film.film import Film
 from glpath.system.checkpoint import CheckpointFile
-from glpath.system.files import is_stream
+from glpath.system.files import is_stream, short_name
 
 log = logging.getLogger("glpath")
 
@@ -73,4 +73,4 @@ def checkpoint_path(outputs: Sequence[Path], films: bool = True) -> Path:
             "checkpoint: no output is a file, beside which it would be.", "Name one, for example -o film.npz."
         )
     of_films = [path for path in files if films and path.suffix.lower() == ".npz"]
-    return of_films[0] if of_films else files[0].with_name(f"{files[0].stem}.checkpoint.npz")
+    return of_films[0] if of_films else files[0].with_name(short_name("", files[0].stem, ".checkpoint.npz"))

@@ -26,6 +26,7 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
+from glpath.system.terminal import encodable
 
 __all__ = [
     "Camera",
@@ -123,6 +124,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
+        for name in ("name", "source"):
+            object.__setattr__(self, name, encodable(getattr(self, name)))
         if len(self.portals) > MAX_PORTALS:
             raise SceneError(
                 f"{self.source or self.name}: {len(self.portals)} portals, but allowed are {MAX_PORTALS} at most.",

@@ -9,6 +9,7 @@ standard output.
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import re
 import secrets
@@ -29,6 +30,10 @@ from glpath.errors import GlpathError, ImageError
 Save = Callable[[Path], object]
 
 _STDOUT = "-"
+# Longest name of a file in bytes, as nearly all file systems have it.
+_MAX_NAME_BYTES = 255
+# Stands for the random part of a temporary name, as no name has it.
+_NO_TOKEN = 8 * "\0"
 
 
 def shipped_folder(name: str) -> Path | None:
@@ -263,7 +268,7 @@ def write_bytes(content: bytes, path: Path) -> None:
 
 @contextmanager
 def _beside(path: str | Path) -> Iterator[Path]:
-    target = Path(os.path.realpath(path))
+    target = real_path(path)
     if (kind := _unwritable_kind(path)) is not None:
         raise OSError(f"it is {kind}")
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -297,8 +302,9 @@ def _sync_folder(folder: Path) -> None:
 
 def remove_parts(path: str | Path) -> None:
     """Remove what killed processes have left of their attempts to write `path`. For a file with one writer."""
-    target = Path(os.path.realpath(path))
-    left = re.compile(re.escape(f".{target.stem}.") + "[0-9a-f]{8}" + re.escape(f".part{target.suffix}"))
+    target = real_path(path)
+    before, after = _part_name(target, _NO_TOKEN).split(_NO_TOKEN)
+    left = re.compile(re.escape(before) + "[0-9a-f]{8}" + re.escape(after))
     with suppress(OSError):
         for entry in list(target.parent.iterdir()):
             if left.fullmatch(entry.name):
@@ -343,13 +349,15 @@ def check_writable(path: str | Path) -> None:
         return
     if (kind := _unwritable_kind(path)) is not None:
         raise ImageError(f"{path}: is {kind}.", "Name a file in it." if kind == "a folder" else "Name a file.")
-    target = Path(os.path.realpath(path))
+    target = real_path(path)
     folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
         folder = folder.parent
-    # Only trying is sure: permissions say little about root, network shares and read-only file systems. By
-    # the very name, which may be too long.
+    # Only trying is sure: permissions say little about root, network shares and read-only file systems. The name
+    # may be too long.
     try:
+        with suppress(FileNotFoundError):
+            os.lstat(folder / target.name)
         new_file(folder, target).unlink()
     except OSError as error:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
@@ -361,11 +369,40 @@ def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:
     Nobody can guess its name, and a file or a link that has it already is never opened.
     """
     while True:
-        # The suffix stays last, as some libraries choose the format by it.
-        path = folder / f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}"
+        path = folder / _part_name(target, secrets.token_hex(4))
         with suppress(FileExistsError):
             os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _WITHOUT_LINKS, mode))
             return path
+
+
+def _part_name(target: Path, token: str) -> str:
+    # The suffix stays last, as some libraries choose the format by it.
+    return short_name(".", target.stem, f".{token}.part{target.suffix}")
+
+
+def short_name(before: str, stem: str, after: str) -> str:
+    """Return the three joined as the name of a file; of a name too long for file systems, the stem is shortened.
+
+    Names of different stems stay different.
+    """
+    encoded = os.fsencode(stem)
+    beyond = len(os.fsencode(f"{before}{stem}{after}")) - _MAX_NAME_BYTES
+    if beyond <= 0:
+        return f"{before}{stem}{after}"
+    digest = hashlib.sha256(encoded).hexdigest()[:16]
+    start = encoded[: max(0, len(encoded) - beyond - len(digest))].decode(errors="ignore")
+    return f"{before}{start}{digest}{after}"
+
+
+def real_path(path: str | Path) -> Path:
+    """Return the absolute path to which links lead. Raises ImageError if it begins in a folder that was deleted."""
+    try:
+        return Path(os.path.realpath(path))
+    except FileNotFoundError as error:
+        raise ImageError(
+            f"{path}: the current folder was deleted, so a path in it leads nowhere.",
+            "Change to another folder, or give an absolute path.",
+        ) from error
 
 
 def _mode(path: str | Path) -> int:

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from glpath.errors import GlpathError, ImageError
-from glpath.system.files import open_without_links, reason_of
+from glpath.system.files import open_without_links, real_path, reason_of, short_name
 from glpath.system.machine import posix_module
 
 log = logging.getLogger("glpath")
@@ -59,9 +59,9 @@ class Lock:
     """
 
     def __init__(self, path: Path, what: str, first: int = 0, stop: int = 1) -> None:
-        self._target = Path(os.path.realpath(path))
+        self._target = real_path(path)
         self._path = path
-        self._file = self._target.with_name(f".{self._target.name}.lock")
+        self._file = self._target.with_name(short_name(".", self._target.name, ".lock"))
         self._what = what
         self._range = (first, stop)
         self._depth = 0

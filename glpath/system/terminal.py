@@ -25,6 +25,7 @@ _LONG_WORD, _ENDS = re.compile(r"[^\s/]{300,}"), 40
 # Unicode's general categories: controls, formats (bidirectional, zero width), halves of surrogates, unassigned,
 # separators of lines and of paragraphs.
 _ESCAPED = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
+_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def clean(text: str) -> str:
@@ -35,6 +36,11 @@ def clean(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else _escape(c) for c in text)
+
+
+def encodable(text: str) -> str:
+    """Return `text` with bytes of a file name that are not UTF-8 as escapes, so that files can hold it."""
+    return _SURROGATE.sub(lambda found: _escape(found[0]), text)
 
 
 def _escape(character: str) -> str:

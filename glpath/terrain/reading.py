@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import math
 import os
 import re
 import struct
@@ -36,6 +38,14 @@ _LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
 _LAS_FORMAT = 0x3F
 # LAS: sizes in bytes of the headers before and since 1.4 and of the smallest record; a bit of the format.
 _LAS_HEADER, _LAS_HEADER_1_4, _LAS_RECORD, _LAS_COMPRESSED = 227, 375, 54, 0x80
+
+# Metres of a unit of heights, by its names in GDAL, PROJ and EPSG.
+_METRES = {
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
+    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot"), 0.3048),
+    **dict.fromkeys(("us-ft", "ftus", "us survey foot", "foot_us", "us_survey_foot"), 1200 / 3937),
+}
 
 _HOW_NPZ = "np.savez(path, heights=..., spacing=(dx, dy), origin=(x, y))"
 
@@ -104,7 +114,7 @@ def _npz(path: Path, holes: bool) -> HeightField:
 def _ascii_grid(path: Path, holes: bool) -> HeightField:
     """An ESRI ASCII grid: lines of a name and a number, then rows from north to south."""
     with _readable(path):
-        content = read_bytes(path)
+        content = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     header: dict[str, float] = {}
     position = 0
     for match in re.finditer(rb"[ \t]*([A-Za-z]\w*)[ \t]+(\S+)[ \t]*\r?\n", content[:4096]):
@@ -114,7 +124,8 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
         try:
             header[match[1].decode().lower()] = float(match[2])
         except ValueError:
-            raise SceneError(f"{path}: {match[1].decode()} is {match[2]!r} where a number is needed.") from None
+            found = f"{match[1].decode()} is {_text(match[2])}"
+            raise SceneError(f"{path}: {found} where a number is needed.") from None
     for name in ("ncols", "nrows"):
         if not header.get(name, 0) >= 1:
             raise SceneError(f"{path}: is no ESRI ASCII grid: it has no {name}.")
@@ -125,11 +136,12 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
     words = content[position:].split()
     try:
         if b"_" in content[position:]:
-            raise ValueError("it has an underscore")
+            raise ValueError
         with np.errstate(over="ignore"):  # `HeightField.of` says which height is infinite
             values = np.array(words, np.float32)
-    except ValueError as error:
-        raise SceneError(f"{path}: has a height that is no number: {error}.") from None
+    except ValueError:
+        wrong = next(filter(_is_no_number, words), b"")
+        raise SceneError(f"{path}: has a height that is no number: {_text(wrong)}.") from None
     if len(values) != rows * columns:
         raise SceneError(f"{path}: has {len(values):,} heights where {rows} x {columns} are announced.")
     no_data = np.float32(header.get("nodata_value", -9999.0))
@@ -140,6 +152,19 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
     heights = values.reshape(rows, columns)
     north = south + (rows - 1) * apart[1]
     return HeightField.of(heights, apart, (west, north), mask=heights != no_data, holes=holes, source=str(path))
+
+
+def _is_no_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return True
+    return b"_" in word
+
+
+def _text(word: bytes) -> str:
+    """Return a word of a file for a message."""
+    return f'"{word[:40].decode(errors="backslashreplace")}"'
 
 
 def _geotiff(path: Path, holes: bool) -> HeightField:
@@ -167,13 +192,12 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
                     f"{path}: is in degrees of longitude and latitude, its heights are not.",
                     "Project it: gdalwarp -t_srs EPSG:... (UTM: EPSG:326ZZ in the north, 327ZZ in the south).",
                 )
-            _check_units(path, crs)
             if t.a <= 0 or t.e >= 0:
                 raise SceneError(
                     f"{path}: has pixels of {t.a:g} x {t.e:g}, but columns must go east and rows south.",
                     "gdalwarp turns it.",
                 )
-            heights = raster.read(1, masked=True, out_dtype="float32")
+            heights = _heights(path, raster)
             wkt = crs.to_wkt() if crs is not None else ""
         beside = path.with_name(f"{path.name}.msk")
         if os.path.isfile(beside):
@@ -229,13 +253,33 @@ def _world_file(path: Path) -> Path | None:
     return next((files[name] for each in exact if (name := each.name.casefold()) in files), None)
 
 
-def _check_units(path: Path, crs: Any) -> None:
-    """Heights are taken to be in the unit of x and y; of feet there is a warning."""
+def _heights(path: Path, raster: Any) -> Any:
+    """Return the masked (R, C) heights of a TIFF in the unit of its x and y, with its scale and offset."""
+    scale, offset = raster.scales[0], raster.offsets[0]
+    factor = _height_unit(path, raster)
+    if (scale * factor, offset) == (1.0, 0.0):
+        return raster.read(1, masked=True, out_dtype="float32")
+    return (raster.read(1, masked=True, out_dtype="float64") * scale + offset) * factor
+
+
+def _height_unit(path: Path, raster: Any) -> float:
+    """Return the unit of heights of a TIFF in units of its x and y.
+
+    Heights without a unit are taken to be in that of x and y; if it is not the metre, there is a warning. So there
+    is of a unit that is not known.
+    """
+    crs, unit = raster.crs, raster.units[0]
     if crs is None or not crs.is_projected:
-        return
-    name, factor = crs.linear_units_factor
-    if abs(factor - 1.0) > 1e-9:
+        return 1.0
+    name, metres = crs.linear_units_factor
+    known = _METRES.get((unit or "").strip().lower())
+    if known is not None:
+        return 1.0 if math.isclose(known, metres) else known / metres
+    if unit:
+        warn(f'{path}: its heights are in "{unit[:40]}", a unit that is not known. They are taken to be in {name}.')
+    elif abs(metres - 1.0) > 1e-9:
         warn(f"{path}: x and y are in {name}. Its heights are taken to be so, too.")
+    return 1.0
 
 
 def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64:

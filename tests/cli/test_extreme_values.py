@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli import values
 from glpath.cli.main import app
+from glpath.compare import read_picture
 from glpath.errors import UsageError
 from glpath.system.numerals import real, whole
 
@@ -153,3 +154,32 @@ def test_names_of_bytes_that_are_no_text_are_written_and_read(tmp_path: Path) ->
     for name in ("a.exr", "a.png", "a.npz"):
         film.save(folder / name)
         assert glpath.read_image(folder / name).shape == (4, 4, 3)
+
+
+def test_a_scene_whose_name_is_no_text_is_rendered_measured_and_exported(tmp_path: Path) -> None:
+    stem = os.fsencode(tmp_path) + b"/a\xff"
+    scene, model = (Path(os.fsdecode(stem + suffix)) for suffix in (b".toml", b".obj"))
+    try:
+        scene.write_text(
+            'camera = { position = [0, 1, 3], target = [0, 0, 0] }\nshapes = [{ type = "quad", '
+            "corners = [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]] }]\nsky = { zenith = 1, horizon = 1 }\n"
+        )
+    except OSError:
+        pytest.skip("this file system takes UTF-8 alone")
+    model.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    out = tmp_path / "out"
+    quick = ("--spp", "1", "--resolution", "8x8", "--quiet")
+    assert glpath.load_scene(scene).name == r"a\xff"
+    with pytest.warns(glpath.SceneWarning, match="has no camera"):
+        assert {shape.name for shape in glpath.load_scene(model).shapes} >= {r"a\xff"}
+    for arguments in (
+        ("render", scene, "-o", out / "a.png", "-o", out / "a.exr", *quick),
+        ("render", model, "-o", out / "b.exr", "--aov", "object_id", *quick),
+        ("export", scene, "-o", out / "a.glb"),
+        ("export", model, "-o", out / "b.glb"),
+        ("export", model, "-o", out / "b.xml"),
+        ("measure", scene, "--plane", "y=0.1", "--spp", "16", "-o", out / "c.png", "-o", out / "c.html", "--quiet"),
+    ):
+        done = CliRunner().invoke(app, [str(each) for each in arguments])
+        assert done.exit_code == 0, done.output
+    assert read_picture(out / "a.png").provenance["glpath.scene"] == r"a\xff"

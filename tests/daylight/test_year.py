@@ -108,6 +108,13 @@ def test_an_hour_has_what_the_renderer_finds_in_its_sky(
     assert found == pytest.approx(measured, rel=0.05)
 
 
+def test_occupied_hours_without_light_have_none(open_ground: DaylightCoefficients, weather: Weather) -> None:
+    night = daylight_year(open_ground, weather, occupied=(0, 3))
+    assert night.autonomy.tolist() == night.mean.tolist() == night.sunlight_hours.tolist() == [0.0]
+    assert night.useful.tolist() == [[1.0, 0.0, 0.0, 0.0]]
+    assert night.autonomous_share == night.ase == 0.0
+
+
 def box(window: bool, *, west: bool = False) -> list[Any]:
     """A room of 6 x 6 x 3 around the origin, whose south is open where it has a window, and its west likewise."""
     floor, ceiling = ([[-3, -3, z], [3, -3, z], [3, 3, z], [-3, 3, z]] for z in (0, 3))

@@ -16,7 +16,9 @@ from glpath.errors import ImageError, UsageError
 from glpath.film import image
 from glpath.film.choices import TONEMAP_NAMES
 from glpath.film.film import read_image
+from glpath.jobs.checkpoint import checkpoint_path
 from glpath.system import files
+from glpath.system.locks import Lock
 from tests.conftest import MakeFilm
 
 RAMP = np.linspace(0, 1, 256)
@@ -71,6 +73,36 @@ def test_exr_holds_float32_and_where_it_lies_and_what_it_means(tmp_path: Path) -
     assert header["chromaticities"] == pytest.approx(image.REC709_CHROMATICITIES)
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
     assert [c.name for c in header["channels"]] == ["B", "G", "R"]
+
+
+@pytest.mark.parametrize(
+    ("chromaticities", "red"),
+    [
+        ((0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290), (1.6605, -0.1246, -0.0182)),  # ITU-R BT.2087
+        ((0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290), (1.2249, -0.0420, -0.0196)),  # Display P3
+        ((0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767), (1.70505, -0.13026, -0.02400)),  # ACEScg
+    ],
+)
+def test_an_exr_of_other_primaries_is_converted(
+    tmp_path: Path, chromaticities: tuple[float, ...], red: tuple[float, ...]
+) -> None:
+    path = tmp_path / "a.exr"
+    pixels = np.array([[[1, 0, 0], [1, 1, 1]]], np.float32)
+    header = {"type": OpenEXR.scanlineimage, "chromaticities": chromaticities}
+    OpenEXR.File(header, {"RGB": pixels}).write(str(path))
+    found = read_image(path)
+    assert np.allclose(found[0, 0], red, atol=1e-4)
+    assert np.allclose(found[0, 1], 1.0)
+    assert np.array_equal(image.read_image(path, colours=False), pixels)
+
+
+def test_chromaticities_that_are_no_colours_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    for broken in ((0.0,) * 8, (*image.REC709_CHROMATICITIES[:7], 0.0)):
+        header = {"type": OpenEXR.scanlineimage, "chromaticities": broken}
+        OpenEXR.File(header, {"RGB": np.ones((1, 1, 3), np.float32)}).write(str(path))
+        with pytest.raises(ImageError, match=r"a\.exr: cannot be read as \.exr"):
+            read_image(path)
 
 
 def test_png_holds_the_picture_and_its_metadata(tmp_path: Path) -> None:
@@ -257,9 +289,39 @@ def test_auto_exposure_scales_with_the_light_and_hears_no_noise() -> None:
     assert abs(image.auto_exposure(noisy) - image.auto_exposure(radiance)) <= 0.25
 
 
-@pytest.mark.parametrize("length", [245, 300, 5000])
+@pytest.mark.parametrize("name", ["a" * 251, "a" * 240, "\u00fc" * 125])
+def test_a_name_of_the_longest_kind_is_written(name: str, tmp_path: Path) -> None:
+    """Linux takes 255 bytes. Names of temporary files, locks and checkpoints, which are longer, are shortened."""
+    path = tmp_path / f"{name}.png"
+    files.check_writable(path)
+    part = files.new_file(tmp_path, path)  # as a process leaves that is killed
+    files.remove_parts(path)
+    assert not part.exists()
+    checkpoint = checkpoint_path([path])
+    for file in (path, checkpoint):
+        with Lock(file, "a test"), files.whole_file(file) as temporary:
+            temporary.write_bytes(b"whole")
+    assert {file.read_bytes() for file in tmp_path.iterdir() if file.suffix != ".lock"} == {b"whole"}
+    assert len([file for file in tmp_path.iterdir() if file.suffix != ".lock"]) == 2
+    assert checkpoint != checkpoint_path([tmp_path / f"{name[:-1]}b.png"])
+
+
+def test_a_relative_output_in_a_deleted_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "deleted"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    try:
+        for use in (files.check_writable, lambda path: files.write_bytes(b"", path), lambda path: Lock(path, "it")):
+            with pytest.raises(ImageError, match=r"a.png: the current folder was deleted"):
+                use(Path("a.png"))
+        files.write_bytes(b"", tmp_path / "a.png")
+    finally:
+        os.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("length", [252, 300, 5000])
 def test_a_name_that_is_too_long_is_found_before_the_work(length: int, tmp_path: Path) -> None:
-    """245 letters and a suffix fit, but not those of the file that is moved there."""
     with pytest.raises(ImageError, match="File name too long"):
         files.check_writable(tmp_path / f"{'a' * length}.png")
     assert list(tmp_path.iterdir()) == []

@@ -123,7 +123,8 @@ GOOD = "IESNA91\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0\n1 1 10\n0 90\n0\n5 1\n"
         ("a\nb\n", "line 2 has no line TILT=NONE or TILT=INCLUDE"),
         (GOOD.replace("NONE", "lamp.tlt"), "line 2 has TILT=LAMP.TLT"),
         (GOOD.replace("5 1", "5"), "line 7 has the end of the file where candela is expected"),
-        (GOOD.replace("5 1", "5 1\n\n7"), "line 9 has 1 more words than"),
+        (GOOD.replace("5 1", "5,5 1,5"), r"line 7 has 2 more words than(.|\n)*If they are decimal commas"),
+        (GOOD.replace("1 -1 1 2", "1 -1 0,9 2"), r"line 3 has 0 as the candela(.|\n)*If they are decimal commas"),
         (GOOD.replace("5 1", "5 nan"), "line 7 has nan where candela is expected"),
         (GOOD.replace("5 1", "5 -inf"), "line 7 has -inf where candela"),
         (GOOD.replace("5 1", "5 -1"), "line 7 has -1 where candela is expected, 0 or more"),
@@ -150,6 +151,30 @@ def test_hostile_files_are_refused_with_their_line(text: str, message: str, tmp_
     with pytest.raises(SceneError, match=message) as caught:
         read_profile(tmp_path / "a.ies", PLACE)
     assert str(caught.value).startswith(f"room.toml: lights[0].profile names {tmp_path / 'a.ies'}")
+
+
+@pytest.mark.parametrize("end", ["\x1a", "\x1arubbish", "\n\0\0\0", "\n\x1a\n"])
+def test_control_characters_at_the_end_are_not_read(end: str, tmp_path: Path) -> None:
+    (tmp_path / "a.ies").write_text(GOOD + end)
+    assert read_profile(tmp_path / "a.ies", PLACE).candela.tolist() == [[5, 1]]
+
+
+def test_words_after_the_last_candela_are_told_of(tmp_path: Path) -> None:
+    (tmp_path / "a.ies").write_text(GOOD + "\n[END] 7\n")
+    with pytest.warns(SceneWarning, match=r'2 more words than its counts .* from "\[END\]" in line 9'):
+        assert read_profile(tmp_path / "a.ies", PLACE).candela.tolist() == [[5, 1]]
+
+
+@pytest.mark.parametrize("step", [15, 90, 120])
+def test_a_plane_at_360_degrees_that_is_missing_is_the_first(step: int, tmp_path: Path) -> None:
+    c, gamma = np.arange(0.0, 361.0, step), np.array([0.0, 90.0])
+    values = 1.0 + np.arange(len(c))[:, None] * np.ones(2)
+    values[-1] = values[0]
+    whole = read_profile(ies(tmp_path / "whole.ies", gamma, c, values), PLACE)
+    found = read_profile(ies(tmp_path / "open.ies", gamma, c[:-1], values[:-1]), PLACE)
+    assert np.array_equal(found.candela, whole.candela)
+    with pytest.raises(SceneError, match="expected 0 alone"):
+        read_profile(ies(tmp_path / "gap.ies", gamma, c[:-1] * 0.8, values[:-1]), PLACE)
 
 
 def test_files_that_are_none_are_refused(tmp_path: Path) -> None:

@@ -50,6 +50,11 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         ["shapes[1].radios is not a field", '"sphere"', "Allowed: type, name", "Did you mean `radius`?"],
     ),
     "unknown camera field": (camera("position = [0, 0, 5]\ntaget = [0, 0, 0]"), ["camera.taget", "`target`?"]),
+    "field of the film in the camera": (
+        camera("position = [0, 0, 5]\ntarget = [0, 0, 0]\nresolution = [64, 64]"),
+        ["camera.resolution is not a field", "`resolution` is a field of [film]."],
+    ),
+    "field of the camera in the film": (SPHERE + "[film]\nfov = 30", ["film.fov", "`fov` is a field of [camera]."]),
     "missing field": (shape('type = "quad"'), ["shapes[1] lacks the field `corners`", "counter-clockwise"]),
     "missing type": (
         shape("radius = 1"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +101,46 @@ def test_a_leap_year(tmp_path: Path, weather: Weather) -> None:
     assert str(found.times[found.hour_of(np.datetime64("2020-02-29T08"))]) == "2024-02-29T08:00:00"
     with pytest.raises(SceneError, match="has no hour at 02-29 08:00"):
         weather.hour_of(np.datetime64("2024-02-29T08"))
+
+
+def test_a_29_february_counts_if_the_head_says_so(tmp_path: Path) -> None:
+    """EnergyPlus 24.1, WeatherManager.cc: such a day is skipped where the head has No."""
+    gap = pytest.warns(SceneWarning, match="24 hours are missing between others, the first after 02-28")
+    with gap, pytest.warns(SceneWarning, match="its 29 February is not used"):
+        found = read_weather(write_epw(tmp_path / "leap.epw", year=2024, head={"leap": "No"}))
+    assert len(found.times) == 8760
+    assert "2024-02-29" not in found.times.astype("datetime64[D]").astype(str)
+
+
+@pytest.mark.parametrize("fields", [16, 32, 34, 35, 37])
+def test_fields_that_are_missing_or_too_many_at_the_end_of_rows_do_not_matter(
+    epw: Path, weather: Weather, tmp_path: Path, fields: int
+) -> None:
+    def cut(index: int, row: list[str]) -> list[str]:
+        row = (row + ["1"] * fields)[:fields]
+        return [*row, ""] if index % 2 else row
+
+    found = read_weather(changed(epw, tmp_path / "cut.epw", cut))
+    assert np.array_equal(found.times, weather.times)
+    for name in ("direct_normal", "diffuse_horizontal", "dew_point"):
+        assert np.array_equal(getattr(found, name), getattr(weather, name))
+
+
+@pytest.mark.parametrize(
+    "comment", ['COMMENTS 1,Rain gauge 8" diameter', 'COMMENTS 1,"5 and 6" floors, "roof', "COMMENTS 1,a\x85b"]
+)
+def test_comments_of_a_weather_file_are_not_read(epw: Path, weather: Weather, tmp_path: Path, comment: str) -> None:
+    path = tmp_path / "comment.epw"
+    path.write_bytes(epw.read_text().replace("COMMENTS 1,", f"{comment}\nCOMMENTS 3,").encode("latin-1"))
+    assert np.array_equal(read_weather(path).direct_normal, weather.direct_normal)
+
+
+def test_warnings_of_libraries_are_no_errors(epw: Path) -> None:
+    """Only the own warnings of a program that runs with -W error should stop it."""
+    code = "import sys; from glpath.io.weather import read_weather; read_weather(sys.argv[1]).sun; "
+    code += "from glpath.io.sun_position import clear_day; import numpy as np; "
+    code += "clear_day(np.array(['2023-06-21T12'], 'datetime64[s]'), 47.5, 8.5)"
+    subprocess.run([sys.executable, "-W", "error", "-c", code, str(epw)], check=True)
 
 
 def test_polar_nights_are_dark(tmp_path: Path) -> None:

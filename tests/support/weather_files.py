@@ -16,7 +16,7 @@ _HEAD = """LOCATION,{site},-,-,synthetic,000000,{latitude},{longitude},{zone},{e
 DESIGN CONDITIONS,0
 TYPICAL/EXTREME PERIODS,0
 GROUND TEMPERATURES,0
-HOLIDAYS/DAYLIGHT SAVINGS,No,0,0,0
+HOLIDAYS/DAYLIGHT SAVINGS,{leap},0,0,0
 COMMENTS 1,made by a test
 COMMENTS 2,
 DATA PERIODS,1,1,Data,Sunday, 1/ 1,12/31
@@ -36,7 +36,7 @@ def write_epw(
     """A year of weather of a site. Every third day is overcast, the others are clear.
 
     change : of each row, before it is written
-    head   : what the head says instead of the truth: latitude, longitude, zone
+    head   : what the head says instead of the truth: latitude, longitude, zone; leap: "Yes" or "No"
     """
     begin = np.arange(
         np.datetime64(f"{year}-01-01T00"), np.datetime64(f"{year + 1}-01-01T00"), np.timedelta64(1, "h")
@@ -50,6 +50,7 @@ def write_epw(
     diffuse = np.where(clear, total - direct * height, total / 6)
     total = direct * height + diffuse
     known = {"site": "Nowhere", "latitude": latitude, "longitude": longitude, "zone": zone, "elevation": 400}
+    known["leap"] = "Yes" if len(begin) > 8760 else "No"
     lines = [_HEAD.format(**known | (head or {}))]
     for row, time in enumerate(begin):
         date = time.astype(object)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import threading
+from contextlib import nullcontext
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,7 @@ def test_files_that_are_no_height_field(tmp_path: Path) -> None:
         ("a.txt", "", "is no height field that can be read"),
         ("b.asc", "hello\n", "is no ESRI ASCII grid"),
         ("c.asc", ASC + "1 2 3\n", "has 3 heights where 3 x 4 are announced"),
-        ("d.asc", ASC.replace("cellsize 2", "cellsize x") + "1 2 3\n", "cellsize is b'x'"),
+        ("d.asc", ASC.replace("cellsize 2", "cellsize x") + "1 2 3\n", 'cellsize is "x" where'),
         ("e.asc", ASC + "1 2 3 a\n", "a height that is no number"),
         ("f.npy", "no", "cannot be read as a height field"),
         ("g.npz", "no", "cannot be read as a height field"),
@@ -302,3 +303,45 @@ def test_the_sizes_of_an_ascii_grid_are_whole_numbers(tmp_path: Path) -> None:
     for count in ("inf", "4.5", "nan", "1e400"):
         with pytest.raises(glpath.SceneError, match="ncols"):
             load_height_field(ascii_grid(tmp_path / "a.asc", header=ASC.replace("ncols 4", f"ncols {count}")))
+
+
+@pytest.mark.parametrize("text", ["1 2 3 4\n", "1,0 2,0\n"])
+def test_a_byte_order_mark_before_an_ascii_grid_is_left_out(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.asc"
+    path.write_bytes(b"\xef\xbb\xbf" + (ASC.replace("ncols 4\nnrows 3", "ncols 2\nnrows 2") + text).encode())
+    if "," not in text:
+        assert load_height_field(path).heights.tolist() == [[1, 2], [3, 4]]
+        return
+    with pytest.raises(glpath.SceneError, match='a height that is no number: "1,0"'):
+        load_height_field(path)
+
+
+def test_scale_and_offset_of_a_tiff_are_applied(rasterio: Any, tmp_path: Path) -> None:
+    path = tiff(rasterio, tmp_path / "a.tif", np.int16(100 * HEIGHTS), nodata=500)
+    with rasterio.open(path, "r+") as raster:
+        raster.scales, raster.offsets = (0.01,), (1000.0,)
+    expected = np.where(HEIGHTS == 5, np.nan, HEIGHTS + 1000.0)
+    np.testing.assert_allclose(load_height_field(path, holes=True).heights, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("crs", "unit", "metres", "message"),
+    [
+        ("EPSG:26910+6360", None, 1200 / 3937, None),  # x and y in metres, NAVD88 heights in feet
+        ("EPSG:26910+5703", None, 1.0, None),
+        ("EPSG:32632", "ft", 0.3048, None),
+        ("EPSG:2227", "metre", 3937 / 1200, None),  # x and y in feet
+        ("EPSG:2227", None, 1.0, "x and y are in US survey foot. Its heights are taken to be so"),
+        ("EPSG:32632", "parsec", 1.0, 'its heights are in "parsec", a unit that is not known'),
+    ],
+)
+def test_heights_of_a_tiff_get_the_unit_of_x_and_y(
+    rasterio: Any, tmp_path: Path, crs: str, unit: str | None, metres: float, message: str | None
+) -> None:
+    path = tiff(rasterio, tmp_path / "a.tif", np.float32(HEIGHTS), crs=crs)
+    if unit is not None:
+        with rasterio.open(path, "r+") as raster:
+            raster.units = (unit,)
+    with pytest.warns(glpath.SceneWarning, match=message) if message else nullcontext():
+        found = load_height_field(path)
+    np.testing.assert_allclose(found.heights, HEIGHTS * metres, rtol=1e-6)

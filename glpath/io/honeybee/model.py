@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -176,7 +177,7 @@ def read_model_file(path: Path) -> Model:
     """The tables of a file. Raises SceneError, which names the object that is wrong."""
     location = SourceLocation(str(path))
     try:
-        data = msgspec.json.decode(read_bytes(path))
+        data = msgspec.json.decode(read_bytes(path).removeprefix(codecs.BOM_UTF8))
     except OSError as error:
         raise location.error(f"cannot be read: {reason_of(error)}.") from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -20,6 +20,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64, Mesh, Shape, placed
 from glpath.scene.tessellate import unit_sphere, with_area
 from glpath.scene.triangulate import turned
+from glpath.system.terminal import encodable
 
 _FILES = {"obj": ".obj", "ply": ".ply", "serialized": ".serialized"}
 _MADE: dict[str, Callable[[], Mesh]] = {
@@ -253,7 +254,7 @@ class Reader:
     def _name(self, plugin: Plugin, group: str = "") -> str:
         path = ""
         if plugin.kind in _FILES:
-            path = Path(plugin.text("filename")).stem
+            path = encodable(Path(plugin.text("filename")).stem)
         wanted = plugin.id or group or path or plugin.kind
         name, number = wanted, 1
         while name in self._names:

@@ -26,6 +26,7 @@ from glpath.io.scene_pictures import stored_picture
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
+from glpath.system.terminal import encodable
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
 # How much finer a picture of at most so many texels is interpolated before its colours are changed.
@@ -153,7 +154,7 @@ class Textures:
         same = (*key, filter_type, wrap, matrix.tobytes())
         if same not in self._bitmaps:
             self._bitmaps[same] = Look(
-                plugin.id or path.stem,
+                plugin.id or encodable(path.stem),
                 image,
                 srgb=image.dtype == np.uint8 and not raw,
                 filter="nearest" if filter_type == "nearest" else "linear",

@@ -47,6 +47,12 @@ def test_faces_are_where_they_are_without_their_openings(tmp_path: Path) -> None
         np.testing.assert_allclose(shape_of(scene, name)[0].sum(axis=0), vector, atol=1e-12, err_msg=name)
 
 
+def test_a_byte_order_mark_before_the_json_is_left_out(tmp_path: Path) -> None:
+    path = write(two_rooms(), tmp_path / "a.hbjson")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(glpath.load_scene(path, SKY).shapes)
+
+
 def test_a_room_is_a_closed_solid(tmp_path: Path) -> None:
     """Its volume by the divergence theorem, from any origin."""
     scene = loaded(tmp_path, two_rooms())
