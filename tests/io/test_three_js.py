@@ -53,7 +53,7 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, glpath.Radio
 def test_a_bake_shows_the_solution(three: three_js.Viewer, baked: Any) -> None:
     scene, solution, path = baked
     seen = three.picture(path, 64, 64, samples=4) * 2.0**6
-    expected = ShownHits.of(scene, 4).radiance(solution, "interpolated")
+    expected = ShownHits.of(scene, 4).radiance(solution, "smooth")
     assert seen.mean() == pytest.approx(expected.mean(), rel=1e-3)
     assert np.quantile(np.abs(seen - expected) / expected.mean(), 0.98) < 0.01
 
