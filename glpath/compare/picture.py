@@ -147,7 +147,8 @@ class Picture:
         return cls(
             np.repeat(light, 3, axis=2) if values.shape[2] == 1 else light,
             None,
-            {"glpath.kind": "array", **(provenance or {})},
+            # What an array was made by may be noisy, but its noise is not known.
+            {"glpath.kind": "array", **(provenance or {})} | {"glpath.noisy": "false"},
             alpha,
             eight_bit=white in (1, 255),
         )
@@ -172,8 +173,7 @@ class Picture:
         if self.alpha is None:
             return replace(self, eight_bit=False)
         opacity = self.alpha[..., None]
-        above = 1.055 * (np.maximum(self.mean, 1.0) ** (1 / 2.4) - 1.0)  # the curve continues above white
-        mixed = opacity * (encode_srgb(self.mean) + above) + (1 - opacity) * ground
+        mixed = opacity * encode_bright_srgb(self.mean) + (1 - opacity) * ground
         return replace(
             self, mean=np.where(opacity == 1, self.mean, decode_srgb(mixed)), alpha=None, eight_bit=False
         )
@@ -268,6 +268,11 @@ class Picture:
             else:
                 found.append(f"{word} is {_stated(ours)} here and {_stated(theirs)} in the reference")
         return found
+
+
+def encode_bright_srgb(linear: Float64) -> Float64:
+    """Return sRGB of linear values, whose curve continues above white."""
+    return encode_srgb(linear) + 1.055 * (np.maximum(linear, 1.0) ** (1 / 2.4) - 1.0)
 
 
 def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:

@@ -13,16 +13,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from glpath.compare.picture import DENOISED, Picture, glpath_texts
+from glpath.compare.picture import Picture, encode_bright_srgb, glpath_texts
 from glpath.errors import ImageError
 from glpath.film.film import Film, holds_film, read_image
-from glpath.film.image import READABLE, read_exr_channels
+from glpath.film.image import READABLE, decode_srgb, read_exr_channels
 from glpath.system.files import read_bytes, reading
 from glpath.system.npz import check_unfolded, read_npy
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+
+Float64 = NDArray[np.float64]
 
 #: Formats read by Pillow; the rest of READABLE is radiance.
 _BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
@@ -32,6 +35,8 @@ _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA")
 
 SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))
 
+# Alpha of light that hides nothing.
+_GLOW_ALPHA = 1e-6
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
@@ -50,13 +55,26 @@ def read_picture(path: str | Path) -> Picture:
         if Picture.is_baseline(header):
             return Picture.load(path)
         image = read_image(path)
-        made = {key: value for key, value in header.items() if key == DENOISED}
-        return Picture.of_array(np.dstack([image, channels["A"]]) if "A" in channels else image, made)
+        if "A" in channels:
+            image = _straight(image, channels["A"].astype(np.float64))
+        return Picture.of_array(image, glpath_texts(header))
     if suffix == ".npy":
         read_image(path)  # says what is wrong with it
         with reading(path, suffix):
             return Picture.of_array(read_npy(path))
     return Picture.of_array(read_image(path))
+
+
+def _straight(light: Float64, alpha: Float64) -> Float64:
+    """Return (H, W, 4) with colours that are not multiplied by alpha, of an EXR's, which are.
+
+    An EXR has light where alpha is 0, too, which is added to what is behind it, such as a flame. There alpha
+    becomes so small that nothing behind it is hidden, and the colour so bright that `Picture.over` adds this light.
+    """
+    glows = (alpha == 0) & (light > 0).any(axis=-1)
+    colours = light / np.where(alpha > 0, alpha, 1.0)[..., None]
+    colours[glows] = decode_srgb(encode_bright_srgb(light[glows]) / _GLOW_ALPHA)
+    return np.dstack([colours, np.where(glows, _GLOW_ALPHA, alpha)])
 
 
 def picture_from_bytes(data: bytes) -> Picture:

@@ -192,7 +192,9 @@ class _Reader:
 def _with_last_plane(c: Float64) -> Float64:
     """Return angles of C with 360 added, if they go around from 0 and only the plane that closes them is missing.
 
-    Source: Cycles 4.2, util/ies.cpp, which reads such files likewise.
+    Source: Cycles, util/ies.cpp: the gap is as wide as the first or the last step.
     """
-    is_open = len(c) > 2 and c[0] == 0 and c[-1] > 180 and math.isclose(360 - c[-1], c[-1] - c[-2])
-    return np.append(c, 360.0) if is_open else c
+    if len(c) < 3 or c[0] != 0 or not 180 < c[-1] < 360:
+        return c
+    fits = any(math.isclose(360 - c[-1], step) for step in (c[1] - c[0], c[-1] - c[-2]))
+    return np.append(c, 360.0) if fits else c

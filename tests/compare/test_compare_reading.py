@@ -139,7 +139,8 @@ def test_files_are_what_they_hold(tmp_path: Path) -> None:
     Image.fromarray(RGBA).save(tmp_path / "a.png")
     Image.fromarray(RGB).save(tmp_path / "a.jpg", quality=100)
     Image.fromarray(RGB).save(tmp_path / "a.webp", lossless=True)
-    write_exr(tmp_path / "a.exr", RGB / 255.0, alpha=RGBA[..., 3] / 255)
+    alpha = RGBA[..., 3:] / 255
+    write_exr(tmp_path / "a.exr", RGB / 255.0 * alpha, alpha=alpha[..., 0])
     np.save(tmp_path / "a.npy", RGBA / 255)
     reference = Picture.of_array(RGBA)
     assert compare(read_picture(tmp_path / "a.png"), reference, "exact").passed
@@ -147,9 +148,34 @@ def test_files_are_what_they_hold(tmp_path: Path) -> None:
     assert compare(read_picture(tmp_path / "a.webp"), Picture.of_array(RGB), "exact").passed
     assert read_picture(tmp_path / "a.jpg").eight_bit
     linear = Picture.of_array(RGBA / 255)
-    for suffix in ("exr", "npy"):
-        assert compare(read_picture(tmp_path / f"a.{suffix}"), linear, "exact").passed
-    assert compare(picture_from_bytes((tmp_path / "a.exr").read_bytes()), linear, "exact").passed
+    assert compare(read_picture(tmp_path / "a.npy"), linear, "exact").passed
+    exr = read_picture(tmp_path / "a.exr")
+    np.testing.assert_allclose(exr.mean, linear.mean, rtol=3e-7)
+    np.testing.assert_allclose(exr.alpha, linear.alpha, rtol=1e-7)
+    assert compare(picture_from_bytes((tmp_path / "a.exr").read_bytes()), exr, "exact").passed
+
+
+def test_a_transparent_film_is_the_same_as_exr_and_as_png(make_film: MakeFilm, tmp_path: Path) -> None:
+    film = make_film([], transparent=True, aovs=("depth",), exposure=0.0)
+    hits = np.linspace(0.0, 8.0, 24).reshape(4, 6, 1)
+    film.add(0, 8, 0.5 * hits * np.ones(3), {"depth": hits * np.ones(2)})
+    for suffix in ("exr", "png"):
+        film.save(tmp_path / f"a.{suffix}")
+    exr, png = read_picture(tmp_path / "a.exr"), read_picture(tmp_path / "a.png")
+    assert np.allclose(exr.mean[exr.alpha > 0], 0.5)
+    assert compare(exr, png, "fuzzy").passed
+    assert exr.differences_in_making(png) == []
+    assert compare(exr, exr).mode == compare(png, png).mode == "fuzzy"  # neither holds the noise
+
+
+def test_light_of_an_exr_where_alpha_is_0_is_added_to_the_ground(tmp_path: Path) -> None:
+    for name, light in (("dark", 0.0), ("glow", 0.5)):
+        write_exr(tmp_path / f"{name}.exr", np.full((6, 5, 3), light), alpha=np.zeros((6, 5)))
+    dark, glow = (read_picture(tmp_path / f"{name}.exr") for name in ("dark", "glow"))
+    assert np.allclose(glow.over(0.0).mean, 0.5)
+    assert np.allclose(dark.over(1.0).mean, 1.0)
+    for mode in ("exact", "fuzzy"):
+        assert not compare(glow, dark, mode).passed
 
 
 def test_films_keep_their_noise(make_film: MakeFilm, tmp_path: Path) -> None:
