@@ -85,12 +85,12 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
             fan = np.stack([np.zeros_like(ahead), ahead, ahead + 1], axis=1)
             local = np.broadcast_to(fan, (len(chosen), size - 2, 3))
             rings = positions[corners[starts[:, None] + np.arange(size)]]
-            are_fans, crossed = _are_fans(rings)
-            crossing += int(np.count_nonzero(crossed))
+            are_fans, fans_cross = _are_fans(rings)
+            crossing += int(np.count_nonzero(fans_cross))
             others = np.flatnonzero(~are_fans)
             if len(others):
-                ears, of, crossed = _ears_of_rings(rings[others])
-                crossing += int(np.count_nonzero(crossed))
+                ears, of, ears_cross = _ears_of_rings(rings[others])
+                crossing += int(np.count_nonzero(ears_cross))
                 triangles.append(starts[others][of, None] + ears)
                 polygons.append(chosen[others][of])
             local, starts, chosen = (np.delete(each, others, axis=0) for each in (local, starts, chosen))
