@@ -114,8 +114,9 @@ class BiasCheck:
         if bias is None:
             # An unknown bias may be large.
             unbiased = plan.without_bias()
-            if unbiased is not None and self._in_time(unbiased) is not None:
-                return unbiased, self._replaced(engine, unbiased)
+            replacement = self._in_time(unbiased)
+            if replacement is not None:
+                return replacement, self._replaced(engine, replacement)
             if self._is_cut_short or unbiased is not None:
                 name = self.scene.source or self.scene.name
                 text = f"{name}: the time limit left no time to measure the bias of the gather; {_NO_BIAS}"
