@@ -2,13 +2,16 @@
 
 The rest of the light hits another microfacet. If it is kept (`Material.multiple_scattering`), the lobes are divided
 by E of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. A coloured surface
-multiplies light by F at every further scattering. The factor of a lobe is then 1 + F x / (1 - F (1 - x)) (1 - E) /
-E, where x is the fraction of light that leaves after a further scattering (`escapes`). The albedo of a dielectric
-is f0 (E - B) + f90 B, with B for Schlick's weight (`schlick_albedo`). Its base receives the rest.
+multiplies light by F at every further scattering. The factor of a lobe is then
+
+    1 + F x / (1 - F (1 - x)) (1 - E) / E
+
+where x is the fraction of light that leaves after a further scattering (`escapes`). The albedo of a dielectric is
+f0 (E - B) + f90 B, with B for Schlick's weight (`schlick_albedo`). Its base receives the rest.
 
 Cost:    0.1 s for the table of an index, made once. A path vertex reads one texel, or two for a dielectric.
 Poor at: anisotropy, for which the table has the mean roughness; grazing incidence on rough surfaces, because the
-added light has the shape of the single-scattering lobe. The result is not reciprocal.
+         added light has the shape of the single-scattering lobe. The result is not reciprocal.
 Source:  Turquin 2019, Practical multiple scattering compensation for microfacet models, 3.1 and 3.4, with x = 1;
          Kulla & Conty 2017, with x the mean of E. A random walk between microfacets [Heitz et al. 2016] lies
          between the two; tests/pictures/test_kept_energy.py compares with it.
@@ -147,12 +150,14 @@ def plastic_entry(ior: float, alpha: float, distribution: str) -> tuple[Float64,
     The polynomial, (8,) float64 with the constant first, is of the square root of the cosine. It is the fraction of
     light that crosses the boundary to the base, times a constant. Light of the base crosses twice, so a Lambertian
     base is multiplied by the polynomial at both cosines. The constant includes light that the boundary reflects
-    back to a white base; for another base, that light is in the base's reflectance.
+    back to a white base. For another base, that light is in the base's reflectance.
 
-    ior : index of the dielectric; alpha : alpha of its microfacets, `distribution` "ggx" or "beckmann"
+    ior          : index of the dielectric
+    alpha        : alpha of its microfacets
+    distribution : "ggx" or "beckmann"
 
     Source: Mitsuba 3.9, plastic and roughplastic. A rough boundary loses light that it scatters more than once.
-    Light that it reflects back is Mitsuba's mean of 64 cosines, both ends included, up to 2 % too much.
+            Light that it reflects back is Mitsuba's mean of 64 cosines, both ends included, up to 2 % too much.
     """
     cosine = (np.arange(128) + 0.5) / 128
     through = 1.0 - _fresnel(cosine, ior)[0] if alpha < SMOOTH else _crossing(cosine, alpha, ior, distribution)[0]
