@@ -221,7 +221,7 @@ def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> l
         "everything outside. Move the light out, or leave the shape away."
         for index in around
     ]
-    # Above 0 on the front side of each plane.
+    # Signed distances, above 0 on the front side of each plane.
     eye, lamp = (
         np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
         for point in (scene.camera.position, light.position)

@@ -20,7 +20,7 @@ def emitted_radiance(scene: Scene, counts: Callable[[Shape], bool] = lambda shap
     """
     lower, upper = scene.bounds
     x, y, z = upper - lower
-    power = 0.0  # over pi
+    power = 0.0  # power divided by pi
     for number, shape in enumerate(scene.shapes):
         if not shape.emits or not counts(shape):
             continue

@@ -50,7 +50,7 @@ class Mesh:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that changes the picture; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
         return digest_of(self.vertices, self.faces, *self.of_vertices.values())
 
     @cached_property
@@ -209,7 +209,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def digest(self) -> str:
-        """Of all that changes the picture; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
         return digest_of(tuple(self))
 
     @cached_property

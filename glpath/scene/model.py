@@ -192,7 +192,7 @@ class Scene:
     def areas(self) -> Float64:
         """(T,) float64 triangle areas, scene units squared."""
         areas = np.empty(len(self.triangles))
-        # Some at a time: intermediate results take as much memory as the triangles.
+        # In chunks, because intermediate results take as much memory as the triangles.
         for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
             areas[part] = triangle_areas(self.triangles[part])
         return areas

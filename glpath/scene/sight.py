@@ -26,7 +26,7 @@ def sees_anything(scene: Scene) -> bool:
     """Return True if any shape intersects the view pyramid, occluded or not; exact up to rounding.
 
     The pyramid has no near and no far end. Parallel rays start in the camera's plane; for them, bodies are replaced
-    by boxes in the camera's axes. Moving shapes are tested when the shutter opens, half-way, and when it closes.
+    by boxes in the camera's axes. Moving shapes are tested when the shutter opens, at mid-time, and when it closes.
     """
     opened, closed = scene.camera.shutter
     moves = opened < closed and (scene.camera.moves or scene.moving_shapes)

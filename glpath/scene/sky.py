@@ -259,8 +259,7 @@ class Environment:
 
     @property
     def split(self) -> float:
-        """Value of `directions`' first number that divides the map into two lights: suns and the rest, or
-        halves."""
+        """Value of `directions`' first number that divides the map into two lights: suns and rest, or halves."""
         bright = self.sun_share or self._tables.bright
         return bright if 0 < bright < 1 else 0.5
 
