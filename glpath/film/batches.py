@@ -1,8 +1,7 @@
 """Path sets of a film and their batches, computed from the path sets' numbers alone.
 
-Sums are kept in separate batches, because the paths of a set may share directions or points of a sequence, so
-errors of adjacent pixels are correlated. The batch of a set follows from its number, so that any ranges can be
-merged.
+Sums are kept in separate batches. The paths of a set may share directions or points of a sequence, so errors of
+adjacent pixels are correlated. The batch of a set follows from its number, so that any ranges can be merged.
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ from glpath.errors import GlpathError
 Float32 = NDArray[np.float32]
 Flags = dict[str, bool | str]
 
-# Number of pixels by which images are extended by mirroring. Without them the network would see black outside and
-# darken the border. With them, the squared error at the border of `room` is halved.
+# Width in pixels of the mirrored border around images. Without them the network would see black outside and darken
+# the border. With them, the squared error at the border of `room` is halved.
 _BEYOND = 16
 # Memory limit of the network in MiB; above, it uses tiles. 1920 x 1080 pixels take 1.6 GiB at once, or two tiles in
 # the same time. The limit for lightmaps is lower, because a bake holds much else: 2048 x 2048 take half as long

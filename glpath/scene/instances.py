@@ -32,8 +32,8 @@ class InstancedScene:
 
     given     : the whole scene
     resident  : the scene with the same number of shapes. Shapes with instances have none here. Only the first shape
-                of each mesh and material has the mesh, centred on the origin and scaled to a size from 1/2 to 1,
-                not at its visible position
+                of each mesh and material has the mesh, not at its visible position: it is centred on the origin and
+                scaled to a size from 1/2 to 1
     mesh_shape : (M,) int, for each mesh, the shape of `resident` that contains it
     mesh      : (I,) int, mesh number of each instance
     shape     : (I,) int, shape of each instance, in the order of the shapes

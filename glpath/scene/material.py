@@ -411,7 +411,8 @@ class Material:
         return layer, sheen, self.clearcoat * (0.04 + 0.96 / 21.0)
 
     def _under_film(self, plain: Float64, f0: Float64) -> Float64:
-        """Return the (3,) reflectance for uniform illumination, with the film where it covers the surface."""
+        """Return the (3,) reflectance for uniform illumination, including the film on its fraction of the
+        surface."""
         cosine = (np.arange(32) + 0.5) / 32
         film = film_reflects(cosine, self.iridescence_thickness, self.iridescence_ior, f0)
         seen = 2.0 * np.mean(cosine[:, None] * film, axis=0)

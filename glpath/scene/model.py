@@ -93,7 +93,7 @@ class Light:
 class Scene:
     """Scene with everything that a renderer needs, as arrays.
 
-    In Jupyter it shows a preview of itself, made without OpenGL.
+    Jupyter shows it as a preview, made without OpenGL.
 
     shapes       : meshes, exact spheres and planes, and their positions
     lights       : punctual lights
@@ -173,8 +173,8 @@ class Scene:
     def planes(self) -> Float64:
         """(P, 3, 4) float64 maps world_from_plane.
 
-        The columns are the directions in which u and v grow by one (any length, perpendicular), the unit normal out
-        of the front, and the point with u = v = 0.
+        The columns are: the directions in which u and v grow by one (any length, perpendicular), the unit normal
+        out of the front, and the point with u = v = 0.
         """
         return self.shapes.planes
 

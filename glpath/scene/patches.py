@@ -140,7 +140,7 @@ def diced(patches: Patches, levels: Int64, heights: Heights | None = None) -> Me
 
 @dataclass(frozen=True)
 class PatchChunks:
-    """Triangles of patches in pieces, none of which is kept in memory; see `glpath.io.streams.Chunks`.
+    """Triangles of patches in pieces that are not kept in memory; see `glpath.io.streams.Chunks`.
 
     Each piece contains some patches. The edges of adjacent patches are divided with it, so that shared points have
     the same bits.
@@ -332,7 +332,7 @@ def _same_rows(rows: Float64) -> Int64:
 
 @lru_cache(maxsize=1024)
 def _divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
-    """Return the division of a unit square, given the segment counts of the edges u = 0, u = 1, v = 0 and v = 1."""
+    """Return the division of a unit square for segment counts of the edges u = 0, u = 1, v = 0 and v = 1."""
     along_u, along_v = max(v0, v1), max(u0, u1)
     alike = u0 == u1 and v0 == v1
     if not alike:

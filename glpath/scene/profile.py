@@ -1,7 +1,7 @@
 """Photometric webs: intensity of a luminaire in each direction, measured from far away.
 
 Directions are those of type C photometry. gamma is the angle from the luminaire's axis (0: down, for a ceiling
-lamp). C is the angle around the axis. C = 0 is along an axis stored with the light, and C = 90 along the cross
+lamp). C is the angle around the axis. C = 0 is along an axis stored with the light. C = 90 is along the cross
 product of that axis with the light's direction.
 
 Cost:     16 bytes on the device for every cell of the grid: 0.5 MB for steps of one degree.

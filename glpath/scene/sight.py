@@ -81,7 +81,7 @@ def _sees_boxes(camera: Camera, stream: Stream) -> bool:
 def _sees_planes(camera: Camera, planes: Float64) -> bool:
     """Return True if any plane (P, 3, 4) is visible.
 
-    Of all rays of the pyramid, one of its edges approaches a plane most.
+    Only the pyramid's edges are tested, because one of them approaches a plane most of all rays.
     """
     normal = planes[:, :, 2]
     height = np.sum(normal * (camera.position - planes[:, :, 3]), axis=1)
@@ -91,7 +91,7 @@ def _sees_planes(camera: Camera, planes: Float64) -> bool:
 def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     """Return True if any sphere (S, 3, 4) is visible.
 
-    In the space of the unit sphere, the distance of the pyramid from the origin must be below 1.
+    A sphere is visible if the pyramid is nearer than 1 to the origin, in the space of the unit sphere.
     """
     if not len(spheres):
         return False

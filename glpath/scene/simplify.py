@@ -27,7 +27,7 @@ MIN_FACES = 64
 _MAX_DEVIATION = 1e-3
 # Aggressiveness of the library, 0 to 10: readiness to change the shape for fewer triangles; its default is 7.
 _AGGRESSION = 2
-# For the deviation: maximum number of tested vertices, of points on the simpler surface, and of points near each
+# Limits for the deviation: number of tested vertices, of points on the simpler surface, and of points near each
 # vertex.
 _ASKED, _POINTS, _NEAR = 20_000, 1 << 16, 12
 

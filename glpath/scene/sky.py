@@ -104,9 +104,9 @@ class Environment:
     cut      : True if rows above and below the horizon are not blended; needs an even number of rows. Meant for
                analytic skies with a ground, whose edge a blend would darken by half a row
 
-    Without a rotation, the centre of the image lies along the axis that follows the axis nearest to `up` in the
-    order x, y, z, x. With y up, that is +z, as in Mitsuba; with z up, +x, as in Blender. three.js, and Blender's
-    exports with y up, have the centre along +x, which is a rotation of 90.
+    Without a rotation, the centre of the image lies along the axis after the one nearest to `up`, in the order x,
+    y, z, x. With y up, that is +z, as in Mitsuba; with z up, +x, as in Blender. three.js, and Blender's exports
+    with y up, have the centre along +x, which is a rotation of 90.
 
     Cost:     16 bytes a texel on the device, 20 here.
     Poor at:  suns much smaller than a texel, whose shadows are as soft as the texel is large: use `sun`.

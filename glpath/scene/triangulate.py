@@ -75,7 +75,7 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
     alone = Shapes((instances,))
     if not any(without_area(part).any() for part in alone.triangles_of(0)):
         return instances
-    # In a very flat ellipsoid some triangles have no area, and not the same ones in every instance.
+    # A very flat ellipsoid has triangles without area, and not the same ones in every instance.
     whole = Mesh(
         alone.vertices, alone.faces, uv=alone.vertex_uv if textured else None, normals=alone.vertex_normals
     )
