@@ -22,8 +22,8 @@ Layering = Literal["gltf", "plastic", "disney", "beside"]
 _MAX_REFLECTED = 0.97
 # Roughness above which a dielectric's highlight is so wide that it looks diffuse.
 _MATTE = 0.8
-#: Minimum alpha of sheen: below, Charlie's distribution is a rim that no pixel resolves, with an albedo far above
-#: 1.
+#: Minimum alpha of sheen. Below it, Charlie's distribution is a rim that no pixel resolves, with an albedo of
+#: several times 1.
 SHEEN_MIN_ALPHA = 0.01
 #: Number of cells of the table of white sheen's albedo, along the fourth root of alpha.
 SHEEN_CELLS = 24
@@ -411,8 +411,7 @@ class Material:
         return layer, sheen, self.clearcoat * (0.04 + 0.96 / 21.0)
 
     def _under_film(self, plain: Float64, f0: Float64) -> Float64:
-        """Return the (3,) reflectance for uniform illumination, including the film on its fraction of the
-        surface."""
+        """Return the (3,) reflectance for uniform illumination of a surface that is partly under a film."""
         cosine = (np.arange(32) + 0.5) / 32
         film = film_reflects(cosine, self.iridescence_thickness, self.iridescence_ior, f0)
         seen = 2.0 * np.mean(cosine[:, None] * film, axis=0)
