@@ -1,9 +1,9 @@
-"""Comparing pictures: numbers, verdicts, and what a picture must carry to be compared.
+"""Comparison of images: measures, verdicts, and the data that an image must carry to be compared.
 
-measures   relative_mse, psnr ...: how far apart, as numbers; the difference in false colours
-picture    a picture with its noise and its provenance, to and from one EXR
-reading    pictures from files of any kind, and from Pillow
-modes      exact, fuzzy, stat, flip: whether two pictures count as the same
+measures   relative_mse, psnr ...: distances as numbers, and the difference in false colours
+picture    an image with its noise and its provenance, to and from one EXR
+reading    images from files of any kind, and from Pillow
+modes      exact, fuzzy, stat, flip: criteria by which two images count as the same
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Parts of pictures that a comparison leaves out: clocks, versions, what changes from run to run."""
+"""Masks of image parts that a comparison ignores, such as clocks and versions, which change from run to run."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, spr
 from glpath.compare.reading import read_picture
 from glpath.errors import UsageError
 
-#: Rectangles (x, y, width, height) in pixels, y from the top; or a picture, or its file, white where it is ignored.
+#: Ignored parts: rectangles (x, y, width, height) in pixels, y from the top; or an image or image file, white
+#: there.
 Ignore = Sequence[tuple[int, int, int, int]] | ArrayLike | str | Path
 
 
 def mask_of(ignore: Ignore, shape: tuple[int, ...], folder: Path | None = None) -> NDArray[np.bool_]:
-    """(H, W) bool, True where nothing is compared, of a picture of shape (H, W, ...).
+    """Return the (H, W) bool mask, True for ignored pixels, of an image of shape (H, W, ...).
 
-    folder : where relative names of files start
+    folder : base of relative file names
 
-    Raises UsageError for rectangles outside of the picture, and for a mask of another size.
+    Raises UsageError for rectangles outside the image, and for a mask of another size.
     """
     height, width = shape[:2]
     if isinstance(ignore, str | Path):
@@ -45,10 +46,10 @@ def mask_of(ignore: Ignore, shape: tuple[int, ...], folder: Path | None = None) 
 
 
 def masked(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
-    """The picture, black and opaque where the mask is True.
+    """Return the image, black and opaque where the mask is True.
 
-    Noise is known in blocks of 16 x 16 pixels, so that of a picture with noise the whole of each block goes that
-    the mask touches.
+    Noise is known in blocks of 16 x 16 pixels. In an image with noise, each block that touches the mask is masked
+    completely.
     """
     noise = picture.noise
     if noise is not None:
@@ -66,7 +67,7 @@ def masked(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
 
 
 def padded(picture: Picture, shape: tuple[int, int]) -> Picture:
-    """The picture with black to its right and below, of (height, width), without noise and alpha."""
+    """Return the image extended with black to the right and below, to (height, width), without noise and alpha."""
     height, width = picture.mean.shape[:2]
     more = ((0, shape[0] - height), (0, shape[1] - width), (0, 0))
     return replace(picture, mean=np.pad(picture.mean, more), noise=None, alpha=None)

@@ -1,6 +1,7 @@
-"""How far a picture is from a reference: numbers, and a picture of the difference.
+"""Distances between an image and a reference: numbers, and an image of the difference.
 
-All take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure that the docs and benchmarks use.
+All functions take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure used in documentation and
+benchmarks.
 
 Poor at:  separating noise from bias. Compare `mean_ratio` with 1 as well, and look at `difference_image`: noise is
           red and blue mixed, bias is one colour in one region.
@@ -19,30 +20,31 @@ from glpath.film.image import luminance
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# Keeps dark pixels from deciding everything; of the scale of a picture whose white is about 1.
+# Constant that limits the weight of dark pixels, for images whose white is about 1.
 EPSILON = 0.01
 
 
 def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILON) -> float:
-    """mean((image - reference)² / (reference² + epsilon)) over pixels and channels; 0 is equal.
+    """Return mean((image - reference)² / (reference² + epsilon)) over pixels and channels; 0 for equal images.
 
-    As in Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     Raises ImageError for shapes that differ, NaN or infinity.
+
+    Source: Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     """
     a, b = matching_pair(image, reference)
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 
 
 def mse(image: ArrayLike, reference: ArrayLike) -> float:
-    """mean((image - reference)²) over pixels and channels. Raises ImageError."""
+    """Return mean((image - reference)²) over pixels and channels. Raises ImageError."""
     a, b = matching_pair(image, reference)
     return float(np.mean((a - b) ** 2))
 
 
 def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> float:
-    """10 log10(peak² / mse) in decibels; infinite for equal pictures.
+    """Return 10 log10(peak² / mse) in decibels; infinite for equal images.
 
-    peak : the largest value there can be; the reference's largest if None, as radiance has no other
+    peak : largest possible value; None: maximum of the reference, because radiance has no other limit
 
     Raises ImageError.
     """
@@ -53,19 +55,19 @@ def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> f
 
 
 def max_difference(image: ArrayLike, reference: ArrayLike) -> float:
-    """The largest |image - reference| of any channel of any pixel. Raises ImageError."""
+    """Return the maximum of |image - reference| over pixels and channels. Raises ImageError."""
     a, b = matching_pair(image, reference)
     return float(np.max(np.abs(a - b)))
 
 
 def percent_beyond(image: ArrayLike, reference: ArrayLike, limit: float) -> float:
-    """Per cent of the pixels of which a channel differs by more than `limit`. Raises ImageError."""
+    """Return the percentage of pixels with a channel that differs by more than `limit`. Raises ImageError."""
     a, b = matching_pair(image, reference)
     return 100 * float(np.mean((np.abs(a - b) > limit).any(axis=-1)))
 
 
 def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
-    """mean(image) / mean(reference): energy gained or lost. NaN if both are black. Raises ImageError."""
+    """Return mean(image) / mean(reference), the energy gained or lost; NaN if both are black. Raises ImageError."""
     a, b = matching_pair(image, reference)
     above, below = float(a.mean()), float(b.mean())
     if below == 0:
@@ -76,14 +78,15 @@ def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
 def difference_image(
     image: ArrayLike, reference: ArrayLike, scale: float | None = None, epsilon: float = EPSILON
 ) -> tuple[UInt8, float]:
-    """The difference of luminance in false colours: red is too bright, blue too dark, white is equal.
+    """Return the difference of luminance in false colours: red is too bright, blue too dark, white is equal.
 
     Parameters
     ----------
-    scale : (image - reference) / sqrt(reference² + epsilon) that gets the full colour; if None, what 99 % of the
-            pixels stay below
+    scale : value of (image - reference) / sqrt(reference² + epsilon) with the full colour; None: the 99th
+            percentile of its magnitude
 
-    Returns the picture, (H, W, 3) uint8 sRGB, and the scale. Raises ImageError; UsageError for a scale not above 0.
+    Returns the image, (H, W, 3) uint8 sRGB, and the scale. Raises ImageError; UsageError for a scale that is not
+    above 0.
     """
     if scale is not None and not scale > 0:
         raise UsageError(f"scale: found {scale}, expected a number above 0.")
@@ -93,14 +96,14 @@ def difference_image(
     if scale is None:
         scale = float(np.quantile(np.abs(relative), 0.99)) or float(np.abs(relative).max()) or 1.0
     t = np.clip(relative / scale, -1.0, 1.0)[..., None]
-    # ColorBrewer's RdBu, its ends and its middle (Harrower & Brewer 2003): distinct for the colour-blind as well.
+    # Ends and centre of ColorBrewer's RdBu (Harrower & Brewer 2003), which colour-blind readers can distinguish.
     red, middle, blue = np.array([178, 24, 43]), np.array([247, 247, 247]), np.array([33, 102, 172])
     colour = middle + np.maximum(t, 0) * (red - middle) + np.maximum(-t, 0) * (blue - middle)
     return (colour + 0.5).astype(np.uint8), scale
 
 
 def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:
-    """Both as (H, W, 3) float64. Raises ImageError for shapes that differ, NaN or infinity."""
+    """Return both images as (H, W, 3) float64. Raises ImageError for shapes that differ, NaN or infinity."""
     a, b = np.asarray(image, np.float64), np.asarray(reference, np.float64)
     if a.shape != b.shape:
         raise ImageError(

@@ -1,4 +1,4 @@
-"""The modes by name, and which one suits which picture."""
+"""Comparison modes by name, and the default mode of an image."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from glpath.errors import UsageError
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
 
-# Grounds behind a picture with alpha.
+# Backgrounds for images with alpha.
 _GROUNDS = {"over black": 0.0, "over white": 1.0}
 
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}
 
 
 def compare(picture: Picture, reference: Picture, mode: str | None = None, **limits: float) -> Verdict:
-    """Whether two pictures count as the same.
+    """Compare two images and return the verdict.
 
     mode   : "exact", "fuzzy", "stat" or "flip"; None: `default_mode` of the reference
-    limits : of the mode, see the function of its name: `threshold`, `edge`, `failpercent` of fuzzy; `alpha`,
-             `tolerance`, `sees` of stat; `mean`, `local`, `ppd` of flip
+    limits : limits of the mode, see the function with its name: `threshold`, `edge`, `failpercent` of fuzzy;
+             `alpha`, `tolerance`, `sees` of stat; `mean`, `local`, `ppd` of flip
 
-    Where one of them has alpha, `exact` compares it as well, and `fuzzy` and `flip` compare what is seen over black
-    and over white: the worse one counts.
+    If one of the images has alpha, `exact` compares alpha as well. `fuzzy` and `flip` compare the images over black
+    and over white, and the worse result counts.
 
-    Raises ImageError for pictures that cannot be compared (shapes, NaN); UsageError for a mode or a limit that is
-    not there, or a mode that this picture does not allow.
+    Raises ImageError for images that cannot be compared (shapes, NaN); UsageError for an unknown mode or limit, or
+    a mode that these images do not allow.
     """
     matching_pair(picture.mean, reference.mean)
     mode = default_mode(picture, reference) if mode is None else mode
@@ -54,8 +54,10 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
 
 
 def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
-    """Both as they are; with alpha, over black or white, wherever they differ more. Raises ImageError for shapes
-    that differ."""
+    """Return both images, with alpha over black or white, whichever gives the larger difference.
+
+    Raises ImageError for shapes that differ.
+    """
     matching_pair(picture.mean, reference.mean)
     if picture.alpha is None and reference.alpha is None:
         return picture, reference
@@ -64,13 +66,13 @@ def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, 
 
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:
-    """ "stat" where both are films that have noise, as their metadata says, else "fuzzy"."""
+    """Return "stat" if both are films with noise, according to their metadata, and "fuzzy" otherwise."""
     noisy = [side.provenance.get("glpath.noisy") == "true" and not side.denoised for side in (picture, reference)]
     return "stat" if all(noisy) else "fuzzy"
 
 
 def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
-    """Limits as a command line has them, "threshold=4". Raises UsageError."""
+    """Return limits from texts of a command line, such as "threshold=4". Raises UsageError."""
     limits = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -83,7 +85,7 @@ def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
 
 
 def _check_limits(mode: str, limits: Mapping[str, Any]) -> None:
-    """Raise UsageError for a mode, or a limit of it, that is not there or is no number."""
+    """Raise UsageError for an unknown mode, and for a limit that is unknown or not a number."""
     if mode not in _COMPARISONS:
         raise UsageError(f"mode: there is no {mode!r}. Allowed: {', '.join(MODES)}.")
     known = [p.name for p in inspect.signature(_COMPARISONS[mode]).parameters.values() if p.kind == p.KEYWORD_ONLY]

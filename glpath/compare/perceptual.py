@@ -1,10 +1,9 @@
-"""How different two pictures look: the FLIP of NVIDIA's flip-evaluator, an optional package.
+"""Perceived difference of two images: FLIP of NVIDIA's flip-evaluator, an optional package.
 
-Its Python face prints to the terminal and leaves the process by sys.exit where it does not like its input. Neither
-comes through here.
+Its Python interface prints to the terminal and calls sys.exit for invalid input. Both are caught here.
 
 Source: Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images".
-Poor at: numbers that must not change with the exposure: it judges the picture as it is shown, by the sRGB curve.
+Poor at: results that must not depend on exposure, because it compares displayed images, with the sRGB curve.
 """
 
 from __future__ import annotations
@@ -26,36 +25,36 @@ from glpath.film.image import encode_srgb
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-#: Mean FLIP that passes, of the picture and of its worst spot, and the pixels per degree of sight that it assumes:
-#: a 4K screen of 70 cm seen from 70 cm.
+#: Limits of mean FLIP for the image and for its worst spot, and assumed pixels per degree of view: a 4K screen of
+#: 70 cm seen from 70 cm.
 MEAN = 0.01
 LOCAL = 0.1
 PPD = 67.0
 
-# Side of a spot, degrees.
+# Side of a spot in degrees.
 _SPOT = 0.1
 
-# How far FLIP looks for the value of one pixel, degrees: three standard deviations of its widest filter, that of
-# the contrast sensitivity for blue and yellow (exp(-pi^2 r^2 / 0.04)).
+# Radius in degrees that affects a pixel's value: three standard deviations of FLIP's widest filter, the contrast
+# sensitivity for blue and yellow (exp(-pi^2 r^2 / 0.04)).
 _RADIUS = 3 * math.sqrt(0.04 / (2 * math.pi**2))
 
-# Its colour of no difference, the first of matplotlib's magma.
+# FLIP's colour for no difference, the first of matplotlib's magma.
 _EQUAL = (0.001462, 0.000466, 0.013866)
 
 
 def flip(
     picture: Picture, reference: Picture, *, mean: float = MEAN, local: float | None = None, ppd: float = PPD
 ) -> Verdict:
-    """Whether the mean of the FLIP map is at most `mean`, and no spot of it above `local`.
+    """Return the verdict that the mean of the FLIP map is at most `mean`, and no spot of it above `local`.
 
-    mean  : of the whole picture; 0 is equal, 1 black against white
-    local : of each square of a tenth of a degree of sight (7 x 7 pixels by default), so that nothing vanishes from
-            a large picture unseen; by default 0.1, or `mean` where that is more. So it finds 5 x 5 pixels
-            that differ from its ground by 16 of 255 levels, 3 x 3 that differ by 32; it passes rounding,
-            noise of 2 levels and an edge that is a tenth of a pixel off
-    ppd   : pixels per degree of sight; more of them make fine differences harder to see
+    mean  : limit for the mean over the image; 0 is equal, 1 black against white
+    local : limit for each square of a tenth of a degree of view (7 x 7 pixels by default), so that small
+            differences in a large image are found. Default 0.1, or `mean` if that is larger. It detects 5 x 5
+            pixels that differ from their surroundings by 16 of 255 levels, and 3 x 3 that differ by 32. It passes
+            rounding, noise of 2 levels, and an edge displaced by a tenth of a pixel
+    ppd   : pixels per degree of view; with more, fine differences are harder to see
 
-    Raises UsageError where flip-evaluator is not installed, and for limits out of range.
+    Raises UsageError if flip-evaluator is not installed, and for limits out of range.
     """
     local = max(LOCAL, mean) if local is None else local
     for name, limit in (("mean", mean), ("local", local)):
@@ -81,10 +80,10 @@ def flip(
 
 
 def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64:
-    """(H, W) float64 in [0, 1], how visible the difference is, of two (H, W, 3) pictures in linear Rec. 709.
+    """Return the (H, W) float64 visibility, in [0, 1], of the difference between images (H, W, 3), linear Rec. 709.
 
-    Raises ImageError for pictures that cannot be compared; UsageError where flip-evaluator is not installed, or for
-    a `ppd` not above 0.
+    Raises ImageError for images that cannot be compared; UsageError if flip-evaluator is not installed, or `ppd` is
+    not above 0.
     """
     found: Float64 = (
         _evaluated(image, reference, ppd, colours=False).reshape(np.shape(image)[:2]).astype(np.float64)
@@ -93,7 +92,10 @@ def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64
 
 
 def flip_picture(image: Float64, reference: Float64, *, ppd: float = PPD) -> UInt8:
-    """The map in colours, (H, W, 3) uint8 sRGB: black is equal, yellow most different. Raises as `flip_map`."""
+    """Return the FLIP map in colours, (H, W, 3) uint8 sRGB: black is equal, yellow most different.
+
+    Raises the errors of `flip_map`.
+    """
     coloured = _evaluated(image, reference, ppd, colours=True)
     return np.asarray(np.clip(coloured, 0, 1) * 255 + 0.5).astype(np.uint8)
 
@@ -114,14 +116,14 @@ def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool)
 
 
 def _differing(a: NDArray[np.float32], b: NDArray[np.float32], ppd: float) -> tuple[slice, slice] | None:
-    """The rectangle outside of which no pixel has a difference, as far around as its pixels see; None if equal.
+    """Return the rectangle outside which FLIP is zero, extended by the range of its filters; None for equal images.
 
-    FLIP takes half a microsecond per pixel, and a change is mostly small.
+    FLIP takes half a microsecond per pixel, and changes are mostly small.
     """
     differ = (a != b).any(axis=2)
     if not differ.any():
         return None
-    # A pixel has a difference within that radius of pixels that differ, and sees as far again.
+    # Pixels within the radius of a differing pixel have a difference, and depend on pixels as far again.
     margin = 2 * (math.ceil(_RADIUS * ppd) + 1)
     spans = (np.flatnonzero(differ.any(axis=1 - axis)) for axis in (0, 1))
     rows, columns = (slice(max(int(span[0]) - margin, 0), int(span[-1]) + 1 + margin) for span in spans)

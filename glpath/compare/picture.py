@@ -1,14 +1,15 @@
-"""A picture with its noise and its provenance: what is compared, and what a baseline file holds.
+"""Image with its noise and provenance: the subject of comparisons, and the content of a baseline file.
 
-Noise is kept to separate it from a change: the variance of every pixel between batches of path sets, and,
-as the paths of a set may share directions so that pixels err together, the mean of every batch over blocks of 16
-x 16 pixels. The variance of a block or of the whole picture cannot be had from variances of pixels.
+Noise is stored to distinguish it from a change. It has two parts: the variance of every pixel between batches of
+path sets, and the mean of every batch over blocks of 16 x 16 pixels. The second part is needed because paths of a
+set may share directions, so that pixels err together. The variance of a block or of the whole image cannot be
+computed from variances of pixels.
 
-The file is one EXR that any viewer opens: R, G, B are the mean; `variance.R`, ... its variance; `batch0.R`, ... the
-batches, constant over each block, which compresses to next to nothing. All else stands in the header.
+The file is one EXR that any viewer can open. R, G, B are the mean; `variance.R`, ... its variance. `batch0.R`, ...
+are the batches, constant over each block, which compresses to almost nothing. All other data are in the header.
 
-Cost:     about 25 bytes per pixel on disk where there is noise, at most 12 where there is none.
-Poor at:  pixels that err together within a block: their batches are not kept singly.
+Cost:     about 25 bytes per pixel on disk with noise, at most 12 without.
+Poor at:  pixels that err together within a block, because their batches are not stored separately.
 """
 
 from __future__ import annotations
@@ -36,20 +37,20 @@ from glpath.film.image import (
 
 Float64 = NDArray[np.float64]
 
-#: Pixels along the side of a block.
+#: Side of a block in pixels.
 BLOCK_SIDE = 16
 
-# Rounding of float32, in which noise is stored, with much to spare.
+# Tolerance for rounding to float32, in which noise is stored, with a large margin.
 _ROUNDING = 1e-4
 
-#: In the header of what `Film.save` has denoised.
+#: Header key of images that `Film.save` has denoised.
 DENOISED = "glpath.denoised"
 
 _FORMAT = "glpath.baseline"
 _VERSION = "1"
 
-# The header's names of what decides a picture, and the words in messages. Not the seed, the path sets and
-# the device: two renders may differ in these and must still agree.
+# Header keys of settings that determine an image, with their names in messages. Seed, path sets and device are not
+# included: two renders may differ in these and must still agree.
 _DECIDES = {
     "glpath.kind": "kind",
     "glpath.scene": "scene",
@@ -64,12 +65,12 @@ _DECIDES = {
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """How much a picture varies from batch to batch.
+    """Variation of an image between batches.
 
-    variance      : (H, W, 3) float64, of the mean of each pixel, see `Film.variance_of_mean`
-    block_batches : (B, h, w, 3) float64, the mean of each batch over blocks of 16 x 16 pixels, those at the right
-                    and the lower border smaller
-    batch_counts  : (B,) int64, path sets in each
+    variance      : (H, W, 3) float64, variance of each pixel's mean, see `Film.variance_of_mean`
+    block_batches : (B, h, w, 3) float64, mean of each batch over blocks of 16 x 16 pixels; blocks at the right and
+                    lower border are smaller
+    batch_counts  : (B,) int64, number of path sets in each batch
     """
 
     variance: Float64
@@ -79,13 +80,13 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture to compare.
+    """Image for comparison.
 
     mean       : (H, W, 3) float64, linear Rec. 709, row 0 at the top
-    noise      : None where nothing is known of it: arrays, and films of one batch
-    provenance : what made it, name to text, as in the header of an EXR
-    alpha      : (H, W) float64, opacity from 0 to 1, by which `mean` is not multiplied; None where all is opaque
-    eight_bit  : whether it was 8-bit sRGB, so that a PNG holds all of it
+    noise      : noise, or None if it is unknown: for arrays, and films of one batch
+    provenance : origin of the image, name to text, as in the header of an EXR
+    alpha      : (H, W) float64, opacity from 0 to 1; `mean` is not multiplied by it; None if all is opaque
+    eight_bit  : True if it was 8-bit sRGB, so that a PNG stores it without loss
     """
 
     mean: Float64
@@ -96,7 +97,7 @@ class Picture:
 
     @classmethod
     def of_film(cls, film: Film) -> Picture:
-        """The film's mean, with noise where it has two batches or more. Raises UsageError for an empty one."""
+        """Return the film's mean, with noise if it has two batches or more. Raises UsageError for an empty film."""
         used = np.flatnonzero(film.batch_counts)
         noise = None
         if len(used) >= 2:
@@ -107,9 +108,9 @@ class Picture:
 
     @classmethod
     def of_array(cls, array: ArrayLike, provenance: Mapping[str, str] | None = None) -> Picture:
-        """Radiance of floats, or sRGB of uint8, uint16 and bool: (H, W, 3), (H, W), or (H, W, 4) with alpha.
+        """Return a picture of an array (H, W, 3), (H, W), or (H, W, 4) with alpha.
 
-        Raises ImageError.
+        Floats are radiance; uint8, uint16 and bool are sRGB. Raises ImageError.
         """
         given = np.asarray(array)
         if given.dtype.kind not in "biuf" or given.ndim not in (2, 3) or given.size == 0:
@@ -155,12 +156,12 @@ class Picture:
 
     @property
     def denoised(self) -> bool:
-        """Whether it has been through a denoiser, so that differences between pixels say nothing of its noise."""
+        """True if the image was denoised, so that pixel differences do not show its noise."""
         return DENOISED in self.provenance
 
     @property
     def bias(self) -> str:
-        """What is known of the bias of the engine that made it, in words; empty where that has none."""
+        """Description of the bias of the engine that made it; empty if the engine has none."""
         if self.provenance.get("glpath.biased") != "true":
             return ""
         if "glpath.bias" not in self.provenance:
@@ -169,7 +170,10 @@ class Picture:
         return f"has a bias of {100 * found['mean']:.2g} %, plus or minus {100 * found['mean_error']:.2g} %"
 
     def over(self, ground: float) -> Picture:
-        """As it is seen over sRGB's `ground`, 0 black to 1 white: as browsers do, sRGB values are mixed."""
+        """Return the image over a background, mixed in sRGB as browsers do.
+
+        ground : sRGB value of the background, 0 black to 1 white
+        """
         if self.alpha is None:
             return replace(self, eight_bit=False)
         opacity = self.alpha[..., None]
@@ -179,12 +183,12 @@ class Picture:
         )
 
     def opacity(self) -> Picture:
-        """Its alpha as a picture of greys."""
+        """Return its alpha as a grey image."""
         alpha = np.ones(self.mean.shape[:2]) if self.alpha is None else self.alpha
         return replace(self, mean=np.repeat(alpha[..., None], 3, axis=2), alpha=None, eight_bit=False)
 
     def save(self, path: str | Path) -> None:
-        """Write the EXR; it appears whole or not at all. Raises ImageError."""
+        """Write the EXR; the file appears whole or not at all. Raises ImageError."""
         layers: dict[str, Float64] = {}
         header = {_FORMAT: _VERSION, **self.provenance}
         if self.noise is not None:
@@ -196,20 +200,20 @@ class Picture:
         write_exr(path, self.mean, header, layers=layers, alpha=self.alpha)
 
     def save_png(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
-        """Write it as 8-bit sRGB, with its alpha; it appears whole or not at all. Raises ImageError."""
+        """Write 8-bit sRGB with alpha; the file appears whole or not at all. Raises ImageError."""
         colour = tonemap(self.mean)
         if self.alpha is not None:
             colour = np.dstack([colour, np.round(255 * self.alpha).astype(np.uint8)])
         write_png(path, colour, metadata)
 
     def save_8_bit(self, path: str | Path) -> None:
-        """Write the PNG that holds all of an 8-bit picture. Raises ImageError."""
+        """Write an 8-bit image as a PNG without loss. Raises ImageError."""
         assert self.eight_bit
         self.save_png(path, {_FORMAT: _VERSION, **self.provenance})
 
     @classmethod
     def load(cls, path: str | Path) -> Picture:
-        """Read the EXR that `save` has written. Raises ImageError."""
+        """Read an EXR written by `save`. Raises ImageError."""
         channels, header = read_exr_channels(path)
         if header.get(_FORMAT) != _VERSION:
             found = (
@@ -240,11 +244,11 @@ class Picture:
 
     @staticmethod
     def is_baseline(header: Mapping[str, str]) -> bool:
-        """Whether an EXR of this header is what `save` writes, of any version."""
+        """Return True if an EXR with this header was written by `save`, of any version."""
         return _FORMAT in header
 
     def shares_samples_with(self, other: Picture) -> bool:
-        """Whether both were made from the same random numbers, so that they may be compared batch by batch."""
+        """Return True if both used the same random numbers, so that they can be compared batch by batch."""
         names = ("glpath.seed", "glpath.ranges")
         return (
             self.noise is not None
@@ -254,8 +258,10 @@ class Picture:
         )
 
     def differences_in_making(self, reference: Picture) -> list[str]:
-        """What was set otherwise when the two were made, one sentence each, for example
-        "max_depth is 4 here and 5 in the reference"."""
+        """Return the settings in which the two renders differed, one sentence each.
+
+        For example "max_depth is 4 here and 5 in the reference".
+        """
         found = []
         for key, word in _DECIDES.items():
             ours, theirs = self.provenance.get(key), reference.provenance.get(key)
@@ -276,7 +282,7 @@ def encode_bright_srgb(linear: Float64) -> Float64:
 
 
 def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:
-    """The texts of glpath in the header of a file."""
+    """Return glpath's texts from the header of a file."""
     return {key: value for key, value in header.items() if key.startswith("glpath.") and isinstance(value, str)}
 
 
@@ -297,7 +303,7 @@ def _layer(channels: Mapping[str, NDArray[np.float32]], prefix: str) -> Float64:
 
 
 def _over_blocks(image: Float64) -> Float64:
-    """(h, w, 3) the mean of (H, W, 3) over each block."""
+    """Return the (h, w, 3) mean of (H, W, 3) over each block."""
     rows, columns = (np.arange(0, side, BLOCK_SIDE) for side in image.shape[:2])
     sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
     means: Float64 = sums / block_pixels(image.shape[:2])[..., None]
@@ -305,11 +311,11 @@ def _over_blocks(image: Float64) -> Float64:
 
 
 def unusable_noise(mean: Float64, noise: Noise) -> str:
-    """Why this cannot be the noise of a picture of this mean; "" where it can.
+    """Return the reason why this cannot be the noise of an image with this mean; "" if it can.
 
-    Radiance is never negative, so that no variance of a mean of batches is beyond the one of a single batch that
-    holds all the light: mean² (1 - w) / w / (batches - 1), with w the batch's share of the path sets. What is
-    larger would hide every change.
+    Radiance is not negative. So the variance of a mean of batches is largest if a single batch has all the light.
+    It is then mean² (1 - w) / w / (batches - 1), where w is that batch's fraction of the path sets. Larger values
+    would hide every change.
     """
     counts, blocks = noise.batch_counts, noise.block_batches
     if counts.ndim != 1 or len(counts) < 2 or (counts <= 0).any():
@@ -332,13 +338,13 @@ def unusable_noise(mean: Float64, noise: Noise) -> str:
 
 
 def block_pixels(shape: tuple[int, ...]) -> Float64:
-    """(h, w) how many pixels each block of a picture of `shape` (H, W) has."""
+    """Return the (h, w) number of pixels in each block of an image of `shape` (H, W)."""
     sides = [np.minimum(BLOCK_SIDE, side - np.arange(0, side, BLOCK_SIDE)) for side in shape[:2]]
     counts: Float64 = np.multiply.outer(sides[0], sides[1]).astype(np.float64)
     return counts
 
 
 def spread_blocks(blocks: Float64, shape: tuple[int, ...]) -> Float64:
-    """(H, W, ...) with each value of (h, w, ...) all over its block."""
+    """Return (H, W, ...) with each value of (h, w, ...) repeated over its block."""
     height, width = shape[:2]
     return np.repeat(np.repeat(blocks, BLOCK_SIDE, axis=0), BLOCK_SIDE, axis=1)[:height, :width]

@@ -1,8 +1,8 @@
-"""Comparisons of pictures without noise: to the bit, or as an eye lets pass.
+"""Comparisons of images without noise: bit by bit, or with visually negligible tolerances.
 
-`exact` holds on one device with one seed only: another driver rounds otherwise. `fuzzy` is for deterministic
-engines on any device: their pictures differ in rounding, and at edges, where a sample falls on one side or the
-other.
+`exact` is only valid on one device with one seed, because other drivers round differently. `fuzzy` is for
+deterministic engines on any device. Their images differ in rounding, and at edges, where a sample falls on one side
+or the other.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from glpath.film.image import encode_srgb
 
 Float64 = NDArray[np.float64]
 
-#: Levels of 255, as an 8-bit picture has them, that a pixel may be off; share of the contrast around it that is
-#: forgiven on top; per cent of the pixels that may be off by more.
+#: Defaults: allowed difference of a pixel in levels of 255; fraction of the local contrast that is allowed in
+#: addition; percentage of pixels that may differ by more.
 THRESHOLD = 2.0
 EDGE = 0.25
 FAILPERCENT = 0.0
 
-# Rounding of our own arithmetic, in levels: 2 levels are 2.0000000000000004 at times.
+# Rounding error of the computation, in levels: 2 levels may become 2.0000000000000004.
 _ROUNDING = 1e-9
 
 
 def exact(picture: Picture, reference: Picture) -> Verdict:
-    """Whether every value is the same as float32, the precision that a baseline has."""
+    """Return the verdict that all values are equal as float32, the precision of a baseline."""
     a, b = matching_pair(picture.mean, reference.mean)
     differ = (a.astype(np.float32) != b.astype(np.float32)).any(axis=-1)
     count = int(np.count_nonzero(differ))
@@ -60,14 +60,14 @@ def fuzzy(
     edge: float = EDGE,
     failpercent: float = FAILPERCENT,
 ) -> Verdict:
-    """Whether no more than `failpercent` of the pixels are off by more than what is allowed there.
+    """Return the verdict that at most `failpercent` of the pixels differ by more than the allowance there.
 
-    threshold   : levels of 255 of an sRGB picture; above white, where one has no more, levels continue
-                  as the logarithm
-    edge        : share of the contrast among a pixel's eight neighbours in the reference, allowed on top: at an
-                  edge a quarter of a pixel may be covered otherwise. An edge one whole pixel off is found, and
-                  nothing is forgiven where it would add up to more than `threshold` in the mean of the picture
-    failpercent : of all pixels
+    threshold   : allowance in levels of 255 of an sRGB image; above white, levels continue logarithmically
+    edge        : additional allowance, as a fraction of the contrast among a pixel's eight neighbours in the
+                  reference. The coverage at an edge may differ by a quarter of a pixel. An edge displaced by a
+                  whole pixel is detected. There is no allowance if the allowed differences add up to more than
+                  `threshold` in the mean of the image
+    failpercent : percentage of all pixels
 
     Raises UsageError for a limit below 0.
     """
@@ -76,7 +76,7 @@ def fuzzy(
             raise UsageError(f"{name}: found {value}, expected a number of at least 0.")
     limits = {"threshold": threshold, "edge": edge, "failpercent": failpercent}
     same = np.array_equal(*matching_pair(picture.mean, reference.mean))
-    if same:  # as nearly all pictures of a test suite, in a tenth of the time
+    if same:  # nearly all images of a test suite are equal; this takes a tenth of the time
         measured = {"pixels": 0, "percent": 0.0, "worst_levels": 0.0, "worst_at": [0, 0], "max_difference": 0.0}
         return Verdict("fuzzy", True, 0.0, _within(threshold), measured, limits)
     from scipy import ndimage  # slow to import
@@ -86,7 +86,7 @@ def fuzzy(
     around = (3, 3, 1)
     contrast = ndimage.maximum_filter(b, around, mode="nearest") - ndimage.minimum_filter(b, around, mode="nearest")
     forgiven = (off > threshold) & (off <= threshold + edge * contrast)
-    # At edges what is covered more here is covered less there; what adds up is a texture that is too bright.
+    # Coverage differences at edges cancel; a sum that does not cancel is a texture with another brightness.
     adds_up = bool(np.any(np.abs(np.where(forgiven, a - b, 0.0).mean(axis=(0, 1))) > threshold))
     beyond = (off if adds_up else off - edge * contrast).max(axis=-1)
     failing = beyond > threshold + _ROUNDING
@@ -100,7 +100,7 @@ def fuzzy(
         "worst_at": [int(x), int(y)],
         "max_difference": float(np.max(np.abs(picture.mean - reference.mean))),
     }
-    # The pixel that decides: the worst one when all that are allowed to fail are left out.
+    # The deciding pixel is the worst one after the pixels that may fail are left out.
     allowed = int(failpercent / 100 * beyond.size)
     deciding = 0.0 if allowed >= beyond.size else max(0.0, float(np.sort(beyond, axis=None)[::-1][allowed]))
     passed = deciding <= threshold + _ROUNDING
@@ -116,7 +116,7 @@ def fuzzy(
 
 
 def _levels(radiance: Float64) -> Float64:
-    """sRGB, which continues above white as a logarithm of the same slope, so that differences there count."""
+    """Return sRGB, continued above white as a logarithm of the same slope, so that differences there count."""
     above = np.log(np.maximum(radiance, 1.0)) * (1.055 / 2.4)
     levels: Float64 = encode_srgb(radiance) + above + np.minimum(radiance, 0.0)
     return levels

@@ -1,7 +1,7 @@
-"""Pictures to compare from whatever holds them: files, the bytes of files, Pillow's images.
+"""Images for comparison from files, the bytes of files, and Pillow images.
 
-Nothing visible is left out: palettes become their colours, transparency alpha, and a file of
-several frames is refused.
+Nothing visible is ignored: palettes become colours, transparency becomes alpha, and a file with several frames is
+rejected.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Float64 = NDArray[np.float64]
 #: Formats read by Pillow; the rest of READABLE is radiance.
 _BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
 
-# Pillow's names of them, and of others that hold nothing but pixels. Some of its formats run other programs.
+# Pillow's names of these and other formats that contain only pixels. Some of its formats run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA")
 
 SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))
@@ -41,8 +41,10 @@ _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
 def read_picture(path: str | Path) -> Picture:
-    """The picture of a file, by its suffix, one of `SUFFIXES`: with noise where it is a film (.npz) or a baseline
-    (.exr), with alpha where it has some. Raises ImageError."""
+    """Read the image of a file by its suffix, one of `SUFFIXES`. Raises ImageError.
+
+    A film (.npz) or a baseline (.exr) has noise, and any format may have alpha.
+    """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in _BY_PILLOW:
@@ -59,7 +61,7 @@ def read_picture(path: str | Path) -> Picture:
             image = _straight(image, channels["A"].astype(np.float64))
         return Picture.of_array(image, glpath_texts(header))
     if suffix == ".npy":
-        read_image(path)  # says what is wrong with it
+        read_image(path)  # raises an error if the file is invalid
         with reading(path, suffix):
             return Picture.of_array(read_npy(path))
     return Picture.of_array(read_image(path))
@@ -78,7 +80,7 @@ def _straight(light: Float64, alpha: Float64) -> Float64:
 
 
 def picture_from_bytes(data: bytes) -> Picture:
-    """The picture of a file's content: .exr, or what Pillow reads. Raises ImageError."""
+    """Return the image from a file's content: .exr, or a format of Pillow. Raises ImageError."""
     if not data.startswith(_EXR_MAGIC):
         return _by_pillow(data, f"{len(data)} bytes")
     with tempfile.TemporaryDirectory() as folder:
@@ -88,13 +90,13 @@ def picture_from_bytes(data: bytes) -> Picture:
 
 
 def is_pillow(value: object) -> bool:
-    """Whether it is an image of Pillow, which is not imported here: the caller has done so."""
+    """Return True for a Pillow image. Pillow is not imported here, because the caller has imported it."""
     module = sys.modules.get("PIL.Image")
     return module is not None and isinstance(value, module.Image)
 
 
 def picture_of_pillow(image: Image) -> Picture:
-    """The image's present frame, palettes as their colours. Raises ImageError."""
+    """Return the Pillow image's current frame, with palettes as colours. Raises ImageError."""
     return Picture.of_array(_array_of_pillow(image, "the image"))
 
 
@@ -104,7 +106,7 @@ def _by_pillow(data: bytes, name: str) -> Picture:
     with reading(name, "a picture"):
         try:
             image = Image.open(io.BytesIO(data), formats=_FORMATS)
-        except UnidentifiedImageError as error:  # its own text names an object in memory
+        except UnidentifiedImageError as error:  # its message only names an object in memory
             why = "it is cut off, or of an unknown format"
             raise ImageError(f"{name}: cannot be read as a picture: {why}.") from error
         frames = getattr(image, "n_frames", 1)
@@ -120,7 +122,7 @@ def _by_pillow(data: bytes, name: str) -> Picture:
 def _array_of_pillow(image: Image, name: str) -> Any:
     if image.mode == "F":
         return np.asarray(image)
-    if image.mode.startswith("I"):  # 16 bits of grey; also as 32-bit integers
+    if image.mode.startswith("I"):  # 16-bit grey, also stored as 32-bit integers
         values = np.asarray(image)
         if values.min() < 0 or values.max() > 65535:
             raise ImageError(f"{name}: found integers from {values.min()} to {values.max()}, expected 16 bits.")

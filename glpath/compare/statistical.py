@@ -1,37 +1,38 @@
-"""Whether two noisy pictures can have one expectation: tests on the variance between batches.
+"""Tests that two noisy images have the same expectation, based on the variance between batches.
 
-Three scales, as each sees what the others miss: every pixel (a wrong pixel), every block of 16 x 16 (an object
-moved, a shadow gone) and the whole picture (a little darker all over). On each, every channel is a t-test, and the
-level is divided among them all by Šidák's rule, so that `alpha` is the chance that noise alone fails the
-comparison.
+There are three scales, because each detects differences that the others miss: every pixel (a wrong pixel), every
+block of 16 x 16 (a moved object, a missing shadow) and the whole image (slightly darker overall). At each scale,
+every channel is a t-test. The level is divided among all tests by Šidák's rule, so that `alpha` is the probability
+that noise alone fails the comparison.
 
-Two renders of other random numbers are compared by Welch's test. Of the same random numbers (seed and path sets
-equal) blocks and the whole picture are compared batch by batch: noise that both share cancels, so that a bias of 1
-% is seen after 64 path sets. Between pictures of other seeds it is seen when noise allows.
+Two renders with different random numbers are compared by Welch's test. With the same random numbers (equal seed and
+path sets), blocks and the whole image are compared batch by batch. Common noise then cancels, so that a bias of 1 %
+is detected after 64 path sets. With different seeds, detection depends on the noise.
 
-A test that could not see a bias of `sees` does not pass. The test of the whole picture rejects beyond `limit`
-standard errors s, so a bias b of its mean m is counted as visible where
+A test that could not detect a bias of `sees` does not pass. The test of the whole image rejects beyond `limit`
+standard errors s, so a bias b of its mean m counts as visible if
 
     b m - tolerance m >= (limit + z) s,   Phi(z) = 0.99
 
-(batch by batch s grows by what a bias in proportion to the picture adds to it). Then a picture that is too bright
-or too dark by `sees`, in all its pixels alike, passes in at most 1 of 100 cases, whatever its noise: where the true
-error is at most m (sees - tolerance) / (limit + z), the t-test lets it pass with a chance below 1 - Phi(z); where
-it is larger, s would have to be underrated first. `smallest_bias` says what each scale sees; of pixels and blocks
-it is the median. The number of path sets in the message is enough in 9 of 10 cases, as s itself is an estimate.
+Batch by batch, s grows by the amount that a bias in proportion to the image adds to it. An image that is uniformly
+too bright or too dark by `sees` then passes in at most 1 of 100 cases, whatever its noise. If the true error is at
+most m (sees - tolerance) / (limit + z), the t-test passes it with a probability below 1 - Phi(z). If the true error
+is larger, s would have to be underestimated first. `smallest_bias` is the smallest bias visible at each scale; for
+pixels and blocks it is the median. The number of path sets in the message is sufficient in 9 of 10 cases, because s
+itself is an estimate.
 
-The tests hold for independent batches. Batches of one Sobol sequence complement each other: their spread overstates
-the error (see `Film.variance_of_mean`), and `smallest_bias` is larger than it could be. Pixels that err together
-make Šidák's rule careful, never wrong. So false alarms are rarer than `alpha`: of 1000 pairs of renders of other
-seeds (Cornell box, 32 x 32, 64 path sets, `sees` 1) none failed at alpha 0.001, the worst being at 0.76 of its
-limit, and 1 failed at 0.05.
+The tests assume independent batches. Batches of one Sobol sequence complement each other. Their spread
+overestimates the error (see `Film.variance_of_mean`), and `smallest_bias` is larger than necessary. Pixels that err
+together make Šidák's rule conservative, never wrong. So false alarms are rarer than `alpha`. They were counted in
+1000 pairs of renders with different seeds (Cornell box, 32 x 32, 64 path sets, `sees` 1). None failed at alpha
+0.001, where the worst reached 0.76 of its limit, and 1 failed at 0.05.
 
-Poor at:  differences that cancel within a block and drown in the noise of each pixel. Render more path sets.
+Poor at:  differences that cancel within a block and are hidden by the noise of each pixel. Render more path sets.
 
 Sources: Welch 1947, "The generalization of Student's problem"; Šidák 1967, "Rectangular confidence regions";
-Guenther 1981, "Sample size formulas for normal theory t tests"; Stein 1945, "A two-sample test for a linear
-hypothesis whose power is independent of the variance"; Subr & Arvo 2007, "Statistical hypothesis testing for
-assessing Monte Carlo estimators"; the tests of Mitsuba 3 do alike.
+         Guenther 1981, "Sample size formulas for normal theory t tests"; Stein 1945, "A two-sample test for a
+         linear hypothesis whose power is independent of the variance"; Subr & Arvo 2007, "Statistical hypothesis
+         testing for assessing Monte Carlo estimators"; the tests of Mitsuba 3 are similar.
 """
 
 from __future__ import annotations
@@ -51,35 +52,35 @@ from glpath.film.image import luminance
 
 Float64 = NDArray[np.float64]
 
-#: Chance that two pictures that differ by noise alone fail; the share of the radiance that is let pass as rounding
-#: of another device; and the bias of the whole picture that a test must be able to see.
+#: Defaults: probability that two images that differ only by noise fail; relative difference that is ignored as
+#: rounding of another device; and bias of the whole image that a test must be able to detect.
 ALPHA = 1e-3
 TOLERANCE = 0.002
 SEES = 0.05
 
-#: Below this many batches a spread says too little.
+#: Minimum number of batches for a useful spread.
 MIN_BATCHES = 4
 
-# A bias is called visible when it is found in 99 of 100 pairs, and path sets are called enough when they are in 9
-# of 10 cases.
+# A bias is visible if it is detected in 99 of 100 pairs. A number of path sets is sufficient if it works in 9 of 10
+# cases.
 _MARGIN = float(ndtri(0.99))
 _ENOUGH = 0.9
 
-# Stands for infinity, which JSON does not have.
+# Substitute for infinity, which JSON does not have.
 _ENDLESS = 1e6
 
 
 @dataclass(frozen=True)
 class _Scale:
-    """The tests of one scale; all but the name are (..., 3) float64.
+    """Tests at one scale; all fields except the name are (..., 3) float64.
 
     difference : picture - reference
     error      : standard error of the difference
     dof        : degrees of freedom of that error
-    level      : radiance that the tolerance refers to
+    level      : radiance to which the tolerance is relative
     reference  : radiance of the reference
-    spread     : what a bias of 1 would add to the error; 0 where pictures are compared as independent
-    per_set    : variance of the difference, times path sets, if both had as many
+    spread     : increase of the error by a bias of 1; 0 if images are compared as independent
+    per_set    : variance of the difference, times path sets, if both had the same number
     """
 
     name: str
@@ -100,15 +101,16 @@ def stat(
     tolerance: float = TOLERANCE,
     sees: float = SEES,
 ) -> Verdict:
-    """Compare two pictures with noise.
+    """Compare two images with noise.
 
-    alpha     : chance of a false alarm
-    tolerance : relative difference that never fails, of a pixel's radiance or of the picture's mean, the larger one
-    sees      : share by which the whole picture could be too bright or too dark and would be found out in 99 of 100
-                cases; where noise hides more than that, the comparison fails and says how many path sets it needs
+    alpha     : probability of a false alarm
+    tolerance : relative difference that never fails, relative to a pixel's radiance or the image's mean, the larger
+                one
+    sees      : relative brightness error of the whole image that would be detected in 99 of 100 cases. If noise
+                hides more than that, the comparison fails and reports the number of path sets that it needs
 
-    Raises UsageError for a picture without noise or of too few batches, and for limits out of range; ImageError for
-    noise that cannot be.
+    Raises UsageError for an image without noise or with too few batches, and for limits out of range; ImageError
+    for impossible noise.
     """
     if not 0 < alpha < 1:
         raise UsageError(f"alpha: found {alpha}, expected a probability between 0 and 1.")
@@ -136,9 +138,9 @@ def stat(
             errors = np.where(excess > 0, excess / scale.error, 0.0)
         ratio = np.minimum(errors / limit, _ENDLESS)
         worst = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-        severity = float(np.maximum(severity, ratio[worst]))  # a NaN stays one, and fails
+        severity = float(np.maximum(severity, ratio[worst]))  # a NaN is kept, and fails
         failing = int(np.count_nonzero(~(ratio <= 1)))
-        # Relative to what is there, not to the picture's mean: this number is for people.
+        # Relative to the local value, not to the image's mean, because this number is for display.
         there = float(max(abs(scale.reference[worst]), 1e-3 * scale.level[worst]))
         relative = float(scale.difference[worst]) / there if there else 0.0
         visible[scale.name] = _visible_bias(scale, limit, tolerance)
@@ -179,7 +181,7 @@ def stat(
 
 
 def _known_bias(picture: Picture, reference: Picture) -> str:
-    """What the engines' own bias may have to do with a difference, where they are not one engine."""
+    """Return the known bias of the engines as a possible cause of a difference, if the engines differ."""
     name = "glpath.integrator"
     if picture.provenance.get(name) == reference.provenance.get(name):
         return ""
@@ -191,7 +193,7 @@ def _known_bias(picture: Picture, reference: Picture) -> str:
 def _scales(
     picture: Picture, reference: Picture, ours: Noise, theirs: Noise, paired: bool, typical: float
 ) -> list[_Scale]:
-    """Pixels, blocks, the whole: in this order."""
+    """Return the tests of pixels, blocks and the whole image, in this order."""
     scales = [
         _welch("pixel", (picture.mean, ours.variance, ours), (reference.mean, theirs.variance, theirs), typical)
     ]
@@ -218,13 +220,13 @@ def _scales(
 def _welch(
     name: str, a: tuple[Float64, Float64, Noise], b: tuple[Float64, Float64, Noise], typical: float
 ) -> _Scale:
-    """Welch 1947: of each side its mean, the variance of that mean, and the batches that both come from."""
+    """Return tests by Welch 1947; `a` and `b` are each side's mean, the variance of that mean, and its noise."""
     (mean_a, va, ours), (mean_b, vb, theirs) = a, b
     na, nb = len(ours.batch_counts), len(theirs.batch_counts)
     total = va + vb
     with np.errstate(divide="ignore", invalid="ignore"):
         dof = total**2 / (va**2 / (na - 1) + vb**2 / (nb - 1))
-    # Without any noise on either side every difference is beyond chance, whatever the freedom.
+    # Without noise on either side, every difference is significant for any degree of freedom.
     dof = np.where(total > 0, dof, na + nb - 2.0)
     level = np.maximum(np.abs(mean_b), typical)
     per_set = va * ours.batch_counts.sum() + vb * theirs.batch_counts.sum()
@@ -232,7 +234,10 @@ def _welch(
 
 
 def _mean_and_variance(batches: Float64, counts: NDArray[np.int64]) -> tuple[Float64, Float64]:
-    """Mean (...) of (B, ...) batches of so many path sets, and its variance, as `Film.variance_of_mean` has it."""
+    """Return the mean (...) of batches (B, ...) with given numbers of path sets, and its variance.
+
+    The variance is that of `Film.variance_of_mean`.
+    """
     share = counts / counts.sum()
     mean: Float64 = np.tensordot(share, batches, axes=1)
     variance: Float64 = np.tensordot(share, (batches - mean) ** 2, axes=1) / (len(counts) - 1)
@@ -259,8 +264,10 @@ def _noise(picture: Picture, which: str) -> Noise:
 
 
 def _visible_bias(scale: _Scale, limit: Float64, tolerance: float) -> float:
-    """The share by which a picture may be too bright or too dark and be found out, in the channel that sees most;
-    the median over blocks."""
+    """Return the smallest relative brightness error that is detected.
+
+    It is that of the most sensitive channel, and for several pixels or blocks the median.
+    """
     errors = limit + _MARGIN
     hidden = tolerance * scale.level + errors * scale.error
     room = np.abs(scale.reference) - errors * scale.spread
@@ -270,9 +277,10 @@ def _visible_bias(scale: _Scale, limit: Float64, tolerance: float) -> float:
 
 
 def _path_sets_needed(image: _Scale, noise: Noise, alpha_test: float, tolerance: float, sees: float) -> int | None:
-    """How many path sets show a bias of `sees`, in whole rounds of all batches; None if no number does.
+    """Return the number of path sets that show a bias of `sees`, or None if no number does.
 
-    The error of the picture to come is an estimate like the one at hand, so that their squares differ by an F.
+    It is a multiple of BLOCK * BATCHES. The error of the future image is an estimate like the present one, so the
+    ratio of their squares follows an F distribution.
     """
     from scipy import stats  # slow to import
 
@@ -295,7 +303,7 @@ def _shown_bias(bias: float) -> str:
 
 
 def _pixel(name: str, where: tuple[np.intp, ...]) -> list[int] | None:
-    """[x, y] of the pixel, or of the block's upper left one."""
+    """Return [x, y] of the pixel, or of the block's upper left pixel; None for the whole image."""
     if name == "image":
         return None
     side = BLOCK_SIDE if name == "block" else 1

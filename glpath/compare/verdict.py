@@ -1,4 +1,4 @@
-"""The result of a comparison."""
+"""Result of a comparison."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of comparing a picture with its reference.
+    """Result of comparing an image with its reference.
 
     mode     : "exact", "fuzzy", "stat" or "flip"
-    passed   : whether the two count as the same
-    severity : how bad it is, 1 at the limit: what is above fails. It orders a report, worst first
-    summary  : one sentence for people, with numbers
-    measured : the numbers, plain JSON values
-    limits   : what they were held against, plain JSON values
+    passed   : True if the two count as the same
+    severity : size of the difference relative to the limit; above 1 it fails. Reports are sorted by it, worst first
+    summary  : one sentence with numbers, for display
+    measured : measured numbers, plain JSON values
+    limits   : limits that they were compared with, plain JSON values
     """
 
     mode: str

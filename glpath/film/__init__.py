@@ -1,1 +1,1 @@
-"""Films: sums of path sets, their pictures and metadata. Plain data, no GL."""
+"""Films: sums of path sets, their images and metadata. Plain data, no OpenGL."""

@@ -1,33 +1,33 @@
-"""AOVs ("arbitrary output variables"): what a film may hold beside radiance, declared once.
+"""AOVs ("arbitrary output variables"): outputs of a film besides radiance, declared once.
 
-Help texts, EXR layers, the film's sums and the shaders' defines are made from `AOV_KINDS` and `GROUPS`.
-`Film.aov` gives one. Of the surface that the eye sees first, mirrors and glass too:
+Help texts, EXR layers, the film's sums and the shaders' defines are generated from `AOV_KINDS` and `GROUPS`.
+`Film.aov` returns an AOV. These describe the first visible surface, including mirrors and glass:
 
-"albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, cut at 1:
-                linear Rec. 709, 0 to 1. By `path` and `gather`, of what a mirror or clear glass shows, times
-                its share of the light, or a denoiser would blur that
-"normal"      : (H, W, 3) float64, to shade with, in the world's frame, on the side that is seen; unit
-                before averaging, 0 for the sky. Of what mirrors and clear glass show, likewise
-"depth"       : (H, W) float64, scene units along the camera's view, not along the ray: the mean of the
-                samples that meet a surface, 1e10 where none does. A surface beyond 1024 times the scene's
-                own extent (of an endless plane) counts as so far
-"depth_min"   : (H, W) float64, the same of the nearest surface that a sample meets, no mean: at an edge
-                `depth` is between two surfaces. Other renderers call it the filter "closest", or "zmin"
-"position"    : (H, W, 3) float64, in the world: the mean of these samples, 0 where there are none. Of a
-                scene far from the origin an .exr has them relative to its header's `position_origin`
-"uv"          : (H, W, 2) float64, the first texture coordinates, v upwards: the mean of the samples that
-                meet a surface, 0 where there are none. At a seam of a texture the mean is of unrelated values
-"object_id"   : (H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order:
-                one whole number a pixel, for masks; 0 where there is none. An .exr has the Cryptomatte of
-                objects with it, see `cryptomatte`
-"material_id" : the same of materials
+"albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, clipped to 1; linear
+                Rec. 709, 0 to 1. With `path` and `gather`, mirrors and clear glass have the albedo of the surface
+                that they show, times their fraction of the light; otherwise a denoiser would blur it
+"normal"      : (H, W, 3) float64, shading normal in the world's frame, on the visible side. Unit length before
+                averaging, 0 for the sky. Mirrors and clear glass have the normal of the surface that they show
+"depth"       : (H, W) float64, scene units along the camera's view, not along the ray. Mean of the samples that hit
+                a surface, 1e10 if none does. Surfaces farther than 1024 times the scene's extent (of an infinite
+                plane) count as at that distance
+"depth_min"   : (H, W) float64, depth of the nearest surface hit by a sample, not a mean, because at an edge `depth`
+                is between two surfaces. Other renderers call it the filter "closest", or "zmin"
+"position"    : (H, W, 3) float64, world position. Mean of the samples that hit a surface, 0 if none does. For a
+                scene far from the origin, an .exr stores it relative to `position_origin` in its header
+"uv"          : (H, W, 2) float64, first texture coordinates, v upwards. Mean of the samples that hit a surface, 0
+                if none does. At a texture seam it averages unrelated values
+"object_id"   : (H, W) int64, number of the shape that most samples hit, from 1, in the scene's order, for masks; 0
+                if there is none. An .exr also has the Cryptomatte of objects, see `cryptomatte`
+"material_id" : (H, W) int64, as "object_id", for materials
 
-Of the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
+These describe the light that arrives at the eye, (H, W, 3) float64, W sr^-1 m^-2, linear Rec. 709:
 
-"direct"      : emission and sky that are seen, and light reflected by one surface
-"indirect"    : all else, ambient light too. Both together are `mean`
+"direct"      : visible emission and sky, and light reflected by one surface
+"indirect"    : all other light, including ambient light. The sum of both is `mean`
 
-"samples"     : (H, W) int64, path sets, less the samples that were dropped as not finite and count as black
+"samples"     : (H, W) int64, number of path sets, without samples that were dropped as not finite, which count as
+                black
 """
 
 from __future__ import annotations
@@ -55,38 +55,40 @@ Aov = Literal[
     "samples",
 ]
 AOVS: tuple[Aov, ...] = get_args(Aov)
-#: Those that a denoiser uses.
+#: AOVs that a denoiser uses.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
 
 
 def guides_denoiser(aovs: Collection[str]) -> bool:
-    """Whether a denoiser has all of these AOVs to go by."""
+    """Return True if the AOVs include all that guide a denoiser."""
     return set(DENOISER_AOVS) <= set(aovs)
 
 
 def with_guides(aovs: Collection[str]) -> tuple[Aov, ...]:
-    """Return the AOVs together with those that guide a denoiser, in the order of `AOVS`, as film files need it."""
+    """Return the AOVs and those that guide a denoiser, in the order of `AOVS`, as film files need it."""
     return tuple(name for name in AOVS if name in aovs or name in DENOISER_AOVS)
 
 
-#: Those made from counts of the shapes that samples have hit.
+#: AOVs made from counts of the shapes that samples have hit.
 ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 
-#: A depth where no surface is hit; OpenEXR's readers know it.
+#: Depth if no surface is hit; readers of OpenEXR know this value.
 FAR = 1e10
 _INFINITY = 0x7F800000
-#: The counts of shapes, by the same name as of a sum.
+#: Name of the counts of shapes, in the same table as the sums.
 SHAPES = "shapes"
 
 
 @dataclass(frozen=True)
 class AovKind:
-    """numbers : how many the film sums for each pixel; 0 of one that is made from another's sums
-    letters : the channels of its layer in an EXR: what Nuke, Blender and Natron know
-    over    : what the sum is divided by: "samples", or "hits", those that hit a surface, whose number is summed as
-              well, behind the others
-    empty   : the value of a pixel that no sample's surface is seen in, of a mean over hits
-    note    : what help adds to the name
+    """Declaration of an AOV.
+
+    numbers : number of values that the film sums for each pixel; 0 for an AOV made from other sums
+    letters : channels of its layer in an EXR, as known to Nuke, Blender and Natron
+    over    : divisor of the sum: "samples", or "hits", the number of samples that hit a surface, which is summed as
+              the last value
+    empty   : value of a pixel without hits, for a mean over hits
+    note    : text that help adds to the name
     """
 
     numbers: int = 0
@@ -110,7 +112,7 @@ AOV_KINDS: dict[str, AovKind] = {
     "samples": AovKind(letters="X", note="how many"),
 }
 
-#: Which other sum an AOV is made from, and how many numbers that has.
+#: Sum from which an AOV is made, and its number of values per pixel.
 _MADE_FROM: dict[str, tuple[str, int]] = {"indirect": ("direct", 3), "samples": ("dropped", 1)}
 
 
@@ -119,8 +121,8 @@ class Group:
     """AOVs that a shader sums together.
 
     aovs    : their names
-    sums    : the names of the sums in shaders/film/aov.glsl, one output each
-    meaning : for the table of variants
+    sums    : names of the sums in shaders/film/aov.glsl, one output each
+    meaning : text for the table of variants
     """
 
     aovs: tuple[Aov, ...]
@@ -128,7 +130,7 @@ class Group:
     meaning: str
 
 
-#: By the define that adds them to the shader.
+#: Groups by the define that adds them to the shader.
 GROUPS: dict[str, Group] = {
     "AOV_SURFACE": Group(("albedo", "normal"), ("sum_first", "sum_second"), "albedo and normal"),
     "AOV_POSITION": Group(("depth", "position"), ("sum_low", "sum_high"), "depth and position"),
@@ -138,7 +140,7 @@ GROUPS: dict[str, Group] = {
 
 
 def sums_of(aovs: Iterable[str]) -> dict[str, int]:
-    """The sums that AOVs are made of, and how many numbers of each a pixel has."""
+    """Return the sums from which AOVs are made, with their number of values per pixel."""
     found: dict[str, int] = {}
     for name in aovs:
         if name in _MADE_FROM:
@@ -149,15 +151,15 @@ def sums_of(aovs: Iterable[str]) -> dict[str, int]:
 
 
 def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
-    """Add what further path sets have of one of the AOVs' sums to what is held, in place."""
+    """Add an AOV's sum over further path sets to the present sum, in place."""
     import numpy as np
 
-    # "depth_min" is held as the bits of infinity less its own, 0 where nothing was hit: the greatest is kept.
+    # "depth_min" is stored as the bits of infinity minus those of the depth, 0 without hits; the maximum is kept.
     (np.maximum if name == "depth_min" else np.add)(held, more, out=held)
 
 
 def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depths by what a film holds of "depth_min"; infinite where nothing was hit."""
+    """Return depths from the stored sum of "depth_min"; infinite without hits."""
     import numpy as np
 
     bits = np.uint32(_INFINITY) - np.clip(held, 0, _INFINITY).astype(np.uint32)
@@ -165,5 +167,5 @@ def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def described() -> str:
-    """The names with their notes, for help."""
+    """Return the names with their notes, for help texts."""
     return ", ".join(f"{name} ({kind.note})" if kind.note else name for name, kind in AOV_KINDS.items())

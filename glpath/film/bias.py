@@ -1,10 +1,10 @@
-"""Bias of a gather: how far its light is from that of unbiased paths, in the mean and by block of the picture.
+"""Bias of a gather: difference of its light from unbiased paths, in the mean and in blocks of the image.
 
-The gather and unbiased paths trace the same few path sets of a smaller picture. Both take the same first directions
-and light samples, so the difference of a set has little noise. Sums of the differences are kept beside the film
+The gather and unbiased paths trace the same few path sets of a smaller image. Both use the same first directions
+and light samples, so the difference of a set has little noise. Sums of the differences are stored with the film
 (`FilmMetadata.statistics["bias_probe"]`).
 
-Poor at:  bias in a few pixels, such as a dark corner: blocks are an eighth of the picture along a side.
+Poor at:  bias in a few pixels, such as a dark corner: a block's side is an eighth of the image's side.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ Float64 = NDArray[np.float64]
 BIAS_PROBE = "bias_probe"
 #: Name of the sums of a gather whose bias was too large, so that "path" rendered the film.
 REJECTED_GATHER = "rejected_gather"
-#: Blocks along each side of the picture.
+#: Number of blocks along each side of the image.
 BLOCKS = 8
-#: Maximum bias of a picture that `auto` renders, relative to its light: in the mean, and in blocks.
+#: Maximum bias of an image that `auto` renders, relative to its light: in the mean, and in blocks.
 MAX_MEAN, MAX_BLOCKS = 0.01, 0.03
 #: Minimum distance of the mean from the limit in standard errors: for a decision before the last path set (95 %
 #: confidence), and after it.
 SURE, FINAL = 1.645, 1.0
 # Maximum difference of the worst block, in standard errors, that noise alone may explain.
 _BLOCK_NOISE = 3.5
-# Minimum light that the difference of a block is relative to, as a share of the mean light of the picture.
+# Minimum light to which the difference of a block is relative, as a fraction of the image's mean light.
 _DARK_BLOCK = 0.02
 
 
 @dataclass(frozen=True)
 class Bias:
-    """The bias of a picture, as shares of its light.
+    """Bias of an image, as fractions of its light.
 
-    mean         : of the whole picture; above 0 it is too bright
+    mean         : bias of the whole image; above 0 it is too bright
     mean_error   : standard error of `mean`
-    blocks       : root mean square over blocks, relative as in `compare.relative_mse`, less the part that noise
-                   explains
-    blocks_error : root mean square over blocks that noise alone would give
-    worst_block  : largest bias of a block, less 3.5 standard errors
+    blocks       : root mean square over blocks, relative as in `compare.relative_mse`, without the part explained
+                   by noise
+    blocks_error : root mean square over blocks that noise alone would cause
+    worst_block  : largest bias of a block, minus 3.5 standard errors
     """
 
     mean: float
@@ -85,12 +85,12 @@ class Bias:
 
 
 def _percent(share: float, digits: int = 2) -> str:
-    """Return a share in percent, rounded to some digits and without an exponent."""
+    """Return a fraction in percent, rounded to some digits and without an exponent."""
     return f"{float(f'{100 * share:.{digits}g}'):g}"
 
 
 def block_means(picture: NDArray[np.floating[Any]]) -> Float64:
-    """(BLOCKS, BLOCKS), the mean of the channels of a picture (H, W, 3) in blocks of one size."""
+    """Return the (BLOCKS, BLOCKS) mean of all channels of an image (H, W, 3) in blocks of equal size."""
     height, width = picture.shape[:2]
     sums = np.pad(picture.mean(axis=2, dtype=np.float64), ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     rows = np.linspace(0.0, height, BLOCKS + 1)
@@ -102,11 +102,11 @@ def block_means(picture: NDArray[np.floating[Any]]) -> Float64:
 
 
 def summed(biased: Sequence[Float64], unbiased: Sequence[Float64]) -> dict[str, Any]:
-    """Return the block means of path sets as `statistics["bias_probe"]`.
+    """Return sums over the block means of path sets, in the form of `statistics["bias_probe"]`.
 
-    biased, unbiased : (BLOCKS, BLOCKS) of each path set, in pairs
+    biased, unbiased : (BLOCKS, BLOCKS) means of each path set, in pairs
 
-    The last entry of each list is of the whole picture.
+    The last entry of each list is for the whole image.
     """
     light = _with_the_whole(unbiased)
     difference = _with_the_whole(biased) - light
@@ -122,7 +122,7 @@ def _with_the_whole(sets: Sequence[Float64]) -> Float64:
 
 
 def check_probe(found: object) -> None:
-    """Raise ValueError for a value that `summed` cannot have made."""
+    """Raise ValueError if the value cannot be a result of `summed`."""
     if not isinstance(found, Mapping) or {*found} != {"sets", "light", "difference", "square"}:
         raise ValueError("its bias probe does not consist of sets, light, difference and square")
     lists = (found["light"], found["difference"], found["square"])
@@ -133,9 +133,9 @@ def check_probe(found: object) -> None:
 
 
 def bias_of(probe: Mapping[str, Any]) -> Bias | None:
-    """Return the bias that a probe found; None if it has fewer than two path sets.
+    """Return the bias measured by a probe, or None if it has fewer than two path sets.
 
-    probe : sums that `summed` has made
+    probe : result of `summed`
     """
     count = int(probe["sets"])
     if count < 2:

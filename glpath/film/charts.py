@@ -1,7 +1,7 @@
-"""Pages for people: a title, a map or a plot, a caption; and values over a plane in false colours.
+"""Pages with a title, a map or a plot, and a caption; and values over a plane in false colours.
 
-matplotlib is the `figures` extra. It is imported only inside functions, with the Agg canvas, never a display. The
-colours differ for the colour-blind too (Okabe and Ito 2008).
+matplotlib is in the `figures` extra. It is imported only inside functions, with the Agg canvas, so that no display
+is needed. The colours can be distinguished by colour-blind readers (Okabe and Ito 2008).
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ UInt8 = NDArray[np.uint8]
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 INK, GREY, PALE = "#222222", "#6E6E6E", "#E4E4E4"
 
-#: Of values in false colours.
+#: Colour map of values in false colours.
 COLOUR_MAP = "viridis"
 
 DPI = 100
 _CAPTION_SIZE, _CAPTION_LINE = 10.5, 19  # points, pixels
 MARGIN = 16
-# Of the longer side of a map, pixels.
+# Length of a map's longer side, pixels.
 _LONGER = 480
 
 
@@ -40,18 +40,19 @@ def field(
     labels: tuple[str, str],
     unit: str,
 ) -> UInt8:
-    """A page with values (rows, columns) over a plane in false colours, with their scale and lines of equal values.
+    """Return a page with values (rows, columns) over a plane in false colours, with scale and contour lines.
 
-    values : NaN where there is none, which is grey
-    extent : where the first and the last column begin and end, then rows, of which the first is the lowest
-    labels : of the axes along rows and columns; unit: of the values
+    values : NaN for missing values, which are grey
+    extent : start and end of the columns, then of the rows, the lowest row first
+    labels : labels of the axes along rows and columns
+    unit   : unit of the values
     """
     require_matplotlib()
     from matplotlib.ticker import MaxNLocator
 
     left_of_map, right_of_map, below_map = 78, 110, 52
     wide, high = extent[1] - extent[0], extent[3] - extent[2]
-    # A strip is drawn no thinner than it can be read.
+    # A narrow strip is drawn wide enough to be read.
     across, up = (max(160, round(_LONGER * side / max(wide, high))) for side in (wide, high))
     width = max(left_of_map + across + right_of_map, 420)
     figure, bottom, height = page(title, wrapped(caption, width), width, up + below_map + 8)
@@ -66,7 +67,7 @@ def field(
     if min(rows, columns) >= 3 and np.nanmin(values) < top:
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
-        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without that of 0
+        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without the level 0
         lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
     axes.set_xlabel(labels[0], color=INK, fontsize=11)
@@ -80,9 +81,9 @@ def field(
 
 
 def false_colours(values: NDArray[np.float64], top: float) -> NDArray[np.float64]:
-    """(..., 3) of values (...), from 0 to 1 as a screen has them: the colours of `field`; NaN is grey.
+    """Return (..., 3) display colours from 0 to 1 for values (...), as in `field`; NaN is grey.
 
-    top : the value of the last colour, the first being of 0
+    top : value of the last colour; the first colour is for 0
     """
     require_matplotlib()
     from matplotlib import colormaps
@@ -93,7 +94,7 @@ def false_colours(values: NDArray[np.float64], top: float) -> NDArray[np.float64
 
 
 def wrapped(caption: str, width: int) -> list[str]:
-    """Lines of the caption as they fit into a page so many pixels wide."""
+    """Return the lines of a caption, wrapped for a page of a width in pixels."""
     require_matplotlib()
     from matplotlib.backends import backend_agg
     from matplotlib.font_manager import FontProperties
@@ -119,7 +120,7 @@ def wrapped(caption: str, width: int) -> list[str]:
 
 
 def page(title: str, lines: Sequence[str], width: int, body: int) -> tuple[Figure, int, int]:
-    """A white page with title and caption; where its body begins from below, and its height, in pixels."""
+    """Return a white page with title and caption, the bottom of its body, and its height, in pixels."""
     require_matplotlib()
     from matplotlib.figure import Figure
 
@@ -142,7 +143,7 @@ def rastered(figure: Figure) -> UInt8:
 
 
 def require_matplotlib() -> None:
-    """GlpathError with the line to type where matplotlib is not installed: asked before the work, not after."""
+    """Raise GlpathError with the install command if matplotlib is missing; call it before the work starts."""
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:

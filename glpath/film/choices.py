@@ -1,10 +1,10 @@
-"""Words to choose from, of films and their pictures. Without numpy, as the command line lists them in its help."""
+"""Allowed values for films and their images. This module needs no numpy, because command line help lists them."""
 
 from __future__ import annotations
 
 #: Tone curves, see `glpath.film.image.TONEMAPS`.
 TONEMAP_NAMES = ("srgb", "reinhard", "aces")
 
-#: Ends of a render, as `stop_rule` names them; by one of RULES it is complete.
+#: Values of `stop_rule`, the reason why a render ended; it is complete if the value is in RULES.
 SPP, TIME_LIMIT, NOISE, CLEAN, INTERRUPTED_RULE = "spp", "time limit", "noise", "clean", "interrupted"
 RULES = (SPP, TIME_LIMIT, NOISE, CLEAN)

@@ -1,12 +1,12 @@
-"""Mattes by name: which objects and materials the samples of each pixel have hit, and how many of them.
+"""Mattes by name: objects and materials hit by the samples of each pixel, and the number of these samples.
 
-`ShapeCounts` counts samples by pixel and shape, all of them and exactly, so that counts of any path sets add up to
-the same in any order. `Cryptomatte` is what compositors take: of each pixel the names that cover most of it,
-ranked. Names are limited to so many ranks only there, when a file is written.
+`ShapeCounts` counts samples by pixel and shape, exactly, so that counts of path sets add up to the same result in
+any order. `Cryptomatte` is the form for compositors: for each pixel, the names that cover most of it, ranked. The
+number of names is limited only there, when a file is written.
 
-Cost:     12 bytes for every shape that a pixel sees: an image of a few objects has little more than one each.
-Poor at:  pixels that see more shapes than there are ranks (leaves far away): the rarest are left out, and their
-          coverage is missing.
+Cost:     12 bytes for every shape visible in a pixel: an image of a few objects has little more than one each.
+Poor at:  pixels with more visible shapes than ranks (distant leaves): the rarest are omitted, and their coverage is
+          missing.
 Source:   Friedman & Jones 2015, Fully Automatic ID Mattes with Support for Motion Blur and Transparency;
           Cryptomatte Specification 1.1.0, Psyop; Appleby, MurmurHash3_x86_32.
 """
@@ -27,18 +27,18 @@ Int64 = NDArray[np.int64]
 
 Kind = Literal["object", "material"]
 
-#: Names of a pixel that are written: the specification's suggestion, two for each layer of four channels.
+#: Number of names written for each pixel: two for each layer of four channels, as the specification suggests.
 RANKS = 6
-#: The names of the layers, as in the specification's examples, Blender and Arnold.
+#: Names of the layers, as in the specification's examples, Blender and Arnold.
 LAYERS: dict[Kind, str] = {"object": "CryptoObject", "material": "CryptoMaterial"}
 
-# A key is the pixel, and below it the shape.
+# The upper bits of a key are the pixel, the lower bits the shape.
 _SHAPE_BITS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeCounts:
-    """How many samples of each pixel have hit each shape.
+    """Number of samples of each pixel that have hit each shape.
 
     size   : (height, width)
     keys   : (N,) int64, (row * width + column) << 32 | shape, ascending
@@ -51,17 +51,17 @@ class ShapeCounts:
 
     @classmethod
     def empty(cls, size: tuple[int, int]) -> ShapeCounts:
-        """No samples."""
+        """Return counts without samples."""
         return cls(size, np.zeros(0, np.int64), np.zeros(0, np.int64))
 
     @classmethod
     def of(cls, shapes: NDArray[np.unsignedinteger]) -> ShapeCounts:
-        """The counts of samples.
+        """Return the counts of samples.
 
-        shapes : (H, W, samples), number of the shape + 1 that each has hit, 0 for none; row 0 at the top
+        shapes : (H, W, samples), number + 1 of the shape that each sample has hit, 0 for none; row 0 at the top
         """
         height, width, samples = shapes.shape
-        # Sorted within pixels, keys are sorted altogether.
+        # Keys that are sorted within pixels are sorted overall.
         found = np.sort(shapes.reshape(height * width, samples), axis=1).astype(np.int64)
         keys = ((np.arange(height * width)[:, None] << _SHAPE_BITS) + found).ravel()
         starts = np.flatnonzero(np.diff(keys, prepend=-1))
@@ -73,7 +73,7 @@ class ShapeCounts:
     def __add__(self, other: ShapeCounts) -> ShapeCounts:
         assert self.size == other.size, f"counts of {self.size} and {other.size} pixels"
         keys, counts = np.concatenate([self.keys, other.keys]), np.concatenate([self.counts, other.counts])
-        order = np.argsort(keys, kind="stable")  # of two runs that are sorted: linear
+        order = np.argsort(keys, kind="stable")  # linear time, because both parts are sorted
         return ShapeCounts(self.size, *_summed(keys[order], counts[order]))
 
     def __eq__(self, other: object) -> bool:
@@ -87,19 +87,19 @@ class ShapeCounts:
 
     @property
     def nbytes(self) -> int:
-        """Bytes in memory."""
+        """Size in memory in bytes."""
         return self.keys.nbytes + self.counts.nbytes
 
     def hits(self) -> Int64:
-        """(H, W) int64: samples of each pixel that have hit anything."""
+        """Return the (H, W) int64 number of samples of each pixel that have hit anything."""
         pixel = self.keys >> _SHAPE_BITS
         found = np.bincount(pixel, self.counts, self.size[0] * self.size[1])
         return found.astype(np.int64).reshape(self.size)
 
     def ranked(self, group: Int64, ranks: int) -> tuple[Int64, Int64]:
-        """Each pixel's groups of shapes with the most hits, in this order.
+        """Return each pixel's groups of shapes with the most hits, in descending order.
 
-        group : (shapes,) int64, which group each shape is of; of equals the lower comes first
+        group : (shapes,) int64, group of each shape; with equal hits the lower group comes first
 
         Returns (H, W, ranks) int64 groups, -1 for none, and their counts.
         """
@@ -120,7 +120,7 @@ class ShapeCounts:
         return groups.reshape(height, width, ranks), samples.reshape(height, width, ranks)
 
     def check(self, shapes: int, path_sets: int) -> None:
-        """Raise ValueError for what cannot be the counts of so many shapes and path sets: of a file, say."""
+        """Raise ValueError if these cannot be counts of so many shapes and path sets, as in a damaged file."""
         pixels = self.size[0] * self.size[1]
         in_order = bool(np.all(np.diff(self.keys, prepend=-1) > 0))
         within = not len(self.keys) or self.keys[-1] >> _SHAPE_BITS < pixels
@@ -132,13 +132,13 @@ class ShapeCounts:
 
 @dataclass(frozen=True, eq=False)
 class Cryptomatte:
-    """A Cryptomatte: of each pixel the names that cover most of it.
+    """Cryptomatte: for each pixel, the names that cover most of it.
 
-    layer    : what its layers are called: "CryptoObject" or "CryptoMaterial"
-    ids      : (H, W, ranks) float32, the name's hash, 0 for none; row 0 at the top
-    coverage : (H, W, ranks) float64, the share of the pixel's samples, largest first. With all ranks it adds up to
-               the share that meets a surface, 1 where nothing is beside
-    manifest : the hash of each name, in eight hexadecimal digits
+    layer    : name of its layers, "CryptoObject" or "CryptoMaterial"
+    ids      : (H, W, ranks) float32, hash of the name, 0 for none; row 0 at the top
+    coverage : (H, W, ranks) float64, fraction of the pixel's samples, largest first. The sum over all ranks is the
+               fraction that hits a surface, 1 if no sample misses
+    manifest : hash of each name, in eight hexadecimal digits
     """
 
     layer: str
@@ -147,12 +147,12 @@ class Cryptomatte:
     manifest: dict[str, str]
 
     def matte(self, *names: str) -> Float64:
-        """(H, W) float64: how much of each pixel is covered by what has one of the names."""
+        """Return the (H, W) float64 coverage of each pixel by objects or materials with one of the names."""
         wanted = np.array([hash_id(name) for name in names], np.float32)
         return np.asarray(np.where(np.isin(self.ids, wanted), self.coverage, 0.0).sum(axis=2))
 
     def channels(self) -> dict[str, Float32]:
-        """(H, W) float32 by the channel's name in a file: CryptoObject00.R, the first id, .G its coverage ..."""
+        """Return the (H, W) float32 channels by name in a file: CryptoObject00.R, the first id, .G its coverage."""
         found = {}
         for rank in range(self.ids.shape[2]):
             layer = f"{self.layer}{rank // 2:02}"
@@ -161,7 +161,7 @@ class Cryptomatte:
         return found
 
     def header(self) -> dict[str, str]:
-        """The metadata of a file that holds it [Cryptomatte Specification 1.1.0, Metadata]."""
+        """Return the metadata for a file that contains it [Cryptomatte Specification 1.1.0, Metadata]."""
         key = f"cryptomatte/{_hex(hash_id(self.layer))[:7]}"
         return {
             f"{key}/name": self.layer,
@@ -174,11 +174,11 @@ class Cryptomatte:
 def cryptomatte(
     kind: Kind, counts: ShapeCounts, names: Sequence[str], path_sets: int, ranks: int = RANKS
 ) -> Cryptomatte:
-    """The Cryptomatte of counts: shapes of one name are one.
+    """Return the Cryptomatte of counts; shapes with the same name are combined.
 
-    names     : of each shape: its own or its material's
-    path_sets : samples of each pixel
-    ranks     : names that a pixel may have
+    names     : name of each shape, or of its material
+    path_sets : number of samples of each pixel
+    ranks     : maximum number of names of a pixel
     """
     distinct = list(dict.fromkeys(names))
     number = {name: i for i, name in enumerate(distinct)}
@@ -190,13 +190,13 @@ def cryptomatte(
 
 
 def hash_id(name: str) -> np.float32:
-    """The hash of a name as a finite number [Cryptomatte Specification 1.1.0, ID Generation].
+    """Return the hash of a name as a finite number [Cryptomatte Specification 1.1.0, ID Generation].
 
     >>> print(hash_id("hello"))
     6.070563e-17
     """
     bits = murmur3_32(name.encode())
-    # Neither denormal, infinite nor NaN: what filters would not keep.
+    # Avoid denormal, infinite and NaN values, which filters would not preserve.
     exponent = min(max(bits >> 23 & 255, 1), 254)
     return np.uint32(bits & 0x807FFFFF | exponent << 23).view(np.float32)
 
@@ -206,7 +206,7 @@ def _hex(number: np.float32) -> str:
 
 
 def murmur3_32(data: bytes, seed: int = 0) -> int:
-    """MurmurHash3_x86_32 [Appleby].
+    """Return the hash MurmurHash3_x86_32 [Appleby].
 
     >>> hex(murmur3_32(b"hello"))
     '0x248bfa47'

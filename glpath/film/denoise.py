@@ -1,12 +1,13 @@
 """Denoising by Open Image Denoise (Afra 2019 to 2025), which is optional: `pip install "glpath[denoise]"`.
 
-A network that was trained on path-traced pictures removes noise and keeps edges, textures and shadows;
-albedo and normals show it which edges are the surfaces' own.
+A network trained on path-traced images removes noise and keeps edges, textures and shadows. Albedo and normals show
+it which edges belong to surfaces.
 
-Cost:     0.2 s of one core for 256 x 256, and as much for albedo and normals with noise, once; some 600 bytes a
-          pixel of memory.
-Poor at:  noise that neighbours share, as paths with shared directions have: it stays, taken for texture. What is
-          lost in noise is invented. Energy is not kept to the last percent, least at the edges of lamps.
+Cost:     0.2 s of one core for 256 x 256, and once as much for noisy albedo and normals; some 600 bytes of memory a
+          pixel.
+Poor at:  noise correlated between pixels, as from paths with shared directions: it remains, because it looks like
+          texture. Details lost in noise are invented. Energy is not kept to the last percent, especially at the
+          edges of lamps.
 Source:   https://www.openimagedenoise.org/documentation.html, the RT and RTLightmap filters.
 """
 
@@ -23,23 +24,25 @@ from glpath.errors import GlpathError
 Float32 = NDArray[np.float32]
 Flags = dict[str, bool | str]
 
-# Pixels by which pictures are mirrored beyond their border, where the network would see black, and darken what is
-# near: with them the squared error at the border of `room` is half of that without.
+# Width in pixels of the mirrored border around images. Without them the network would see black outside and darken
+# the border. With them, the squared error at the border of `room` is halved.
 _BEYOND = 16
-# MiB of the network, above which it takes tiles: 1920 x 1080 pixels take 1.6 GiB at once, and as long in two. A
-# lightmap is denoised beside all else that a bake holds: 2048 x 2048 take half as long again, and a sixth.
+# Memory limit of the network in MiB; above, it uses tiles. 1920 x 1080 pixels take 1.6 GiB at once, or two tiles in
+# the same time. The limit for lightmaps is lower, because a bake holds much else: 2048 x 2048 take half as long
+# again, and a sixth of the memory.
 _PICTURE_MIB, _PAGE_MIB = 1024, 256
-# By how much a pixel of a guide has to stand out from its neighbours to be noise, of which less does no harm; the
-# share of pixels of a tile, so many wide, that do so at small corners and thin lines alone.
+# Threshold by which a guide's pixel must differ from its neighbours to count as noise; smaller noise is harmless.
+# Fraction of such pixels in a tile that corners and thin lines alone may cause, and width of the tile.
 _NOISE, _LINES, _TILE = 0.004, 0.15, 16
-# The smaller network: of albedo and normals as good as the large one, in half the time.
+# The smaller network is as good for albedo and normals as the large one, in half the time.
 _SOON: Flags = {"quality": "OIDN_QUALITY_BALANCED"}
-# The smallest: of two halves that are only compared. Their difference is 5 % less, in half the time again.
+# The smallest network is for two halves that are only compared. Their difference is 5 % less, in half the time
+# again.
 _SOONEST: Flags = {"quality": "OIDN_QUALITY_FAST"}
 
 
 def require_denoiser() -> Any:
-    """The module `pyoidn`. Raises GlpathError with the line to type where it is missing: asked before the work."""
+    """Return the module `pyoidn`, or raise GlpathError with the install command; call it before the work starts."""
     try:
         import pyoidn
     except (ImportError, OSError) as error:
@@ -53,7 +56,7 @@ def require_denoiser() -> Any:
 
 
 def can_denoise() -> bool:
-    """Whether the denoiser is there."""
+    """Return True if the denoiser is available."""
     try:
         require_denoiser()
     except GlpathError:
@@ -63,10 +66,9 @@ def can_denoise() -> bool:
 
 @dataclass(frozen=True)
 class Guides:
-    """Albedo and normals, of which each was denoised alone where it has noise to lose: textures, alpha, lenses and
-    motion leave some in them, too.
+    """Albedo and normals for the denoiser, usable for several images of one film.
 
-    For several pictures of one film.
+    Each was denoised separately if it had noise: textures, alpha, lenses and motion cause some.
     """
 
     albedo: Float32
@@ -74,7 +76,7 @@ class Guides:
 
     @classmethod
     def of(cls, albedo: ArrayLike, normal: ArrayLike) -> Guides:
-        """See `denoised` for the parameters and errors."""
+        """Return the guides; `denoised` documents the parameters and errors."""
         oidn = require_denoiser()
         made = (
             np.asarray(values, np.float32)
@@ -86,12 +88,12 @@ class Guides:
 
 
 def is_free_of_noise(guide: ArrayLike) -> bool:
-    """Whether no part of albedo or normals (H, W, 3) has noise: plain colours, and shapes of whatever outline.
+    """Return True if albedo or normals (H, W, 3) have no noise: plain colours, and shapes of any outline.
 
-    A pixel of noise is brighter or darker than all four neighbours in two of five cases, a pixel at an edge hardly
-    ever. Without noise, the denoiser does as well with guides as they are (`cornell-box`, `room`: the same relMSE,
-    in 0.8 and 0.5 of the time); it does worse where textures, lenses or alpha leave some (`benchmarks scene
-    helmet`: 9.0e-4 instead of 8.4e-4).
+    A noisy pixel is brighter or darker than all four neighbours in two of five cases, a pixel at an edge hardly
+    ever. Guides without noise can be used directly: for `cornell-box` and `room` the relMSE is the same, in 0.8 and
+    0.5 of the time. Guides with noise from textures, lenses or alpha must be denoised: `benchmarks scene helmet`
+    has 8.4e-4, and 9.0e-4 without.
     """
     values = np.asarray(guide, np.float32)
     if min(values.shape[:2]) < 3:
@@ -107,7 +109,10 @@ def is_free_of_noise(guide: ArrayLike) -> bool:
 
 
 def soon_denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> Float32:
-    """As `denoised`, by the smallest network and guides as they are: a quarter of the time, only to compare."""
+    """Return radiance denoised by the smallest network with unprocessed guides, for comparisons only.
+
+    It takes a quarter of the time of `denoised`.
+    """
     oidn = require_denoiser()
     images = {
         oidn.OIDN_IMAGE_COLOR: radiance,
@@ -118,18 +123,18 @@ def soon_denoised(radiance: ArrayLike, albedo: ArrayLike, normal: ArrayLike) -> 
 
 
 def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
-    """Radiance without its noise, as far as the denoiser finds it.
+    """Return radiance without noise, as far as the denoiser recognizes it.
 
-    Runs on the CPU, with a thread for each core that the process may use; OIDN_NUM_THREADS says another number. The
-    same input gives the same bits on one machine, whatever the threads; another processor may round otherwise.
+    Runs on the CPU, with one thread for each core available to the process, or OIDN_NUM_THREADS threads. The same
+    input gives the same bits on one machine, with any number of threads; another processor may round differently.
 
     Parameters
     ----------
     radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709, not negative
-    guides   : of albedo (H, W, 3), 0 to 1, and normal (H, W, 3), -1 to 1, of the world or the eye, as of
-               `Film.aov`; antialiased as the radiance is
+    guides   : albedo (H, W, 3), 0 to 1, and normal (H, W, 3), -1 to 1, in the world's or the eye's frame, as from
+               `Film.aov`; antialiased like the radiance
 
-    Returns (H, W, 3) float32. Raises GlpathError where pyoidn is missing, or Open Image Denoise fails.
+    Returns (H, W, 3) float32. Raises GlpathError if pyoidn is missing or Open Image Denoise fails.
     """
     oidn = require_denoiser()
     images = {
@@ -137,13 +142,13 @@ def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
         oidn.OIDN_IMAGE_ALBEDO: guides.albedo,
         oidn.OIDN_IMAGE_NORMAL: guides.normal,
     }
-    # Guides without noise have a larger network.
+    # For guides without noise, a larger network is used.
     flags: Flags = {"hdr": True, "cleanAux": True}
     return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", flags, _PICTURE_MIB)
 
 
 def denoised_lightmap(irradiance: ArrayLike) -> Float32:
-    """A page of a lightmap without its noise: by the filter for lightmaps, which is given light alone.
+    """Return a page of a lightmap without noise, by the lightmap filter, which takes no guides.
 
     irradiance : (H, W, 3), linear Rec. 709, not negative; gutters between charts are filled
 
@@ -162,14 +167,17 @@ def _filtered(
     flags: Flags,
     memory: int,
 ) -> Float32:
-    """memory : MiB that the network may take, about: a larger image is done in tiles, to the same bits."""
+    """Return the output of a filter of Open Image Denoise.
+
+    memory : approximate memory limit in MiB; a larger image is processed in tiles, with the same bits
+    """
     beyond = (_BEYOND, _BEYOND), (_BEYOND, _BEYOND), (0, 0)
     arrays = {name: np.pad(np.asarray(image, np.float32), beyond, mode) for name, image in images.items()}
     shapes = {array.shape for array in arrays.values()}
     assert len(shapes) == 1, f"images of shapes {shapes}"
     output = arrays[oidn.OIDN_IMAGE_OUTPUT] = np.empty(shapes.pop(), np.float32)
     with oidn.Device(oidn.OIDN_DEVICE_TYPE_CPU) as device:
-        device.set_bool("setAffinity", False)  # its threads are not tied to cores that others may be on
+        device.set_bool("setAffinity", False)  # do not bind its threads to cores that other processes may use
         device.commit()
         with oidn.Filter(device, kind) as made:
             for name, array in arrays.items():

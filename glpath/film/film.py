@@ -1,7 +1,7 @@
-"""The film: what a render gives, to be shown, saved and loaded.
+"""Film: the result of a render, which can be shown, saved and loaded.
 
-Its sums of radiance, which add up when films are merged, and its AOVs are in `glpath.film.sums`; the errors of the
-image and of the denoised one in `glpath.film.film_errors`.
+Its sums of radiance, which are added when films are merged, and its AOVs are in `glpath.film.sums`. The errors of
+the image and of the denoised image are in `glpath.film.film_errors`.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from glpath.system.versions import versions
 Float64 = NDArray[np.float64]
 
 WRITABLE = (".png", ".jpg", ".jpeg", ".exr", ".npz")
-# Of the longer side of the image that a notebook shows.
+# Maximum length in pixels of the longer side of the image in a notebook.
 _PREVIEW = 1024
 
 
 @dataclass(eq=False, repr=False)
 class Film(FilmErrors):
-    """Sums of radiance over path sets, in batches, and the pictures of them.
+    """Sums of radiance over path sets, in batches, and the images made from them.
 
     radiance_sums : (BATCHES, H, W, 3) float64, in `metadata.unit`, W sr^-1 m^-2 or cd m^-2; linear Rec. 709, row 0
                     at the top
-    batch_counts  : (BATCHES,) int64, path sets in each sum; one path set is one path for every pixel
-    ranges        : path sets in the sums, as disjoint half-open (start, stop), in order, never touching
-    metadata      : what made it
-    aov_sums      : (H, W, n) float64 by name, over all path sets: what `metadata.aov_sums` names; see `aov`
-    shape_counts  : how many samples of each pixel have hit which shape, where `metadata.counts_shapes`
+    batch_counts  : (BATCHES,) int64, number of path sets in each sum; one path set is one path for every pixel
+    ranges        : path sets in the sums, as half-open (start, stop), in order, neither overlapping nor adjacent
+    metadata      : origin and settings of the film
+    aov_sums      : (H, W, n) float64 by name, over all path sets, for the names in `metadata.aov_sums`; see `aov`
+    shape_counts  : number of samples of each pixel that have hit each shape, if `metadata.counts_shapes`
     """
 
-    #: Called when a notebook is about to show the film, to remove a picture of it that stands there.
+    #: Function called before a notebook shows the film, to remove an image of it that is already displayed.
     before_shown: Callable[[], None] | None = field(default=None, init=False)
 
     def _layer(self, name: str) -> NDArray[Any]:
@@ -58,22 +58,22 @@ class Film(FilmErrors):
 
     @property
     def is_shown_denoised(self) -> bool:
-        """Whether a notebook shows `denoised`: of a film with noise, with the AOVs and the denoiser for it."""
+        """True if a notebook shows `denoised`: the film has noise and the AOVs, and the denoiser is installed."""
         there = self.metadata.noisy and guides_denoiser(self.metadata.aovs)
         return there and self.path_sets > 0 and open_image_denoise.can_denoise()
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """`mean`, for `np.asarray(film)` and what takes arrays."""
+        """Return `mean`, for `np.asarray(film)` and functions that take arrays."""
         if copy is False:
             raise ValueError("a film holds sums, so that its image as an array is always a copy")
         return self.mean.astype(dtype or np.float64, copy=False)
 
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
-        """The stops that an exposure means for this image.
+        """Return the stops of an exposure for this image.
 
-        exposure : stops; "auto" as `image.auto_exposure` finds; None as the scene says, or else "auto"
+        exposure : stops; "auto": result of `image.auto_exposure`; None: exposure of the scene, or else "auto"
 
-        Raises UsageError for another one, or an image of no path set.
+        Raises UsageError for another value, or an image without a path set.
         """
         check_exposure(exposure)
         asked = self.metadata.exposure if exposure is None else exposure
@@ -86,18 +86,19 @@ class Film(FilmErrors):
         tonemap: str = "srgb",
         denoise: bool = False,
     ) -> UInt8:
-        """(H, W, 3) uint8 sRGB, row 0 at the top: what `save` writes as .png; with `alpha` (H, W, 4).
+        """Return (H, W, 3) uint8 sRGB, row 0 at the top, as `save` writes it as .png; (H, W, 4) with `alpha`.
 
-        exposure : as of `exposure_stops`
+        exposure : as for `exposure_stops`
         tonemap  : one of `image.TONEMAPS`
-        denoise  : show `denoised`, with the same stops
+        denoise  : True to show `denoised`, with the same stops
 
-        Raises UsageError for another exposure or operator, or an image of no path set; what `denoised` raises.
+        Raises UsageError for another exposure or operator, or an image without a path set; and the errors of
+        `denoised`.
         """
         light, alpha = self.denoised() if denoise else self.mean, self.alpha
         if alpha is None:
             return tonemapped(light, self.exposure_stops(exposure), tonemap)
-        colours = light / np.where(alpha > 0, alpha, 1.0)[..., None]  # a PNG's are not premultiplied
+        colours = light / np.where(alpha > 0, alpha, 1.0)[..., None]  # colours in a PNG are not premultiplied
         opacity = (alpha * 255.0 + 0.5).astype(np.uint8)[..., None]
         return np.concatenate([tonemapped(colours, self.exposure_stops(exposure), tonemap), opacity], axis=2)
 
@@ -109,22 +110,24 @@ class Film(FilmErrors):
         tonemap: str = "srgb",
         denoise: bool = False,
     ) -> None:
-        """Write the film; the suffix says how. The file appears whole or not at all.
+        """Write the film in the format of the suffix. The file appears whole or not at all.
 
-        .png : 8-bit sRGB, as `to_srgb` has it; its header says the stops
-        .jpg : the same of quality 95, without alpha: what is transparent is white; its comment has the metadata
-        .exr : float32 radiance, linear Rec. 709; a crop keeps its window in the whole image. AOVs that the film
-               holds are layers, each of its own name: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
-               `image.layer_channels`; with ids, the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to 02
-        .npz : everything, exactly; `Film.load` reads it back, to be merged or resumed
+        .png : 8-bit sRGB, as from `to_srgb`; its header contains the stops
+        .jpg : the same with quality 95, without alpha: transparent pixels become white; its comment contains the
+               metadata
+        .exr : float32 radiance, linear Rec. 709; a crop keeps its window in the whole image. AOVs of the film are
+               layers with their own names: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
+               `image.layer_channels`. With ids, also the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to
+               02
+        .npz : everything, exactly; `Film.load` reads it, to be merged or resumed
 
-        denoise : a .png or .jpg holds `denoised`, and its header has glpath.denoised; an .exr has it as the layer
-                  denoised.R, G, B, beside the picture as it is. An .npz is the same in any case
+        denoise : a .png or .jpg contains `denoised`, and its header has glpath.denoised; an .exr has it as the
+                  layer denoised.R, G, B, in addition to the original image. An .npz does not change
 
-        A pipe or a device is written into; without a suffix, and at "-", standard output, it gets a PNG.
+        A pipe or a device can be written too; without a suffix, and for "-", standard output, the format is PNG.
 
-        All carry the metadata. Raises ImageError if it cannot be written, UsageError for another suffix, operator,
-        or an image of no path set; what `denoised` raises.
+        All formats contain the metadata. Raises ImageError if the file cannot be written, UsageError for another
+        suffix or operator, or an image without a path set; and the errors of `denoised`.
         """
         path = check_suffix(path)
         suffix = path.suffix.lower() or ".png"
@@ -167,24 +170,24 @@ class Film(FilmErrors):
 
     @classmethod
     def load(cls, path: str | Path) -> Film:
-        """Read a film written as .npz. Raises ImageError, also for one whose parts contradict each other."""
+        """Read a film written as .npz. Raises ImageError, also if its parts contradict each other."""
         return cls(*read_parts(path))
 
     def to_pandas(self) -> Any:
-        """What the render took, as a `pandas.DataFrame` of one row, by the scene's name.
+        """Return the render's statistics as a `pandas.DataFrame` of one row, named after the scene.
 
-        `pandas.concat` joins those of several. Columns: integrator, seed, max_depth, path_sets, width and height
-        (pixels), elapsed_s, relative_error (of the picture as it is), stop_rule, error_bound, unit, device,
+        `pandas.concat` joins the rows of several films. Columns: integrator, seed, max_depth, path_sets, width and
+        height (pixels), elapsed_s, relative_error (of the original image), stop_rule, error_bound, unit, device,
         scene_hash, and each of `metadata.statistics`, such as `paths_cast` and `stage_ms.trace`. Raises GlpathError
-        where pandas is missing.
+        if pandas is missing.
         """
         return stats_frame(self)
 
     def to_xarray(self) -> Any:
-        """The picture as an `xarray.Dataset`: `radiance` (y, x, channel), linear Rec. 709, and each AOV.
+        """Return the image as an `xarray.Dataset`: `radiance` (y, x, channel), linear Rec. 709, and each AOV.
 
-        x and y are the numbers of pixels in the whole image, y from the top; the attributes are the columns of
-        `to_pandas`. Raises GlpathError where xarray is missing.
+        x and y are pixel numbers in the whole image, y from the top; the attributes are the columns of `to_pandas`.
+        Raises GlpathError if xarray is missing.
         """
         return film_data_set(self)
 
@@ -199,13 +202,13 @@ class Film(FilmErrors):
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """Jupyter's view: the image, at most 1024 pixels long, as HTML and as PNG, and a line of text."""
+        """Return Jupyter's view: the image, at most 1024 pixels long, as HTML and PNG, and a line of text."""
         if self.before_shown is not None:
             self.before_shown()
         return self.shown()
 
     def shown(self) -> dict[str, object]:
-        """The image by its MIME types, as `_repr_mimebundle_` gives it."""
+        """Return the image by MIME type, as `_repr_mimebundle_` does."""
         bundle: dict[str, object] = {"text/plain": repr(self)}
         if self.path_sets:
             seen = self.denoised().astype(np.float64) if self.is_shown_denoised else self.mean
@@ -214,15 +217,17 @@ class Film(FilmErrors):
         return bundle
 
     def described(self) -> str:
-        """The image in words, for those who do not see it: the scene, the integrator, path sets and size."""
+        """Return a text alternative of the image: the scene, the integrator, path sets and size."""
         m = self.metadata
         width, height = m.window[2:]
         shown = ", denoised" if self.is_shown_denoised else ""
         return f"{m.scene}, by {m.integrator}, {self.path_sets} path sets, {width} x {height} pixels{shown}"
 
     def provenance(self, *, denoised: bool = False) -> dict[str, str]:
-        """The provenance of the film, or of the picture that is `denoised`, and its path sets, as texts for a
-        file's header."""
+        """Return the provenance and path sets of the film as texts for a file's header.
+
+        denoised : True if the file contains the image `denoised`
+        """
         return {
             "Software": f"glpath {self.metadata.versions.get('glpath', '')}".strip(),
             "glpath.path_sets": str(self.path_sets),
@@ -240,10 +245,10 @@ class Film(FilmErrors):
 def read_image(path: str | Path) -> Float64:
     """Read an image, or the mean of a film, as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
 
-    .png : sRGB is undone; it holds what the tone map left, not radiance; .jpg as well
-    .exr : channels R, G, B or Y; other primaries are converted; of a crop its own pixels only
+    .png : sRGB is decoded; the values are tone-mapped, not radiance; .jpg as well
+    .exr : channels R, G, B or Y; other primaries are converted; for a crop, only its own pixels
     .hdr : Radiance's RGBE
-    .npz : a film's mean, or the array `radiance`
+    .npz : mean of a film, or the array `radiance`
     .npy : (H, W, 3) or (H, W)
 
     Raises ImageError for a file that is missing, broken, or of another kind.
@@ -257,7 +262,7 @@ def read_image(path: str | Path) -> Float64:
 
 
 def holds_film(path: str | Path) -> bool:
-    """Whether a file holds a film, by the names in it. Raises ImageError where that can't be seen."""
+    """Return True if a file contains a film, by the names in it. Raises ImageError if the file cannot be read."""
     if Path(path).suffix.lower() != ".npz":
         return False
     with open_npz(path, ".npz") as stored:
@@ -265,7 +270,7 @@ def holds_film(path: str | Path) -> bool:
 
 
 def check_suffix(path: str | Path) -> Path:
-    """`path`, if a film can be written to a file of that name; else UsageError."""
+    """Return `path` if a film can be written to a file with that name; otherwise raise UsageError."""
     path = Path(path)
     if path.suffix.lower() not in WRITABLE and not (is_stream(path) and not path.suffix):
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
@@ -274,7 +279,7 @@ def check_suffix(path: str | Path) -> Path:
 
 
 def _shrunk(image: Float64, longest: int) -> Float64:
-    """Averaged over whole blocks of pixels until no side is longer than `longest`."""
+    """Return the image averaged over blocks of pixels, so that no side is longer than `longest`."""
     n = -(-max(image.shape[:2]) // longest)
     height, width = (max(1, side // n) for side in image.shape[:2])
     rows, columns = min(n, image.shape[0]), min(n, image.shape[1])

@@ -1,6 +1,6 @@
-"""The errors to expect of a film's image, as it is and denoised, from how much its batches differ.
+"""Expected errors of a film's image, original and denoised, estimated from the differences between its batches.
 
-Poor at:  the error of a render shorter than two blocks (16 path sets): there is nothing to compare.
+Poor at:  the error of a render shorter than two blocks (16 path sets), which has nothing to compare.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from glpath.film.sums import FilmSums, mean_of
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# The share of the pixels by which a picture looks clean or not.
+# Fraction of the pixels that decide whether an image looks clean.
 _LOOKED_AT = 0.999
 
 
 @dataclass(eq=False, repr=False)
 class FilmErrors(FilmSums):
-    """Sums whose image can be denoised, and what it and the denoised one err by."""
+    """Sums whose image can be denoised, and the errors of the image and of the denoised one."""
 
-    # The result of `denoised`, and its path sets.
+    # Path sets and result of `denoised`.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
-    # The two halves that `variance_of_denoised` compares, and what `denoised` goes by, likewise.
+    # Path sets, and the two halves that `variance_of_denoised` compares. Below, path sets and guides of `denoised`.
     _halves: tuple[tuple[tuple[int, int], ...], tuple[float, list[Float64]]] | None = field(
         default=None, init=False
     )
     _guides: tuple[tuple[tuple[int, int], ...], open_image_denoise.Guides] | None = field(default=None, init=False)
 
     def denoised(self) -> Float32:
-        """(H, W, 3) float32, `mean` without its noise, by Open Image Denoise: W sr^-1 m^-2, linear Rec. 709.
+        """Return (H, W, 3) float32: `mean` without noise, by Open Image Denoise; W sr^-1 m^-2, linear Rec. 709.
 
-        The film stays as it is. Denoise what is merged and done: pictures that were denoised do not add up. See
-        `glpath.film.denoise` for what it is poor at.
+        The film does not change. Denoise a film after it is merged and complete, because denoised images cannot be
+        added. `glpath.film.denoise` lists weaknesses.
 
-        Raises UsageError for a film without the AOVs albedo and normal (`aovs=("albedo", "normal")` of a render, or
-        `glpath render --denoise`) or of no path set; GlpathError where pyoidn is missing.
+        Raises UsageError for a film without path sets, or without the AOVs albedo and normal (`aovs=("albedo",
+        "normal")` of a render, or `glpath render --denoise`). Raises GlpathError if pyoidn is missing.
         """
         if self._denoised is None or self._denoised[0] != self.ranges:
             self._denoised = self.ranges, self._denoise(self.mean)
@@ -57,14 +57,14 @@ class FilmErrors(FilmSums):
         return open_image_denoise.denoised(mean, self._guides[1])
 
     def variance_of_mean(self) -> Float64:
-        """(H, W, 3) float64, the estimated variance of `mean`, from how much the batches differ.
+        """Return (H, W, 3) float64: the variance of `mean`, estimated from the differences between batches.
 
             sum over batches of count (mean of batch - mean)^2 / (batches - 1) / path sets
 
-        which has no bias for independent path sets, also when batches are of different size. Batches of one Sobol
-        sequence are not independent: they complement each other, so that the true variance is smaller than this.
+        The estimate is unbiased for independent path sets, even if batches differ in size. Batches of one Sobol
+        sequence are not independent: they complement each other, so the true variance is smaller.
 
-        Raises UsageError when fewer than two batches hold anything.
+        Raises UsageError if fewer than two batches have path sets.
         """
         used = self._batches_to_compare()
         mean = self.mean
@@ -85,14 +85,14 @@ class FilmErrors(FilmSums):
         return used
 
     def relative_error(self, denoised: bool = False) -> float | None:
-        """The error to expect of the image: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
+        """Return the expected error of the image: sqrt(mean over pixels and channels of variance / (mean² + 0.01)).
 
-        denoised : of `denoised`, by `variance_of_denoised`, whose errors it raises
+        denoised : True for the error of `denoised`, from `variance_of_denoised`, which may raise errors
 
         Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
-        Sobol samples (the default) it is too large rather than too small, see `variance_of_mean`. Of a gather that
-        made its own radiosity solution, that one's error is in it, see `solution_error`. It does not see the bias
-        of a buffer or of elements that are too coarse. None where fewer than two batches hold anything.
+        Sobol samples (the default), it is rather too large than too small, see `variance_of_mean`. It includes the
+        error of the radiosity solution that a gather has made itself, see `solution_error`. It does not include the
+        bias of a buffer, or of elements that are too coarse. None if fewer than two batches have path sets.
         """
         if np.count_nonzero(self.batch_counts) < 2:
             return None
@@ -104,12 +104,12 @@ class FilmErrors(FilmSums):
         return float(np.hypot(np.sqrt(square), self.solution_error() or 0.0))
 
     def error_bound(self, confidence: float = 0.95) -> float | None:
-        """The bound of the image's error at a confidence, which a noise limit compares with.
+        """Return the bound of the image's error at a confidence, which is compared with a noise limit.
 
         The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
-        channels of e² / (mean² + 0.01)), so that 0.01 is noise of 1 % where the image is not dark. Of 100 renders
-        with other seeds, at least 95 have an error below their bound, by `confidence`. See `glpath.film.noise` for
-        how. None where fewer than four batches hold anything, that is below 25 path sets.
+        channels of e² / (mean² + 0.01)). So 0.01 is noise of 1 % if the image is not dark. With the default
+        confidence, at least 95 of 100 renders with other seeds have an error below their bound. `glpath.film.noise`
+        describes the method. None if fewer than four batches have path sets, that is below 25 path sets.
         """
         used = np.flatnonzero(self.batch_counts)
         if len(used) < MIN_BATCHES:
@@ -117,10 +117,11 @@ class FilmErrors(FilmSums):
         return error_bound(self.radiance_sums[used], self.batch_counts[used], confidence)
 
     def solution_error(self) -> float | None:
-        """The part of `relative_error` from a gather's radiosity solution: more path sets do not lower it.
+        """Return the part of `relative_error` caused by a gather's radiosity solution.
 
-        The standard error of the picture's mean over that mean (`FilmMetadata.solution_error`), taken to be the
-        same in all pixels, each weighed as `relative_error` does. None where it is not known.
+        More path sets do not reduce it. It is the standard error of the image's mean over that mean
+        (`FilmMetadata.solution_error`). It is assumed to be equal in all pixels, and weighted as in
+        `relative_error`. None if it is not known.
         """
         error, mean = self.metadata.solution_error, self.mean
         if error is None:
@@ -131,7 +132,7 @@ class FilmErrors(FilmSums):
     def bias(self) -> Bias | None:
         """Return the bias of a gather, measured before it was rendered: see `glpath.film.bias`.
 
-        None if it is not known: the engine has no bias, or the device had no room for the measurement.
+        None if it is not known, because the engine has no bias, or the device had no memory for the measurement.
         """
         probe = self.metadata.statistics.get(BIAS_PROBE)
         return None if probe is None else bias_of(probe)
@@ -142,39 +143,42 @@ class FilmErrors(FilmSums):
         return None if probe is None else bias_of(probe)
 
     def denoised_noise(self) -> float | None:
-        """The noise of `denoised`, as `relative_error` gives it, from two halves alone: a render that ends when it
-        looks clean compares with it. `solution_error` is not in it, nor the worst thousandth of the pixels.
+        """Return the noise of `denoised`, as `relative_error` does, but only from two halves.
 
-        Costs two calls of the denoiser. Raises what `denoised` raises. None where fewer than two batches hold
-        anything.
+        A render that ends when it looks clean compares with it. It excludes `solution_error`, and the worst
+        thousandth of the pixels.
+
+        Costs two calls of the denoiser. Raises the errors of `denoised`. None if fewer than two batches have path
+        sets.
         """
         if np.count_nonzero(self.batch_counts) < 2:
             return None
         share, (a, b) = self._denoised_halves()
         variance = 2 * share * (1 - share) * (a - b) ** 2
         of_pixels = np.mean(variance / ((share * a + (1 - share) * b) ** 2 + 0.01), axis=2).ravel()
-        # A few bright pixels would speak for all.
+        # Without the worst pixels, because a few bright ones would dominate.
         return float(np.sqrt(np.sort(of_pixels)[: math.ceil(_LOOKED_AT * of_pixels.size)].mean()))
 
     def variance_of_denoised(self) -> Float64:
-        """(H, W, 3) float64, the estimated squared error of `denoised`, from two halves of the film denoised apart.
+        """Return (H, W, 3) float64: the squared error of `denoised`, estimated from two separately denoised halves.
 
             2 n_a n_b / n² (half a denoised - half b denoised)²
 
-        of halves of n_a and n_b path sets, about equal, each a contiguous run of the sequence up to 64 path sets.
-        Were denoising linear, it would be twice the variance of `denoised`. What both halves have wrong alike, such
-        as the denoiser's own bias, is not seen; the factor stands for that. The value of a pixel is a rough guess.
-        The root of their mean has been within a factor of 2.5 of the error against converged pictures.
+        The halves have n_a and n_b path sets, about equal, each a contiguous part of the sequence up to 64 path
+        sets. If denoising were linear, this would be twice the variance of `denoised`. Errors common to both
+        halves, such as the denoiser's own bias, are not measured; the factor stands for them. The value of a pixel
+        is a rough estimate. The root of their mean was within a factor of 2.5 of the error against converged
+        images.
 
-        Costs two more calls of the denoiser, and their pictures. Raises what `denoised` raises, and UsageError when
-        fewer than two batches hold anything.
+        Costs two more calls of the denoiser, and memory for their images. Raises the errors of `denoised`, and
+        UsageError if fewer than two batches have path sets.
         """
         share, (a, b) = self._denoised_halves()
         variance: Float64 = 2 * share * (1 - share) * (a - b) ** 2
         return variance
 
     def _denoised_halves(self) -> tuple[float, list[Float64]]:
-        """The share of the path sets in the first half, and both denoised, soon."""
+        """Return the fraction of path sets in the first half, and both halves denoised by the smallest network."""
         if self._halves is None or self._halves[0] != self.ranges:
             self._halves = self.ranges, self._denoise_halves()
         return self._halves[1]

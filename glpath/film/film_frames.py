@@ -1,4 +1,4 @@
-"""A film as a data set of xarray, and what its render took as a row of pandas: `glpath[frames]`."""
+"""A film as an xarray data set, and its render statistics as a pandas row: `glpath[frames]`."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 from glpath.film.film_errors import FilmErrors
 from glpath.system.frames import data_frame, data_set
 
-# The dimensions of AOVs with several numbers a pixel.
+# Dimensions of AOVs with several values per pixel.
 _AXES = {3: ("channel", ("red", "green", "blue")), 2: ("coordinate", ("u", "v"))}
 _VECTORS = ("normal", "position")
 
 
 def stats_frame(film: FilmErrors) -> Any:
-    """A `pandas.DataFrame` of one row: see `Film.to_pandas`."""
+    """Return a `pandas.DataFrame` of one row: see `Film.to_pandas`."""
     labels = [film.metadata.scene]
     return data_frame({name: [value] for name, value in _stats(film).items()}, "scene", labels)
 
 
 def film_data_set(film: FilmErrors) -> Any:
-    """An `xarray.Dataset`: see `Film.to_xarray`."""
+    """Return an `xarray.Dataset`: see `Film.to_xarray`."""
     x, y, width, height = film.metadata.window
     variables: dict[str, Any] = {"radiance": (("y", "x", "channel"), film.mean)}
     for name in film.metadata.aovs:
@@ -39,7 +39,7 @@ def film_data_set(film: FilmErrors) -> Any:
         **{name: list(labels) for name, labels in _AXES.values()},
     }
     used = {each for dimensions, _ in variables.values() for each in dimensions}
-    # NetCDF and zarr keep numbers and texts alone.
+    # NetCDF and zarr store only numbers and texts.
     attributes = {
         name: value if isinstance(value, str) else float(value)
         for name, value in _stats(film).items()
@@ -50,7 +50,7 @@ def film_data_set(film: FilmErrors) -> Any:
 
 
 def _stats(film: FilmErrors) -> dict[str, Any]:
-    """By name, numbers and texts."""
+    """Return numbers and texts by name."""
     m = film.metadata
     return {
         "integrator": m.integrator,
@@ -71,7 +71,7 @@ def _stats(film: FilmErrors) -> dict[str, Any]:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Tables within tables by names with dots, lists as JSON."""
+    """Yield names and values: nested tables with dotted names, and lists as JSON."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{before}{name}.")

@@ -1,7 +1,7 @@
-"""Images as plain arrays: tone mapping, PNG and EXR, and reading them and others back.
+"""Images as plain arrays: tone mapping, and reading and writing PNG, EXR and other formats.
 
 Sources: IEC 61966-2-1 (sRGB); Reinhard et al. 2002, "Photographic Tone Reproduction for Digital Images"; Narkowicz
-2015, "ACES Filmic Tone Mapping Curve".
+         2015, "ACES Filmic Tone Mapping Curve".
 """
 
 from __future__ import annotations
@@ -43,47 +43,47 @@ __all__ = [
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# Of a JPEG: pixels along a side and bytes of a comment at most, and the quality that is written, of 100.
+# JPEG: maximum pixels along a side, maximum bytes of a comment, and quality out of 100.
 _MAX_JPEG, _MAX_COMMENT, _JPEG_QUALITY = 65_535, 65_000, 95
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
-# Y of linear Rec. 709, and the primaries and white point (D65) that an EXR header names: x y of R, G, B, white.
+# Luminance Y of linear Rec. 709; and the primaries and white point (D65) for an EXR header: x y of R, G, B, white.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
-# Difference of x or y that other programs' rounding makes.
+# Tolerance of x and y for the rounding of other programs.
 _SAME_CHROMATICITY = 1e-3
-# Cone responses from XYZ.
+# Bradford's matrix from XYZ to cone responses.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
-# Luminance that Reinhard's operator takes to white. Fixed, not the picture's own maximum: a crop and the frames of
-# a series must come out alike.
+# Luminance that Reinhard's operator maps to white. It is fixed and not the image's maximum, so that a crop and the
+# frames of a series have the same brightness.
 REINHARD_WHITE = 4.0
 
 
-# Log-average luminance that `auto_exposure` aims at: middle grey.
+# Target of `auto_exposure` for the log-average luminance: middle grey.
 MIDDLE_GREY = 0.18
 
 
 def luminance(radiance: Float64) -> Float64:
-    """(...) relative luminance Y of (..., 3) linear Rec. 709."""
+    """Return the relative luminance Y (...) of linear Rec. 709 (..., 3)."""
     y: Float64 = radiance @ LUMINANCE
     return y
 
 
 def encode_srgb(linear: Float64) -> Float64:
-    """Linear values, clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1)."""
+    """Return linear values, clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1)."""
     x = np.clip(linear, 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def decode_srgb(encoded: Float64) -> Float64:
-    """sRGB in [0, 1] as linear values in [0, 1]."""
+    """Return sRGB in [0, 1] as linear values in [0, 1]."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def decode_levels(levels: NDArray[np.uint8]) -> Float64:
-    """8-bit sRGB as linear values in [0, 1], to the bit as `decode_srgb` of levels / 255: looked up."""
+    """Return 8-bit sRGB as linear values in [0, 1], by a table, bit-identical to `decode_srgb` of levels / 255."""
     return _of_levels()[levels]
 
 
@@ -93,18 +93,18 @@ def _of_levels() -> Float64:
 
 
 def _reinhard(radiance: Float64) -> Float64:
-    """Reinhard et al. 2002, equation 4, on luminance; the colour stays."""
+    """Return radiance with Reinhard's equation 4 (2002) applied to its luminance; the colour does not change."""
     y = luminance(radiance)[..., None]
     return radiance * (1.0 + y / REINHARD_WHITE**2) / (1.0 + y)
 
 
 def _aces(radiance: Float64) -> Float64:
-    """Narkowicz's fit (2015) of the ACES reference curve, each channel apart, so that highlights turn white."""
+    """Return Narkowicz's fit (2015) of the ACES reference curve for each channel, so that highlights turn white."""
     x = radiance
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
 
-# From radiance times exposure to linear values of which [0, 1] is shown; of `choices.TONEMAP_NAMES`.
+# Tone curves by name in `choices.TONEMAP_NAMES`, from exposed radiance to linear values, shown from 0 to 1.
 TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
     "srgb": lambda radiance: radiance,
     "reinhard": _reinhard,
@@ -113,13 +113,13 @@ TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
 
 
 def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") -> UInt8:
-    """Radiance as an image for a screen.
+    """Return radiance as an image for a screen.
 
     Parameters
     ----------
     radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
     exposure : stops; 1 doubles the brightness
-    operator : "srgb" clips, "reinhard" and "aces" compress what is bright; the sRGB curve comes after each
+    operator : "srgb" clips, "reinhard" and "aces" compress bright values; the sRGB curve is applied afterwards
 
     Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator.
 
@@ -134,12 +134,12 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
 
 
 def auto_exposure(radiance: ArrayLike) -> float:
-    """Stops that bring the log-average luminance to middle grey, 0.18 [Reinhard et al. 2002, equations 1 and 2].
+    """Return the stops that bring the log-average luminance to middle grey, 0.18 [Reinhard et al. 2002].
 
-    Pixels without light do not count (what surrounds an object is no reason to brighten it), and none counts for
-    less than a thousandth of the median. A picture is darkened no further than until its 99th percentile is white,
-    so that a bright one stays bright. In quarters of a stop, as noise shall not change it; 0 where there is no
-    light.
+    Equations 1 and 2 give the average. Black pixels are ignored, because the surroundings of an object are no
+    reason to brighten it. Other pixels count as at least a thousandth of the median. An image is not darkened
+    further than until its 99th percentile is white, so that a bright image stays bright. The result is rounded to
+    quarters of a stop, so that noise does not change it; it is 0 for a black image.
 
     radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
 
@@ -151,13 +151,13 @@ def auto_exposure(radiance: ArrayLike) -> float:
     if not lit.size:
         return 0.0
     key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
-    white = max(float(np.percentile(y, 99)), 1e-300)  # a lamp alone may be seen
+    white = max(float(np.percentile(y, 99)), 1e-300)  # the image may show only a lamp
     wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(white)
     return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
 
 
 def check_exposure(exposure: object) -> None:
-    """Raise UsageError for what is neither a number of stops from -100 to 100, nor "auto" nor None."""
+    """Raise UsageError unless the exposure is None, "auto", or a number of stops from -100 to 100."""
     if exposure is None or exposure == "auto":
         return
     if isinstance(exposure, bool) or not isinstance(exposure, int | float) or not abs(exposure) <= 100:
@@ -165,14 +165,17 @@ def check_exposure(exposure: object) -> None:
 
 
 def check_tonemap(operator: str) -> None:
-    """Raise UsageError for an operator that there is not."""
+    """Raise UsageError for an unknown operator."""
     if operator not in TONEMAPS:
         raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
 
 
 def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:
-    """(H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, as the bytes of a PNG; `metadata` becomes its text chunks."""
-    # Not by imageio, which loads all of Pillow's formats first: a tenth of the time of a small picture.
+    """Return the bytes of a PNG for (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha.
+
+    metadata : written as text chunks
+    """
+    # Pillow directly, because imageio loads all of Pillow's formats first: a tenth of a small image's time.
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -184,23 +187,23 @@ def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> byt
 
 
 def png_html(png: bytes, alt: str) -> str:
-    """A PNG as HTML, with words for those who do not see it: of a PNG alone JupyterLab shows none."""
+    """Return a PNG as HTML with a text alternative, because JupyterLab shows none for a plain PNG."""
     data = base64.b64encode(png).decode()
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{data}" style="max-width: 100%">'
 
 
 def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
-    """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top. Raises ImageError."""
+    """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top, as a PNG. Raises ImageError."""
     with whole_file(path) as temporary:
         temporary.write_bytes(encode_png(picture, metadata))
 
 
 def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
-    """Write (H, W, 3) uint8 sRGB, row 0 at the top, as a JPEG; of (H, W, 4) what is transparent is white.
+    """Write (H, W, 3) uint8 sRGB, row 0 at the top, as a JPEG. Transparent pixels of (H, W, 4) become white.
 
     metadata : written as JSON into the comment
 
-    Raises ImageError; UsageError for a picture larger than a JPEG can be.
+    Raises ImageError; UsageError if the image is too large for a JPEG.
     """
     from PIL import Image
 
@@ -240,12 +243,11 @@ def write_exr(
     """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
 
     metadata        : string attributes of the header
-    window          : (x, y, width, height) of these pixels in the whole image, y from the top: the data window
-    full_resolution : (width, height) of the whole image: the display window
-    layers          : name to (H, W) or (H, W, 3), more pictures of the same size, as the channels that
-                      `layer_channels` says
-    channels        : (H, W) by the full name of the channel, as they are
-    alpha           : (H, W) opacity, as channel A; the colours are written as they are
+    window          : data window: (x, y, width, height) of these pixels in the whole image, y from the top
+    full_resolution : display window: (width, height) of the whole image
+    layers          : further images (H, W) or (H, W, 3) by name; `layer_channels` gives their channels
+    channels        : further channels (H, W) by full name, unchanged
+    alpha           : (H, W) opacity, written as channel A; the colours do not change
 
     Raises ImageError.
     """
@@ -277,23 +279,24 @@ def write_exr(
 
 
 def layer_channels(name: str) -> list[str]:
-    """The channels of a layer in an EXR: NAME.R, .G, .B of colours, .X, .Y, .Z of vectors, depth.Z, .X of a number.
+    """Return the channels of a layer in an EXR.
 
-    Nuke takes depth.Z for its own depth, as it does Z; Blender and Natron show each layer as a pass. float32, also
-    of whole numbers, as Blender and Cycles write theirs: all up to 2**24 are exact, and readers that know one type
-    of channel only take them too.
+    They are NAME.R, .G, .B for colours, .X, .Y, .Z for vectors, depth.Z, and .X for a number. Nuke uses depth.Z,
+    like Z, as its own depth; Blender and Natron show each layer as a pass. Integers are float32 too, as in files of
+    Blender and Cycles. All values up to 2**24 are exact, and readers that support one type of channel accept the
+    file.
     """
-    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # Cryptomattes have layers, too
+    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # Cryptomattes have layers too
     return [f"{name}.{letter}" for letter in letters]
 
 
 def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """A window as OpenEXR has it: its first and its last pixel."""
+    """Return a window in OpenEXR's form: its first and its last pixel."""
     return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
 
 
 def read_image(path: str | Path, colours: bool = True) -> Float64:
-    """Read an image as `glpath.film.film.read_image` does, whatever is no film.
+    """Read an image that is not a film, see `glpath.film.film.read_image`.
 
     colours : convert an .exr of other primaries to Rec. 709; False for normals and other values
     """
@@ -310,9 +313,9 @@ def read_image(path: str | Path, colours: bool = True) -> Float64:
 
 
 def read_eight_bits(path: str | Path) -> UInt8 | None:
-    """(H, W, 3) or, with alpha, (H, W, 4) of a .png or .jpg as it is stored, row 0 at the top.
+    """Read the 8-bit pixels of a .png or .jpg: (H, W, 3) or, with alpha, (H, W, 4), row 0 at the top.
 
-    None of what has other than 8 bits, or is no such file. Raises ImageError as `read_image` does.
+    Returns None for other files, or other than 8 bits. Raises ImageError as `read_image` does.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -332,7 +335,7 @@ def read_eight_bits(path: str | Path) -> UInt8 | None:
 
 
 def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, str]]:
-    """Every channel of an EXR by its full name, (H, W) float32, and the texts of its header. Raises ImageError."""
+    """Read all channels of an EXR by full name, (H, W) float32, and the texts of its header. Raises ImageError."""
     with reading(path, ".exr"):
         check_file(path)
         channels, header = _exr(Path(path))
@@ -341,7 +344,7 @@ def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]],
 
 
 def picture_size(path: str | Path) -> tuple[int, int]:
-    """(width, height) in pixels of a .png, .jpg, .exr or .hdr, from its header alone. Raises ImageError."""
+    """Read (width, height) in pixels from the header of a .png, .jpg, .exr or .hdr. Raises ImageError."""
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path, suffix):
@@ -359,13 +362,13 @@ def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 
-    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+    # Image.open is avoided: it rejects images above a limit of its own, without reporting their size.
     with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
         return *opened.size, len(opened.getbands())
 
 
 def _check_pillow(path: Path, suffix: str) -> None:
-    """Raise ValueError where the pixels that the header promises cannot be in the file."""
+    """Raise ValueError if the file is too small for the number of pixels in its header."""
     check_unfolded(math.prod(_pillow_header(path, suffix)), path.stat().st_size)
 
 
@@ -376,7 +379,7 @@ def _read_png(path: Path) -> Float64:
     stored = iio.imread(path, plugin="pillow")
     if stored.dtype == np.uint8:
         return decode_levels(stored)
-    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # a picture of one bit is bool
+    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # an image of one bit is bool
     return decode_srgb(stored / white)
 
 
@@ -422,7 +425,7 @@ def _xyz_from_rgb(chromaticities: Float64) -> Float64:
 
 
 def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Every channel of an EXR, (H, W), and its header."""
+    """Read all channels of an EXR, (H, W), and its header."""
     import OpenEXR
 
     (height, width), header = _exr_header(path)
@@ -436,10 +439,10 @@ def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 
 def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
-    """(height, width) and the header of an EXR. Raises ValueError where its pixels cannot be in it."""
+    """Read (height, width) and the header of an EXR. Raises ValueError if the file is too small for its pixels."""
     import OpenEXR
 
-    with path.open("rb") as file:  # what the system says is clearer than what OpenEXR does
+    with path.open("rb") as file:  # errors of the system are clearer than those of OpenEXR
         size = file.seek(0, 2)
     with _openexr(path) as name:
         header = OpenEXR.File(name, header_only=True).header()
@@ -451,7 +454,7 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
 
 @contextmanager
 def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
-    """Yield a name of `path` for OpenEXR, which takes UTF-8 alone and prints lines of its own before it raises."""
+    """Yield a name of `path` for OpenEXR, which accepts only UTF-8. Lines that it prints on errors are removed."""
     with ExitStack() as stack:
         name = str(path)
         if name.encode(errors="surrogateescape") != name.encode(errors="replace"):
@@ -485,7 +488,7 @@ _READERS = {
 
 
 def _three_channels(image: Float64) -> Float64:
-    """Grey becomes three alike; alpha is left out."""
+    """Return (H, W, 3): grey is repeated in three channels, and alpha is dropped."""
     if image.ndim == 2:
         image = image[..., None]
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:

@@ -1,4 +1,4 @@
-"""A film's provenance, as its files carry it: validated when read, and merged."""
+"""Provenance of a film, as stored in its files: validated when read, and merged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
-# Fields that must be equal to merge, in the words of a message; settings each by name.
+# Fields that must be equal for merging, with their names in messages; settings are compared by name.
 _DECIDES = {
     "scene_hash": "scene",
     "integrator": "integrator",
@@ -37,53 +37,55 @@ _DECIDES = {
     "position_origin": "position_origin",
     "unit": "unit",
 }
-# Kinds of counts of shapes.
+# Fields with the names that counts of shapes refer to.
 _NAMES = ("shape_names", "material_names", "shape_materials")
-# Sides of an image, pixels; far beyond what can be rendered.
+# Maximum side of an image in pixels, beyond any possible render.
 _MAX_SIDE = 1 << 20
 
 
 @dataclass(frozen=True)
 class FilmMetadata:
-    """A film's provenance. Films merge when all that decides the image is equal.
+    """Provenance of a film. Films can be merged if all fields are equal that determine the image.
 
-    scene           : name of the scene, for people
-    scene_hash      : `Scene.digest()`, with geometry, materials, lights and camera in it
-    integrator      : for example "path-buffer"
-    seed, max_depth : of the random numbers; vertices of a path, as in the paper, None where there is
+    scene           : name of the scene, for display
+    scene_hash      : `Scene.digest()`, which includes geometry, materials, lights and camera
+    integrator      : name of the integrator, for example "path-buffer"
+    seed, max_depth : seed of the random numbers; maximum number of path vertices, as in the paper, or None for
                       light of all bounces
-    settings        : all else that decides the image (sampling, directions, ambient, ...), as JSON has values
-    unit            : of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older files
-    exposure        : stops that the scene asks for in 8-bit pictures; None: `image.auto_exposure` decides
-    transparent     : pictures have an alpha channel, from the sum of "depth": see `Film.alpha`
-    noisy           : whether another seed is another image, so that comparisons have to look at the noise
+    settings        : all other settings that determine the image (sampling, directions, ambient, ...), as JSON
+                      values
+    unit            : unit of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older
+                      files
+    exposure        : stops of the scene for 8-bit images; None: `image.auto_exposure` decides
+    transparent     : True if images have an alpha channel, from the sum of "depth": see `Film.alpha`
+    noisy           : True if another seed gives another image, so that comparisons must account for noise
     full_resolution : (width, height) of the whole image, pixels
-    window          : (x, y, width, height) of the crop that the film holds, pixels, y from the top
-    device          : the renderer's name; several, joined by " + ", after merging
-    versions        : name and version of the programs that took part
+    window          : (x, y, width, height) of the film's crop, pixels, y from the top
+    device          : name of the renderer; several, joined by " + ", after merging
+    versions        : names and versions of the programs involved
     elapsed_s       : seconds from the call, or from the start of the command's process, to the last path set;
-                      summed over runs that resumed it and over what was merged
-    statistics      : counts, summed when merging: `paths_cast`; of scans of the path-buffer `paths_lost` (to the
-                      roulette of a cell); `paths_cut` (at a length that chance should have ended before);
-                      `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`, milliseconds by stage;
-                      `radiosity_s`, of a gather, the seconds until it had its radiosity solution; `bias_probe`,
-                      of a gather, sums of its difference to unbiased paths, see `glpath.film.bias`;
-                      `rejected_gather`, the same of a gather whose bias was too large, so that "path" rendered
-                      the film
-    aovs            : names out of AOVS that the film holds as well
-    shape_names     : of the scene's shapes, where the film has "object_id" or "material_id"; else empty
-    material_names  : of its materials, likewise
-    shape_materials : the material of each shape, likewise
-    position_origin : what the sums of "position" are relative to, in the coordinates of the scene, of one far from
-                      the origin; None: to that
-    stop_rule       : what ended the render: "spp", "time limit", "noise", "clean", "interrupted"; "" of unfinished
-                      and of merged films
-    error_bound     : `Film.error_bound`, or of "clean" `Film.denoised_noise`, where that was compared with what was
-                      asked for, last; None without
-    biased          : whether the engine's pictures have a bias, as a gather's: see `Film.bias`
-    solution_error  : of a gather, the standard error of the picture's mean radiance that comes from its radiosity
-                      solution, in the film's unit: the same in all of the picture, whatever the path sets. None
-                      where it is not known: of a solution that was given, and of what no camera sees
+                      summed over resumed runs and merged films
+    statistics      : counts that are summed when films are merged. `paths_cast`; for scans of the path-buffer
+                      `paths_lost` (to the roulette of a cell); `paths_cut` (at a length that random termination
+                      should have prevented); `dropped_samples` (NaN or infinite, counted as 0); `stage_ms`,
+                      milliseconds by stage; `radiosity_s`, for a gather, seconds until it had its radiosity
+                      solution; `bias_probe`, for a gather, sums of its difference from unbiased paths, see
+                      `glpath.film.bias`; `rejected_gather`, the same for a gather whose bias was too large, so that
+                      "path" rendered the film
+    aovs            : names from AOVS of the film's AOVs
+    shape_names     : names of the scene's shapes if the film has "object_id" or "material_id"; otherwise empty
+    material_names  : names of the scene's materials, likewise
+    shape_materials : material index of each shape, likewise
+    position_origin : origin of the sums of "position" in scene coordinates, for a scene far from the origin; None:
+                      zero
+    stop_rule       : reason why the render ended: "spp", "time limit", "noise", "clean", "interrupted"; "" for
+                      unfinished and merged films
+    error_bound     : last value that was compared with a requested limit: `Film.error_bound`, or
+                      `Film.denoised_noise` for "clean"; None if nothing was compared
+    biased          : True if the engine's images have a bias, as those of a gather: see `Film.bias`
+    solution_error  : for a gather, standard error of the image's mean radiance that is caused by its radiosity
+                      solution, in the film's unit. It is the same in the whole image for any number of path sets.
+                      None if it is not known: for a given solution, and for a solution without a camera
     """
 
     scene: str
@@ -113,7 +115,8 @@ class FilmMetadata:
     position_origin: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        # As JSON has it from the beginning (a tuple is a list), so that a film read from a file still merges.
+        # Stored as JSON values from the start (a tuple becomes a list), so that a film read from a file can be
+        # merged.
         for name in ("settings", "versions", "statistics"):
             object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         object.__setattr__(self, "full_resolution", tuple(self.full_resolution))
@@ -125,18 +128,18 @@ class FilmMetadata:
 
     @property
     def aov_sums(self) -> dict[str, int]:
-        """The sums that the AOVs are made of, and how many numbers of each a pixel has."""
+        """Sums from which the AOVs are made, with their number of values per pixel."""
         return sums_of(self.aovs)
 
     @property
     def counts_shapes(self) -> bool:
-        """Whether the AOVs need counts of the shapes that samples have hit."""
+        """True if the AOVs need counts of the shapes that samples have hit."""
         return not set(ID_AOVS).isdisjoint(self.aovs)
 
     def as_strings(self) -> dict[str, str]:
-        """Every field as text, under names that a file's header can have: glpath.scene, glpath.seed, ...
+        """Return every field as text, under names for a file's header: glpath.scene, glpath.seed, ...
 
-        But for the names of shapes and materials, which may be many, and are in a Cryptomatte's manifest.
+        Names of shapes and materials are left out, because they may be many, and are in a Cryptomatte's manifest.
         """
         plain = {
             key: value if isinstance(value, str) else json.dumps(value)
@@ -147,7 +150,10 @@ class FilmMetadata:
 
 
 def metadata_of(text: str) -> FilmMetadata:
-    """The metadata of a film's file, as JSON. Raises ValueError where a field is missing or of another type."""
+    """Return metadata from the JSON text of a film's file.
+
+    Raises ValueError if a field is missing or has a wrong type.
+    """
     stored = json.loads(text, parse_constant=_refuse)
     known = {f.name for f in fields(FilmMetadata)}
     metadata = FilmMetadata(**{key: value for key, value in stored.items() if key in known})
@@ -189,7 +195,7 @@ def metadata_of(text: str) -> FilmMetadata:
 
 
 def _check_names(metadata: FilmMetadata) -> None:
-    """Raise ValueError for names that are not those of shapes and their materials."""
+    """Raise ValueError if the names of shapes and materials are inconsistent."""
     shapes, materials, of = metadata.shape_names, metadata.material_names, metadata.shape_materials
     if not all(isinstance(name, str) for name in (*shapes, *materials)) or len(shapes) != len(of):
         raise ValueError("its names of shapes and materials are not as many texts")
@@ -202,7 +208,7 @@ def _refuse(constant: str) -> None:
 
 
 def _plain_values(value: object) -> bool:
-    """Whether all of it is texts, numbers that can be added, and mappings and lists of these."""
+    """Return True if a value consists of texts, finite numbers, and mappings and lists of these."""
     if isinstance(value, Mapping):
         return all(map(_plain_values, value.values()))
     if isinstance(value, list):
@@ -211,15 +217,15 @@ def _plain_values(value: object) -> bool:
 
 
 def joined(ours: str, theirs: str) -> str:
-    """Names that are joined by " + ", each once."""
+    """Return the union of names that are joined by " + "."""
     return " + ".join(sorted({*ours.split(" + "), *theirs.split(" + ")} - {""}))
 
 
 def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers are added, also those of lists; texts that differ are both named, mappings go down a level."""
+    """Return merged values: numbers and lists of numbers are added, mappings merged, differing texts joined."""
     merged = dict(ours)
     for key, value in theirs.items():
-        # Parts of a render have the same probes.
+        # All parts of a render have the same probes.
         if key not in ours or (key in (BIAS_PROBE, REJECTED_GATHER) and value == ours[key]):
             merged[key] = value
         elif isinstance(value, Mapping) and isinstance(ours[key], Mapping):
@@ -236,9 +242,9 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
 
 
 def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str, str]]:
-    """All that decides the image and is not the same: what it is, ours and theirs, as texts for a message.
+    """Return the fields that determine the image and differ: name, our value, their value, as texts.
 
-    Empty where films of both merge.
+    The list is empty if films of both can be merged.
     """
     found = []
     for name, word in _DECIDES.items():
@@ -253,6 +259,6 @@ def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str
 
 
 def shown(value: object) -> str:
-    """A value for a message, cut short when long."""
+    """Return a value for a message, shortened if it is long."""
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= 200 else text[:197] + "..."

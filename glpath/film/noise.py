@@ -1,22 +1,22 @@
-"""A bound of an image's distance from the converged one, from the spread of its batches, at a given confidence.
+"""Upper bound of an image's distance from the converged one, at a given confidence, from the spread of its batches.
 
-The mean squared error of an image is sigma² on average; between B batches we see an estimate s² of it. The
-ratio of this image's error to that depends on its number of independent errors: where pixels err
-independently there are hundreds, and both are nearly sigma²; where path sets share their directions all pixels err
-together, as a single number would. With k independent errors of equal size, the squared error over s² has the
-distribution F(k, (B - 1) k), whose quantile is the bound.
+The mean squared error of an image is sigma² on average; the spread between B batches gives an estimate s² of it.
+The ratio of this image's error to s² depends on its number of independent errors. If pixels err independently,
+there are hundreds, and both values are nearly sigma². If path sets share their directions, all pixels err together,
+as a single number would. With k independent errors of equal size, the squared error over s² has the distribution
+F(k, (B - 1) k), whose quantile is the bound.
 
-k follows from the batches, too: they differ by vectors of covariance S, and k = tr(S)² / tr(S²). Both traces come
-from the B x B products between batches (Srivastava 2005); the pixels' own matrix is never made. Half of it is
-taken, as it is a guess from few batches, and as errors of unequal size have a longer tail than F: so measured over
-seeds (tests/rendering/test_stopping.py), with any sampling.
+k is also estimated from the batches. They differ by vectors of covariance S, and k = tr(S)² / tr(S²). Both traces
+come from the B x B products between batches (Srivastava 2005); the covariance matrix of pixels is never computed.
+Half of k is used, for two reasons. It is estimated from few batches, and errors of unequal size have a longer tail
+than F. Measurements over seeds confirm the bound for any sampling (tests/rendering/test_stopping.py).
 
-A pixel's relative error is held against the mean of the other batches: against its own, one bright sample would
-seem small in the very pixel that it has spoilt.
+A pixel's error is relative to the mean of the other batches. Relative to its own mean, a bright sample would seem
+small in the very pixel that it spoils.
 
 Cost:     reads the batches' sums a few times: 0.1 s for 512 x 512.
-Poor at:  rare, bright events that no path set has hit: what was never seen has no spread. Sobol samples converge
-          faster than batches show, so for them the bound is too wide.
+Poor at:  rare, bright events that no path set has hit, because unobserved events have no spread. Sobol samples
+          converge faster than batches show, so for them the bound is too wide.
 
 M. Srivastava, "Some tests concerning the covariance matrix in high dimensional data", 2005.
 F. Satterthwaite, "An approximate distribution of estimates of variance components", 1946.
@@ -27,25 +27,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: Of fewer batches no error is estimated.
+#: Minimum number of batches for an error estimate.
 MIN_BATCHES = 4
-#: Squared radiance that relative errors of dark pixels are held against, as in `compare.relative_mse`.
+#: Squared radiance added to the divisor of relative errors, for dark pixels, as in `compare.relative_mse`.
 FLOOR = 0.01
 
 
 def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence: float) -> float:
-    """The bound of sqrt(mean of e² / (mean² + 0.01)) of an image.
+    """Return the bound of sqrt(mean of e² / (mean² + 0.01)) of an image.
 
-    sums   : (B, H, W, 3) float64, radiance summed over the path sets of each batch, W sr^-1 m^-2; B from
+    sums   : (B, H, W, 3) float64, radiance summed over the path sets of each batch, W sr^-1 m^-2; B of at least
              MIN_BATCHES
-    counts : (B,) path sets of each
+    counts : (B,) number of path sets of each batch
     """
     from scipy.special import fdtri  # slow to import
 
     batches, total = len(counts), int(counts.sum())
     all_sums = sums.sum(axis=0)
     mean = all_sums / total
-    # (B, P): of each the same variance, that of a single path set.
+    # (B, P): all rows have the same variance, that of a single path set.
     spread = np.empty((batches, mean.size))
     for row, one, count in zip(spread, sums, counts, strict=True):
         others = (all_sums - one) / (total - count)
@@ -63,13 +63,13 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
 
 
 def standard_error(sums: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The standard error of each mean, from how much batches differ.
+    """Return the standard error of each mean, from the differences of batches.
 
-    sums   : (B, ...) float64 over the path sets of each batch
-    counts : (B,) path sets of each; 0 where there are none
+    sums   : (B, ...) float64 sums over the path sets of each batch
+    counts : (B,) number of path sets of each batch; 0 for an empty one
 
-    Of eight batches, it is itself off by a quarter. NaN where there are fewer than two. As batches are of Sobol
-    points, which converge faster than they show, the error is rather smaller.
+    For eight batches, the standard error itself is accurate to a quarter. It is NaN for fewer than two batches.
+    Batches of Sobol points converge faster than they show, so the true error is smaller.
     """
     there = counts > 0
     sums, counts = sums[there], counts[there]

@@ -1,6 +1,6 @@
-"""A film as .npz: all of its sums, exactly, so that it can be merged and resumed.
+"""Films as .npz files: all sums, exactly, so that a film can be merged and resumed.
 
-Not every array that is named so is a film: what is read is held against itself, as files may be damaged or hostile.
+Files may be damaged or hostile, so the arrays read are checked for consistency.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from glpath.film.metadata import FilmMetadata, metadata_of
 from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
 
-#: Of the file; another one is refused by name. A film without a number is of format 1.
+#: Format number of the file; other formats are rejected. A film without a number has format 1.
 FORMAT = 1
-# The largest sum of radiance whose square is a number.
+# Largest sum of radiance whose square is finite.
 _LARGEST_SUM = 1e150
 
 
 class FilmParts(NamedTuple):
-    """The fields of `glpath.film.sums.FilmSums`, in their order."""
+    """Fields of `glpath.film.sums.FilmSums`, in order."""
 
     radiance_sums: NDArray[np.float64]
     batch_counts: NDArray[np.int64]
@@ -38,7 +38,7 @@ class FilmParts(NamedTuple):
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> FilmParts:
-        """Empty sums of the metadata's window."""
+        """Return empty sums for the metadata's window."""
         _, _, width, height = metadata.window
         sums = np.zeros((BATCHES, height, width, 3))
         aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}
@@ -47,7 +47,7 @@ class FilmParts(NamedTuple):
 
 
 def write_parts(path: Path, film: FilmParts) -> None:
-    """Write a film. Raises ImageError where that can't be. The file appears whole or not at all."""
+    """Write a film. Raises ImageError if that fails. The file appears whole or not at all."""
     used = film.batch_counts > 0
     with whole_file(path) as temporary, temporary.open("wb") as file:
         arrays: dict[str, Any] = {
@@ -65,7 +65,7 @@ def write_parts(path: Path, film: FilmParts) -> None:
 
 
 def read_parts(path: str | Path) -> FilmParts:
-    """Read a film. Raises ImageError, also for one whose parts contradict each other."""
+    """Read a film. Raises ImageError, also if its parts contradict each other."""
     with open_npz(path, "a film", "A film is what -o NAME.npz writes.") as stored:
         found = int(stored.read("film_format", "iu", ())) if "film_format" in stored else 1
         if found != FORMAT:

@@ -1,7 +1,7 @@
-"""Radiance's pictures (.hdr, .pic): colours as three mantissas of eight bits and one exponent.
+"""Images of Radiance (.hdr, .pic): colours as three 8-bit mantissas and one exponent.
 
 Source: Ward 1991, Real pixels (Graphics Gems II); Radiance's color.c and resolu.c, for the formats of its lines.
-Values are mantissa times 2^(exponent - 136), as most programs have them; Radiance itself adds half a mantissa.
+        Values are mantissa times 2^(exponent - 136), as in most programs; Radiance itself adds half a mantissa.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from glpath.system.npz import check_unfolded
 
 _LONGEST_HEADER = 1 << 16
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
-# Lengths of run-length encoded lines; others are too short to gain, or too long for the two bytes.
+# Minimum and maximum length of run-length encoded lines: shorter ones gain nothing, longer ones do not fit two
+# bytes.
 _MIN_ENCODED, _MAX_ENCODED = 8, 0x7FFF
 
 
 class Header(NamedTuple):
-    """The header before the pixels.
+    """Header before the pixels.
 
     size     : (width, height), pixels
-    flips    : columns go to the left; rows go up
-    exposure : that the values were multiplied by
+    flips    : True if columns go to the left; True if rows go up
+    exposure : factor that the values were multiplied by
     """
 
     size: tuple[int, int]
@@ -36,7 +37,7 @@ class Header(NamedTuple):
 
 
 def read_header(file: BinaryIO) -> Header:
-    """The header of an open file, which is left where the pixels begin. Raises ValueError."""
+    """Read the header of an open file and stop at the start of the pixels. Raises ValueError."""
     if not file.readline(80).startswith(b"#?"):
         raise ValueError("it does not begin with #?RADIANCE")
     exposure, read = 1.0, 0
@@ -62,7 +63,7 @@ def read_header(file: BinaryIO) -> Header:
 
 
 def read_rgbe(path: Path) -> NDArray[np.float32]:
-    """(h, w, 3) float32, row 0 at the top: linear RGB, the exposure of the header undone. Raises ValueError."""
+    """Read (h, w, 3) float32 linear RGB, row 0 at the top, divided by the header's exposure. Raises ValueError."""
     with open_file(path) as file:
         header = read_header(file)
         data = file.read()
@@ -80,7 +81,7 @@ def read_rgbe(path: Path) -> NDArray[np.float32]:
 
 
 def _read_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
-    """Fill a line (w, 4) from the data; returns where the next one begins."""
+    """Fill a line (w, 4) from the data, and return the start of the next line."""
     width = len(row)
     head = data[position : position + 4]
     encoded = head[:2] == b"\2\2" and _MIN_ENCODED <= width <= _MAX_ENCODED and head[2] < 128
@@ -108,7 +109,11 @@ def _read_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
 
 
 def _read_flat_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
-    """Pixels of four bytes; (1, 1, 1, n) repeats the one before, 256 times as often for each such before it."""
+    """Fill a line from pixels of four bytes, and return the start of the next line.
+
+    A pixel (1, 1, 1, n) repeats the previous pixel n times. Each further such pixel directly after it counts 256
+    times as much.
+    """
     filled, shift, width = 0, 0, len(row)
     rest = np.frombuffer(data, np.uint8, offset=position)
     rest = rest[: len(rest) // 4 * 4].reshape(-1, 4)

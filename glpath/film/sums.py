@@ -1,10 +1,11 @@
-"""Sums of radiance and of AOVs, and how many path sets are in them.
+"""Sums of radiance and of AOVs, and their numbers of path sets.
 
-Sums, never means, so that resuming a render and merging two are additions. What a path tracer hands in are
-multiples of one power of two, small enough that float64 adds them without rounding: then path sets 0..64 equal
-0..32 merged with 32..64, bit for bit, in whatever order they came.
+They are sums, not means, so that resuming a render and merging renders are additions. Sums from a path tracer are
+multiples of one power of two, small enough for float64 to add them without rounding. So path sets 0..64 equal 0..32
+merged with 32..64, bit for bit, in any order.
 
-They are kept apart in batches (`glpath.film.batches`), as the error of an image can only be seen between sets.
+Sums are kept in separate batches (`glpath.film.batches`), because the error of an image is estimated from
+differences between sets.
 
 Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
 """
@@ -31,7 +32,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(eq=False, repr=False)
 class FilmSums:
-    """Sums of radiance over path sets, in batches; `Film` says what each field is."""
+    """Sums of radiance over path sets, in batches; `Film` documents the fields."""
 
     radiance_sums: Float64  # (BATCHES, H, W, 3)
     batch_counts: NDArray[np.int64]  # (BATCHES,)
@@ -42,7 +43,7 @@ class FilmSums:
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> Self:
-        """A film of the size of the metadata's window, without any path set."""
+        """Return a film for the metadata's window, without path sets."""
         return cls(*FilmParts.empty(metadata))
 
     def add(
@@ -52,10 +53,11 @@ class FilmSums:
         radiance_sum: NDArray[np.floating[Any]],
         aov_sums: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     ) -> None:
-        """Add the sum (H, W, 3) over the path sets start..stop (half-open), which lie in one block (see `blocks`).
+        """Add the sum (H, W, 3) over the path sets start..stop (half-open), which are in one block (see `blocks`).
 
-        aov_sums : the same of each of the film's `aov_sums`; where it counts shapes, as "shapes"
-                   (H, W, stop - start) the numbers + 1 of those that the samples have hit, 0 for none
+        aov_sums : sums over the same path sets for each of the film's `aov_sums`. If the film counts shapes,
+                   "shapes" (H, W, stop - start) has the number + 1 of the shape that each sample has hit, 0 for
+                   none
 
         Raises UsageError for path sets that are already in the film.
         """
@@ -76,20 +78,20 @@ class FilmSums:
 
     @property
     def path_sets(self) -> int:
-        """Path sets in the film: samples per pixel."""
+        """Number of path sets in the film, which is the number of samples per pixel."""
         return int(self.batch_counts.sum())
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the sums in memory."""
+        """Size of the sums in memory, in bytes."""
         shapes = 0 if self.shape_counts is None else self.shape_counts.nbytes
         return self.radiance_sums.nbytes + sum(sums.nbytes for sums in self.aov_sums.values()) + shapes
 
     @property
     def mean(self) -> Float64:
-        """(H, W, 3) float64, the image: W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
+        """(H, W, 3) float64 image, W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
 
-        Raises UsageError when there is no path set in it.
+        Raises UsageError if there is no path set.
         """
         if not self.path_sets:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
@@ -97,18 +99,18 @@ class FilmSums:
 
     @property
     def alpha(self) -> Float64 | None:
-        """(H, W) float64, the share of a pixel's samples that meet a surface; None of what has a background.
+        """(H, W) float64 fraction of a pixel's samples that hit a surface; None for a film with a background.
 
-        `mean` is premultiplied by it: there is no light where nothing is.
+        `mean` is premultiplied by it, because missed samples have no light.
         """
         if not self.metadata.transparent or not self.path_sets:
             return None
         return np.asarray(self.aov_sums["depth"][..., 1] / self.path_sets)
 
     def aov(self, name: str) -> NDArray[Any]:
-        """An AOV of the film, row 0 at the top, antialiased as `mean` is; `glpath.film.aovs` describes each.
+        """Return an AOV of the film, row 0 at the top, antialiased as `mean`; `glpath.film.aovs` describes each.
 
-        Raises UsageError for one that was not rendered, or a film of no path set.
+        Raises UsageError for an AOV that was not rendered, or a film without path sets.
         """
         if name not in self.metadata.aovs:
             held = ", ".join(self.metadata.aovs) or "none"
@@ -125,7 +127,7 @@ class FilmSums:
         if name == "samples":
             return self.path_sets - self.aov_sums["dropped"][..., 0].astype(np.int64)
         if name == "indirect":
-            # Exact before it is divided: both are multiples of one power of two.
+            # The difference is exact before the division, because both are multiples of one power of two.
             light = np.add.reduce(self.radiance_sums, axis=0) - self.aov_sums["direct"]
             return np.asarray(light / self.path_sets)
         sums = self.aov_sums[name]
@@ -146,12 +148,12 @@ class FilmSums:
         return np.asarray(self.shape_counts.ranked(group, 1)[0][..., 0] + 1)
 
     def cryptomatte(self, kind: Kind, ranks: int = RANKS) -> Cryptomatte:
-        """Which objects, or materials, cover each pixel, and how much of it: what compositors make mattes of.
+        """Return the objects or materials that cover each pixel, and their coverage, for mattes in compositors.
 
-        kind  : "object" (shapes of one name are one) or "material"; the film needs the AOV "object_id" or
+        kind  : "object" (shapes of the same name are combined) or "material"; the film needs the AOV "object_id" or
                 "material_id"
-        ranks : names that a pixel may have; of more, those that cover least are left out. The film itself counts
-                all, whatever their number
+        ranks : maximum number of names per pixel; those with the least coverage are left out. The film itself
+                counts all shapes
 
         Raises UsageError as `aov` does, and for another kind.
 
@@ -162,7 +164,7 @@ class FilmSums:
         if ranks < 1:
             raise UsageError(f"cryptomatte: {ranks} ranks where one is needed at least")
         if self.shape_counts is None or not self.path_sets:
-            self.aov(f"{kind}_id")  # which says why not
+            self.aov(f"{kind}_id")  # raises an error with the reason
         assert self.shape_counts is not None, "refused just now"
         names = list(self.metadata.shape_names)
         if kind == "material":
@@ -170,10 +172,10 @@ class FilmSums:
         return cryptomatte(kind, self.shape_counts, names, self.path_sets, ranks)
 
     def merge(self, other: FilmSums) -> Self:
-        """A film with the path sets of both, which must be different ones of the same render.
+        """Return a film with the path sets of both, which must be different path sets of the same render.
 
-        Devices may differ; the metadata then names both, and the sum is no longer that of one device to the bit.
-        Raises UsageError, which names what differs.
+        Devices may differ. The metadata then names both, and the sum is not bit-identical to that of one device.
+        Raises UsageError that names the differences.
         """
         merged = replace(
             self,
@@ -185,7 +187,7 @@ class FilmSums:
         return merged
 
     def include(self, other: FilmSums) -> None:
-        """Add the path sets of another film to this one, as `merge`, whose errors it raises before it adds any."""
+        """Add the path sets of another film to this one. Raises the errors of `merge` before adding any."""
         if found := differences(self.metadata, other.metadata):
             words = "; ".join(
                 f"{what} is {theirs} in one film and {ours} in the other" for what, ours, theirs in found
@@ -211,10 +213,10 @@ class FilmSums:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle, without the batches that hold nothing: eight path sets of a worker are in one of eight."""
+        """Return the state for pickle without empty batches: eight path sets of a worker are in one of eight."""
         used = self.batch_counts > 0
         sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
-        # What is derived, or of this process, stays behind.
+        # Fields that are derived, or belong to this process, are not pickled.
         derived = {each.name: None for each in fields(self) if not each.init}
         return {**vars(self), "radiance_sums": sums, **derived}
 
@@ -228,6 +230,6 @@ class FilmSums:
 
 
 def mean_of(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
-    """(H, W, 3) float64, the mean of (B, H, W, 3) sums over batches of so many path sets each."""
+    """Return the (H, W, 3) float64 mean of sums (B, H, W, 3) over batches with given numbers of path sets."""
     mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
     return mean

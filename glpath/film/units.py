@@ -1,10 +1,10 @@
-"""The unit of a scene's light: watts or lumens. Only this module knows how many lumens a watt has.
+"""Unit of a scene's light: watts or lumens. Only this module defines the lumens of a watt.
 
-    radiometric : W sr^-1 m^-2 of radiance, W sr^-1 of intensity, W m^-2 of irradiance; TOML and Python by default
-    photometric : cd m^-2 (nits), cd, lx; glTF by its specification, IES profiles by theirs
+    radiometric : W sr^-1 m^-2 of radiance, W sr^-1 of intensity, W m^-2 of irradiance; default of TOML and Python
+    photometric : cd m^-2 (nits), cd, lx; unit of glTF and IES profiles, by their specifications
 
-All light of a `Scene` is in the unit of the scene; sources in the other one are converted when they are read.
-Colours are Rec. 709 in both, and a photometric quantity is the luminance of its three numbers.
+All light of a `Scene` is in the unit of the scene; sources in the other unit are converted when they are read.
+Colours are Rec. 709 in both units. A photometric quantity is the luminance of its three channels.
 
 Source: Larson & Shakespeare 1998, Rendering with Radiance: WHTEFFICACY. glTF 2.0, 3.9.4; KHR_lights_punctual.
 """
@@ -16,7 +16,7 @@ from typing import Literal, get_args
 Unit = Literal["radiometric", "photometric"]
 UNITS: tuple[Unit, ...] = get_args(Unit)
 
-#: Lumens of a watt of white light, whose three channels are equal: Radiance's, by which it scales measured lamps.
+#: Lumens per watt of white light, with three equal channels: the value by which Radiance scales measured lamps.
 EFFICACY = 179.0
 
 Quantity = Literal["power", "intensity", "radiance", "irradiance"]
@@ -28,12 +28,12 @@ _SYMBOLS: dict[Unit, dict[Quantity, str]] = {
 
 
 def conversion(given: Unit, wanted: Unit) -> float:
-    """The factor from numbers in one unit to the other."""
+    """Return the conversion factor from one unit to the other."""
     if given == wanted:
         return 1.0
     return EFFICACY if wanted == "photometric" else 1.0 / EFFICACY
 
 
 def symbol(unit: Unit, quantity: Quantity) -> str:
-    """How the unit of a quantity is written: cd m^-2."""
+    """Return the symbol of a quantity's unit, such as cd m^-2."""
     return _SYMBOLS[unit][quantity]

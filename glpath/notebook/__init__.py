@@ -1,11 +1,11 @@
-"""In notebooks: a scene to turn with the mouse, and a shaft to choose.
+"""Notebook widgets: a scene that can be rotated with the mouse, and a viewer of shafts.
 
     from glpath.notebook import explore_shafts, view
     view("three-spheres")
     explore_shafts("office")  # and `ShaftScene`, which draws the same without widgets
 
 Films and scenes show themselves without this module, and `glpath.render(..., progress=True)` shows an image while
-it converges. Needs the extra: `pip install "glpath[jupyter]"`.
+it converges. This module needs the extra: `pip install "glpath[jupyter]"`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-// canvas.js: the view's canvas for those who use keys, or a reader of the screen: both halves of the widget in the page.
-// Needs:  RFB, the text of jupyter_rfb's own script, which shows the image and hears the pointer. view.py puts it here.
-// Cost:   one attribute and one listener more; nothing a frame.
+// canvas.js: keyboard and screen reader support for the view's canvas, on top of the browser half of jupyter_rfb.
+// Needs:  RFB, the text of jupyter_rfb's own script, which shows the image and handles the pointer. view.py adds it.
+// Cost:   one more attribute and one more listener; nothing per frame.
 
 const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "+", "=", "-", "_", "r", "R"];
 
@@ -18,7 +18,7 @@ export default async () => {
       image.setAttribute("aria-label", model.get("label"));
       image.alt = model.get("label");
     };
-    // Jupyter's shortcuts would take the keys: the arrows go from cell to cell, R makes a cell raw.
+    // Suppress Jupyter's shortcuts: arrow keys would change the cell, and R would make the cell raw.
     const attributes = { "role": "application", "aria-roledescription": "3D view", "data-lm-suppress-shortcuts": "true" };
     for (const [key, value] of Object.entries(attributes)) image.setAttribute(key, value);
     image.tabIndex = 0;
@@ -31,7 +31,7 @@ export default async () => {
       model.send({ type: "key_down", key: event.key, modifiers: event.shiftKey ? ["Shift"] : [], timestamp: performance.now() / 1000 });
     };
     image.addEventListener("keydown", press);
-    // A click gives the focus to an input of the library's, which sends keys, but not again while they are held down.
+    // A click focuses an input of the library, which sends a key once, but does not repeat it while it is held down.
     const repeat = (event) => { if (event.repeat) press(event); };
     let input = null;
     image.addEventListener("pointerdown", () => {

@@ -1,8 +1,8 @@
-"""An image that converges, and that follows a camera which moves; without a widget.
+"""Image that converges, and that follows a moving camera; without a widget.
 
-While the camera moves, path sets of an image of half or a quarter of the pixels along a side are traced, as many as
-the time for a frame holds and never so few that single shadows show. When it rests the whole image is traced from
-its first path set on, and replaces the coarse one when it has as many.
+While the camera moves, the image has a half or a quarter of the pixels along each side. As many path sets are
+traced as fit into the time of a frame, but not so few that single shadows are visible. When the camera stops, the
+whole image is traced from its first path set. It replaces the coarse image when it has as many path sets.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from glpath.rendering.session import metadata_of
 from glpath.scene import Camera, Scene
 from glpath.sensors.sensor import CameraSensor
 
-#: Seconds of work between two looks at the events: while the camera moves, and while it rests.
+#: Seconds of work between two checks for events, while the camera moves and while it rests.
 STEP_SECONDS = {"moving": 1 / 16, "still": 1 / 16}
-#: Seconds between two images of a camera that rests.
+#: Seconds between two images while the camera rests.
 _STILL_SECONDS = 1 / 4
-#: A camera that has not moved for so many seconds rests.
+#: Seconds without motion after which a camera counts as resting.
 _RESTS_AFTER = 0.25
-#: By how much the sides of a moving image may be shorter.
+#: Reduction factors for the sides of the image while the camera moves.
 _REDUCTIONS = (1, 2, 4)
-#: Path sets of a moving image, at least: each has one light sample and one pair of directions for all pixels.
+#: Minimum number of path sets while the camera moves: each has one light sample and one pair of directions for all
+#: pixels.
 _MOVING_SETS = 6
 
 
 @dataclass
 class _Level:
-    """The image at one resolution.
+    """Image at one resolution.
 
-    film    : as `camera` sees it; its metadata are those of the first camera
-    seconds : that a path set takes, as far as is known
-    origin  : (3,) what the engine's coordinates are relative to, in the camera's
+    film    : film of `camera`; its metadata are those of the first camera
+    seconds : estimated time of a path set
+    origin  : (3,) origin of the engine's coordinates, in the camera's coordinates
     """
 
     engine: Engine
@@ -60,7 +61,7 @@ class _Level:
         self.camera = camera
 
     def trace(self, seconds: float, min_sets: int, stop: int) -> None:
-        """As many path sets more as fit into the time, at least `min_sets`, up to the number `stop`."""
+        """Trace as many further path sets as fit into the time, at least `min_sets`, up to the number `stop`."""
         done = self.film.path_sets
         count = max(1, min_sets - done, int(seconds / max(self.seconds, 1e-6)))
         begun, end = time.perf_counter(), min(done + count, stop)
@@ -75,14 +76,14 @@ class _Level:
 
 @dataclass
 class LiveImage:
-    """The image of a job that can be looked at from elsewhere at any time.
+    """Image of a job whose camera can be changed at any time.
 
-    scene   : with the job's camera
-    camera  : the present one
-    stopped : hold the image as it is
+    scene   : scene with the job's camera
+    camera  : current camera
+    stopped : True to freeze the image
 
-    Not for two threads at once. The context has to be current in all but `look_from`.
-    Raises what `glpath.render` raises before it renders.
+    Not thread-safe. The context must be current in all methods except `look_from`. Raises the errors that
+    `glpath.render` raises before it renders.
     """
 
     job: RenderJob
@@ -99,28 +100,28 @@ class LiveImage:
         self._levels: dict[int, _Level] = {}
         self._reduction = 1
         self._moved_at = self._shown_at = -np.inf
-        self._enough = 1  # path sets that the whole image has to have to be better than the one that is shown
+        self._enough = 1  # number of path sets with which the whole image is better than the displayed one
         self._level(1)
 
     @property
     def path_sets(self) -> int:
-        """In the whole image."""
+        """Number of path sets in the whole image."""
         level = self._level(1)
         return level.film.path_sets if level.camera is self.camera else 0
 
     @property
     def converged(self) -> bool:
-        """All path sets of the job are in the image."""
+        """True if all path sets of the job are in the image."""
         return self.path_sets >= self.job.spp
 
     @property
     def idle(self) -> bool:
-        """Nothing is left to do until the camera moves."""
+        """True if nothing is left to do until the camera moves."""
         return (self.converged or self.stopped) and not self._moves
 
     @property
     def film(self) -> Film:
-        """The film from the present camera."""
+        """Film of the current camera."""
         level = self._level(1)
         sensor = CameraSensor.of(self.camera)
         job = replace(self.job, sensor=sensor)
@@ -143,14 +144,14 @@ class LiveImage:
         return time.perf_counter() - self._moved_at < _RESTS_AFTER
 
     def look_from(self, camera: Camera) -> None:
-        """Look from another camera of the same resolution."""
+        """Change to another camera of the same resolution."""
         if not self._moves:
             self._reduction = self._quick_enough()
         self.camera = camera
         self._moved_at = time.perf_counter()
 
     def first(self, seconds: float) -> NDArray[np.float64]:
-        """(H, W, 3) radiance of the whole image; where it has no path set yet, of what fits into the time."""
+        """Return the (H, W, 3) radiance of the whole image; if it has no path set yet, trace for the given time."""
         level = self._level(1)
         if level.camera is not self.camera:
             level.look_from(self.camera)
@@ -160,7 +161,10 @@ class LiveImage:
         return level.film.mean
 
     def step(self) -> NDArray[np.float64] | None:
-        """Trace for a moment. (h, w, 3) radiance where there is a better image to show, smaller while it moves."""
+        """Trace for a short time, and return the (h, w, 3) radiance of a better image if there is one.
+
+        The image is smaller while the camera moves.
+        """
         if self._moves:
             return self._moving()
         level = self._level(1)
@@ -189,11 +193,11 @@ class LiveImage:
 
     @property
     def _moving_sets(self) -> int:
-        # Samples of the ray tracers differ only in their position in the pixel.
+        # Samples of the ray tracers differ only in their position inside the pixel.
         return min(_MOVING_SETS, self.job.spp) if self.job.integrator.noisy else 1
 
     def _quick_enough(self) -> int:
-        """The least reduction whose frames fit into their time, as far as is known."""
+        """Return the smallest reduction whose frames fit into their time, by present estimates."""
         for reduction in _REDUCTIONS:
             level = self._levels.get(reduction)
             seconds = level.seconds if level else self._level(1).seconds / reduction**2

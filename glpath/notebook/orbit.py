@@ -1,4 +1,4 @@
-"""A camera that goes about its target, by pixels of a pointer's motion."""
+"""Camera motion around its target, by pixels of pointer motion."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from glpath.scene import Camera
 
 _DEGREES_PER_PIXEL = 0.4
 _STEEPEST = 89.0
-# A turn of the wheel by one notch is 100.
+# Factor of the distance for one notch of the wheel, which is reported as 100.
 _ZOOM_PER_NOTCH = 1.15
 
 
 def turned(camera: Camera, right: float, down: float) -> Camera:
-    """The camera gone about its target as the pointer drags the scene by so many pixels; never over the pole."""
+    """Return the camera rotated around its target as the pointer drags the scene, in pixels.
+
+    The camera does not move beyond the pole.
+    """
     camera = camera.turned(-_DEGREES_PER_PIXEL * right)
     up = camera.up / np.linalg.norm(camera.up)
     arm = camera.position - camera.target
@@ -30,7 +33,7 @@ def turned(camera: Camera, right: float, down: float) -> Camera:
 
 
 def shifted(camera: Camera, right: float, down: float) -> Camera:
-    """The camera and its target moved so that the target's plane follows the pointer, pixels."""
+    """Return the camera and its target translated so that the target's plane follows the pointer, in pixels."""
     to_right, up, _ = camera.frame()
     distance = float(np.linalg.norm(camera.target - camera.position))
     move = _pixel(camera, distance) * (down * up - right * to_right)
@@ -38,9 +41,9 @@ def shifted(camera: Camera, right: float, down: float) -> Camera:
 
 
 def nearer(camera: Camera, notches: float) -> Camera:
-    """The camera nearer to the target (notches < 0), or farther; it never arrives.
+    """Return the camera nearer to the target (notches < 0), or farther; it never reaches the target.
 
-    Of parallel rays, which come no nearer, the image is of less.
+    An orthographic camera does not move; its image height changes instead.
     """
     if camera.projection == "orthographic":
         return replace(camera, height=camera.height * _ZOOM_PER_NOTCH**notches)
@@ -49,7 +52,7 @@ def nearer(camera: Camera, notches: float) -> Camera:
 
 
 def _pixel(camera: Camera, distance: float) -> float:
-    """How wide a pixel is in the target's plane, scene units."""
+    """Return the width of a pixel in the target's plane, scene units."""
     if camera.projection == "panorama":
         return distance * 2.0 * np.pi / camera.resolution[0]
     return (1.0 if camera.projection == "orthographic" else distance) / camera.focal

@@ -1,4 +1,4 @@
-"""Convex polyhedra as faces, from the planes around them: what drawings of shafts are made of."""
+"""Convex polyhedra as faces, computed from their planes, for drawings of shafts."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ Float64 = NDArray[np.float64]
 
 
 def box_planes(box: ArrayLike) -> Float64:
-    """(6, 4) planes of a box of six numbers, normals outwards: inside is where normal . x + distance <= 0."""
+    """Return the (6, 4) planes of a box of six numbers, normals outwards: inside, normal . x + distance <= 0."""
     b = np.asarray(box, float)
     return np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), np.concatenate([b[:3], -b[3:]])])
 
 
 def box_corners(box: ArrayLike) -> Float64:
-    """(8, 3)"""
+    """Return the (8, 3) corners of a box of six numbers."""
     b = np.asarray(box, float)
     return np.array([[b[x], b[y], b[z]] for x in (0, 3) for y in (1, 4) for z in (2, 5)])
 
 
 def shaft_planes(shaft: Shaft) -> Float64:
-    """(6 + P, 4): the faces of the extent box, then the plane set."""
+    """Return (6 + P, 4) planes: the faces of the extent box, then the plane set."""
     return np.concatenate([box_planes(shaft.extent), shaft.planes])
 
 
 def faces(planes: Float64) -> list[Float64]:
-    """The face in each plane, (n, 3) corners in order around it, no corner where the plane bounds nothing.
+    """Return the face in each plane as (n, 3) corners in order around it; no corners if the plane is redundant.
 
-    planes : (P, 4), together around a bounded volume
+    planes : (P, 4), which together bound a volume
     """
     unit = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     return [_face(unit, i) for i in range(len(unit))]
 
 
 def _face(unit: Float64, i: int) -> Float64:
-    """A large square in the plane, cut by all others [Sutherland and Hodgman 1974]."""
+    """Return a large square in the plane, clipped by all other planes [Sutherland and Hodgman 1974]."""
     normal, half = unit[i, :3], 1e3
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     u /= np.linalg.norm(u)
@@ -56,7 +56,7 @@ def _face(unit: Float64, i: int) -> Float64:
                 cut.append(p)
         polygon = cut
     corners = np.array(polygon).reshape(-1, 3)
-    # One that only touches has no area, and the same corner may come twice.
+    # A face that only touches has no area, and the same corner may occur twice.
     apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-7
     corners = corners[apart]
     return corners if len(corners) >= 3 else np.zeros((0, 3))

@@ -1,4 +1,4 @@
-"""Occluders between two shapes of a scene: a picture of the shaft and its candidates [SC], for notebooks."""
+"""Figures of the shaft between two shapes and its candidate occluders [SC], for notebooks."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Candidates:
-    """The candidates of the shaft between two shapes.
+    """Candidates of the shaft between two shapes.
 
-    shaft    : between the boxes of the two
-    nodes    : (n,) int32 of the candidate list: polygons, and boxes that stay closed
-    boxes    : (b, 6) of those that stay closed
-    polygons : (p,) int32 on the list, alone or in closed boxes; those of the two shapes do not count
-    others   : polygons of the scene, without those of the two shapes
+    shaft    : shaft between the boxes of the two shapes
+    nodes    : (n,) int32 nodes of the candidate list: polygons, and boxes that stay closed
+    boxes    : (b, 6) boxes that stay closed
+    polygons : (p,) int32 polygons on the list, single or in closed boxes, without those of the two shapes
+    others   : number of polygons in the scene, without those of the two shapes
     """
 
     shaft: Shaft
@@ -44,7 +44,7 @@ class Candidates:
 
 @dataclass(frozen=True)
 class ShaftScene:
-    """A scene's polygons and the BVH over them, to form shafts in.
+    """Polygons of a scene and their BVH, for forming shafts.
 
     Raises UsageError for a scene without triangles: spheres and planes are not polygons.
     """
@@ -59,7 +59,7 @@ class ShaftScene:
 
     @cached_property
     def tree(self) -> Bvh:
-        """Every leaf one polygon."""
+        """BVH with one polygon in every leaf."""
         return build_bvh(*self.occluders.boxes(), leaf_size=1)
 
     @property
@@ -68,14 +68,14 @@ class ShaftScene:
         return [self.scene.shapes[i].name for i in np.unique(self.occluders.shape)]
 
     def outlines(self) -> list[Float64]:
-        """Corners (3 or 4, 3) of every polygon."""
+        """Return the corners (3 or 4, 3) of every polygon."""
         return [
             np.array([a, b, b + c - a, c] if four else [a, b, c])
             for (a, b, c), four in zip(self.occluders.corners, self.occluders.parallelogram, strict=True)
         ]
 
     def polygons_of(self, shape: str) -> Int32:
-        """Numbers of a shape's polygons. Raises UsageError for a name that there is not."""
+        """Return the numbers of a shape's polygons. Raises UsageError for an unknown name."""
         names = [s.name for s in self.scene.shapes]
         if shape not in self.shapes:
             known = self.shapes
@@ -86,14 +86,14 @@ class ShaftScene:
         return np.flatnonzero(self.occluders.shape == names.index(shape)).astype(np.int32)
 
     def box_of(self, shape: str) -> Float64:
-        """(6,) the box around a shape."""
+        """Return the (6,) box around a shape."""
         corners = np.concatenate([self.outlines()[i] for i in self.polygons_of(shape)])
         return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 
     def between(
         self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4
     ) -> Candidates:
-        """The candidates between two shapes, by their names."""
+        """Return the candidates between two shapes, given by name."""
         shaft = Shaft.between(self.box_of(emitter), self.box_of(receiver))
         nodes = candidate_list(self.tree, shaft, strategy, ratio=ratio)
         closed = nodes[self.tree.count[nodes] == 0]
@@ -106,13 +106,13 @@ class ShaftScene:
     def draw(
         self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4
     ) -> Figure:
-        """A matplotlib figure: from above and in 3D, the shaft in blue, candidates in purple, all else grey."""
+        """Return a matplotlib figure, from above and in 3D: the shaft blue, candidates purple, the rest grey."""
         require_matplotlib()
         from matplotlib.figure import Figure
 
         found = self.between(emitter, receiver, strategy, ratio)
         up = int(np.abs(self.scene.camera.up).argmax())
-        # Right-handed, with the scene's up as the last.
+        # Right-handed axes, with the scene's up last.
         axes = [(up + 1) % 3, (up + 2) % 3, up]
         figure = Figure(figsize=(11, 4.6), layout="constrained")
         above = figure.add_subplot(1, 2, 1)
@@ -149,7 +149,7 @@ class ShaftScene:
             ([outlines[i] for i in sorted(of[emitter])], ORANGE, 0.9, 1.0),
         )
         for order, (polygons, colour, alpha, width) in enumerate(layers):
-            # Walls, floor and ceiling would hide what is within them.
+            # Walls, floor and ceiling are left out, because they would hide the interior.
             within = [p for p, wall in zip(polygons, _are(polygons, large), strict=True) if not wall]
             style: dict[str, Any] = {"edgecolor": colour, "linewidth": width, "zorder": order + 1}
             above.add_collection(PolyCollection([p[:, :2] for p in within], facecolor=colour, alpha=alpha, **style))
@@ -179,7 +179,7 @@ def _extent(polygon: Float64) -> float:
 
 
 def _large(outlines: list[Float64]) -> float:
-    """Half of the scene's diagonal."""
+    """Return half of the scene's diagonal, the minimum size of a wall."""
     return 0.5 * _extent(np.concatenate(outlines))
 
 

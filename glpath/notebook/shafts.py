@@ -1,4 +1,4 @@
-"""A shaft to choose, and who can stand in it [SC]."""
+"""Widget for choosing a shaft and viewing its candidate occluders [SC]."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from glpath.radiosity import Strategy
 
 
 def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
-    """A figure of the shaft between two shapes and who can stand in it [SC]: choose the shapes and the strategy.
+    """Return a widget that shows the shaft between two shapes and its candidate occluders [SC].
 
-    scene : with triangles; see `glpath.notebook.shaft_scene.ShaftScene`, which draws the same without widgets
+    The shapes and the strategy can be chosen.
 
-    Cost: the first time kernels are compiled, up to a minute; then well under a second an image.
+    scene : scene with triangles; `glpath.notebook.shaft_scene.ShaftScene` draws the same without widgets
+
+    Cost: up to a minute the first time, when kernels are compiled; then well under a second an image.
     """
     return ShaftExplorer(ShaftScene(load_scene(scene, parameters)))
 
 
 class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
-    """The widget of `explore_shafts`.
+    """Widget of `explore_shafts`.
 
-    emitter, receiver, strategy, ratio : ipywidgets; set their `value` to see another shaft
+    emitter, receiver, strategy, ratio : ipywidgets; set their `value` to view another shaft
     picture : an ipywidgets.Image with the PNG
     """
 
@@ -51,7 +53,7 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
         )
         self.picture = ipywidgets.Image(format="png")
         self._message = ipywidgets.HTML()
-        self._lock = threading.Lock()  # the browser and a cell may choose at the same time
+        self._lock = threading.Lock()  # the browser and a cell may change values at the same time
         chosen = (self.emitter, self.receiver, self.strategy, self.ratio)
         super().__init__([ipywidgets.HBox(chosen), self.picture, self._message])
         self._draw()
@@ -79,4 +81,4 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
         with io.BytesIO() as file:
             figure.savefig(file, format="png", dpi=90)
             self.picture.value = file.getvalue()
-        self.picture.tooltip = f"Figure of {self._described()}"  # the words of an image, as widgets have no others
+        self.picture.tooltip = f"Figure of {self._described()}"  # the text alternative

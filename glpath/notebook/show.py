@@ -1,4 +1,4 @@
-"""Pictures of widgets for pages without a kernel, and errors that would be lost."""
+"""Images of widgets for pages without a kernel, and display of errors that would be lost."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glpath.film.image import png_html
 
 
 def with_picture(bundle: Any, png: bytes, text: str) -> Any:
-    """A widget's own mimebundle, data alone or with metadata, and the picture for pages without a kernel."""
+    """Return a widget's mimebundle (data, or data and metadata) with an image added for pages without a kernel."""
     data = bundle[0] if isinstance(bundle, tuple) else bundle
     alt = text.strip("<>")
     data |= {"text/plain": text, "image/png": base64.b64encode(png).decode(), "text/html": png_html(png, alt)}
@@ -20,14 +20,14 @@ def with_picture(bundle: Any, png: bytes, text: str) -> Any:
 
 
 def message_html(*lines: str, wrong: bool = False) -> str:
-    """Lines of text for an `ipywidgets.HTML`, in the colour of errors where something is wrong."""
+    """Return lines of text for an `ipywidgets.HTML`, in the error colour if `wrong`."""
     colour = "; color: var(--jp-error-color1, #d32f2f)" if wrong else ""
     text = "<br>".join(html.escape(line) for line in lines if line)
     return f'<div style="white-space: pre-wrap; line-height: 1.3{colour}">{text}</div>'
 
 
 def error_html(error: Exception) -> str:
-    """A user's mistake as message and remedy; one of ours with its traceback."""
+    """Return the message and remedy of a user's error, or the traceback of an internal error."""
     if isinstance(error, GlpathError):
         return message_html(error.message, error.remedy, wrong=True)
     return message_html("".join(traceback.format_exception(error)), wrong=True)

@@ -1,10 +1,10 @@
-"""A scene to turn with the mouse: the widget, its buttons, and whose thread is whose.
+"""Widget for a scene that rotates with the mouse, its buttons, and its use of threads.
 
-JupyterLab from 4.4 on hands what a widget's browser half says to a thread of the kernel's own (a subshell, of
-ipykernel 7), so that widgets live while a cell runs; older ones to the main thread, where cells run. So all that
-changes a view holds its lock, and all that is drawn is drawn in the event loop in which its browser is heard. The
-OpenGL context is asked for before the lock, never after, so no two threads wait for each other for ever. It is had
-for a moment at a time, in turns with renders.
+JupyterLab from 4.4 on sends messages of a widget's browser half to a separate kernel thread (a subshell of
+ipykernel 7), so that widgets work while a cell runs. Older versions send them to the main thread, where cells run.
+So everything that changes a view holds its lock, and all drawing is done in the event loop that receives browser
+events. The OpenGL context is always acquired before the lock, so that threads cannot deadlock. It is held for short
+periods, alternating with renders.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ from glpath.system.private_interfaces import rfb_page
 
 UInt8 = NDArray[np.uint8]
 
-#: Seconds of path sets in the first image, which pages without a kernel keep.
+#: Seconds of path sets for the first image, which pages without a kernel keep.
 _FIRST_SECONDS = 0.5
-#: Seconds between two words on how far it is.
+#: Seconds between two progress texts.
 _WORD_SECONDS = 0.25
-#: As far as a drag of so many pixels: ten degrees.
+#: Drag distance of an arrow key in pixels, which is ten degrees.
 _PIXELS_PER_KEY = 25
-#: To where an arrow drags the scene: right, down.
+#: Drag direction of the arrow keys: right, down.
 _ARROWS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowUp": (0, -1), "ArrowDown": (0, 1)}
-#: Notches of the wheel, by the key, with and without Shift as keyboards have them.
+#: Wheel notches by key, with and without Shift as on keyboards.
 _NOTCHES = {"+": -1, "=": -1, "-": 1, "_": 1}
 _KEYS_HELP = "Arrow keys turn it, with Shift they shift it; + and - go nearer and back; R resets it."
 _SCRIPT = Path(__file__).with_name("canvas.js")
@@ -75,29 +75,29 @@ def view(
     require_gpu: bool = False,
     **options: Unpack[IntegratorKeywords],
 ) -> View:
-    """An image of the scene that turns with the mouse, and converges when it is left alone.
+    """Return an image of the scene that rotates with the mouse, and converges while the camera rests.
 
-    Drag to turn about the camera's target, with shift or the right button to shift it; the wheel goes nearer; a
-    double click, or Reset, goes back to the scene's camera. Keys do the same after a click or Tab: arrows turn,
-    with shift they shift; + and - go nearer and back; R resets. Stop holds the image. Save writes it as PNG into
-    the present folder, after a first path set. `view(...).scene` is the scene as it is
-    seen now, to be rendered, `view(...).film` what has been rendered of it. What moves in the scene stands as
-    when the shutter opens. While the camera moves the image has half or a quarter of the pixels along a side.
+    Drag to rotate around the camera's target; with shift or the right button, drag to translate. The wheel moves
+    nearer; a double click, or Reset, restores the scene's camera. After a click or Tab, keys do the same: arrows
+    rotate, with shift they translate; + and - move nearer and back; R resets. Stop freezes the image. Save writes a
+    PNG into the current folder, after a first path set. `view(...).scene` is the scene with the current camera, for
+    rendering; `view(...).film` is the current film. Moving objects are shown as when the shutter opens. While the
+    camera moves, the image has a half or a quarter of the pixels along a side.
 
     Parameters
     ----------
-    scene      : a file, the name of a shipped scene, or a `Scene`
-    integrator : as of `glpath.render`; None takes "path" for scenes that it can render, else "t-buffer", whose
+    scene      : file, name of a shipped scene, or `Scene`
+    integrator : as for `glpath.render`; None: "path" for scenes that it can render, otherwise "t-buffer", whose
                  shadow-buffers are kept while the camera moves
-    spp        : path sets until the image counts as converged; by default as of `glpath.render`
+    spp        : number of path sets of a converged image; default as for `glpath.render`
     resolution : (width, height) in pixels instead of the scene's
-    exposure, tonemap : as of `Film.save`; what "auto" finds in the first image is kept when the camera moves
+    exposure, tonemap : as for `Film.save`; the result of "auto" for the first image is kept when the camera moves
     {options}
 
-    Raises what `glpath.render` raises, and UsageError for options that it does not know.
+    Raises the errors of `glpath.render`, and UsageError for unknown options.
 
-    Poor at: many pixels in software. While a cell renders, the two take turns of half a second; where the kernel
-    has no subshells (ipykernel below 7, JupyterLab below 4.4) the image stands still while any cell runs.
+    Poor at: many pixels in software. While a cell renders, both alternate every half second. If the kernel has no
+             subshells (ipykernel below 7, JupyterLab below 4.4), the image does not change while a cell runs.
     """
     image.check_tonemap(tonemap)
     image.check_exposure(exposure)
@@ -105,7 +105,7 @@ def view(
     chosen = integrator or _integrator(loaded)
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if integrator is None and chosen == "path":
-        given = {"guide": "cosine"} | given  # no solution: the first image would be later
+        given = {"guide": "cosine"} | given  # no radiosity solution, which would delay the first image
     if chosen in ("t-buffer", "classic") and "shadows" not in given:
         given = {"shadows": "cube", "shadow_resolution": 512} | given
     job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **given)
@@ -117,14 +117,14 @@ def view(
 
 
 class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
-    """The widget of `view`, which makes it.
+    """Widget that `view` returns.
 
-    scene     : as it is seen now
-    film      : what has been rendered from there
-    path_sets : in the image
-    spp       : path sets at which it counts as converged
-    converged : it has them
-    exposure  : stops; None until the first image was found to need so many
+    scene     : scene with the current camera
+    film      : current film
+    path_sets : number of path sets in the image
+    spp       : number of path sets of a converged image
+    converged : True if the image has them
+    exposure  : stops; None until the first image determines them
     """
 
     def __init__(self, live: LiveImage, exposure: float | None, tonemap: str) -> None:
@@ -132,7 +132,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         self._live: LiveImage | None = live
         self.exposure, self._tonemap = exposure, tonemap
         self._home = live.scene
-        self._grip: tuple[float, float] | None = None  # where the pointer was, while it is down
+        self._grip: tuple[float, float] | None = None  # last position of the pressed pointer
         self._loop: asyncio.AbstractEventLoop | None = None
         self._reported_at = -np.inf
 
@@ -157,33 +157,33 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
 
     @property
     def scene(self) -> Scene:
-        """The scene as it is seen now."""
+        """Scene with the current camera."""
         return replace(self._home, camera=self._image.camera)
 
     @property
     def film(self) -> Film:
-        """A `Film` of the path sets that the image has, with its metadata; without one while the camera moves."""
+        """`Film` of the image's path sets, with its metadata; without path sets while the camera moves."""
         live = self._image
         with live.context, self._lock:
             return live.film
 
     @property
     def path_sets(self) -> int:
-        """In the image; 0 while the camera moves."""
+        """Number of path sets in the image; 0 while the camera moves."""
         return self._image.path_sets
 
     @property
     def spp(self) -> int:
-        """Path sets at which the image counts as converged."""
+        """Number of path sets of a converged image."""
         return self._image.job.spp
 
     @property
     def converged(self) -> bool:
-        """Nothing is left to do until the camera moves."""
+        """True if nothing is left to do until the camera moves."""
         return self._image.converged
 
     def reset(self) -> None:
-        """Go back to the scene's camera, and on with the image where Stop held it; after an error, try again."""
+        """Restore the scene's camera, and continue if Stop was on; after an error, try again."""
         with self._lock:
             self._stop.value = False
             self._show(self._buttons, self._canvas, self._message)
@@ -191,10 +191,10 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             self._look(self._home.camera)
 
     def close(self) -> None:
-        """Take the widget from the page and free what it holds on the device. It is of no use any more."""
+        """Remove the widget from the page and free its device memory. It cannot be used afterwards."""
         if self._live is None:
             return
-        # The context before the lock, as everywhere: two threads can not wait for each other then.
+        # The context is acquired before the lock, as everywhere, so that threads cannot deadlock.
         with self._live.context, self._lock:
             self._live = None
             for widget in (self._canvas, *self._buttons.children, self._buttons, self._message):
@@ -202,7 +202,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             super().close()
 
     def picture(self) -> UInt8:
-        """(H, W, 3) uint8 sRGB: the image as far as it is, with a few path sets at least."""
+        """Return the (H, W, 3) uint8 sRGB of the current image, with at least a few path sets."""
         live = self._image
         with live.context, self._lock:
             return self._toned(live.first(_FIRST_SECONDS))
@@ -221,10 +221,10 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
             raise UsageError("view: is closed", "Make another one.")
         return self._live
 
-    # Events of the browser, in the widget's thread. Errors are shown: they would be lost otherwise.
+    # Browser events, in the widget's thread. Errors are displayed, because they would be lost otherwise.
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
-        """Turn, shift, come nearer, go back: by an event of jupyter_rfb; called by the widget."""
+        """Rotate, translate, zoom or reset for an event of jupyter_rfb; called by the widget."""
         with self._lock, self._shown():
             with suppress(RuntimeError):  # called from elsewhere
                 self._loop = asyncio.get_running_loop()
@@ -273,25 +273,25 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
         with self._shown(ends=False):
             live = self._image
             with live.context, self._lock:
-                # Just after the camera has moved, and after that while Stop is on, there is none yet.
+                # No image exists just after the camera has moved, or later while Stop is on.
                 self._find_exposure(live.first(_FIRST_SECONDS))
                 film = live.film
             path = _unused(self._home.name)
             film.save(path, exposure=self.exposure, tonemap=self._tonemap)
             self._message.value = message_html(f"Saved {path}: {film.path_sets} of {self.spp} path sets.")
-            self._redraw()  # what is saved is what is seen
+            self._redraw()  # the saved image is then displayed
 
     # Drawing.
 
     def _redraw(self) -> None:
-        """Ask for a frame, in the event loop that hears the browser."""
+        """Request a frame, in the event loop that receives browser events."""
         if self._loop is None:
-            return  # it is heard first when it shows the widget
-        with suppress(RuntimeError):  # closed: the page was loaded anew, and is heard when it is there
+            return  # the first event comes when the browser shows the widget
+        with suppress(RuntimeError):  # closed: the page was reloaded
             self._loop.call_soon_threadsafe(self._canvas.request_draw)
 
     def draw(self) -> None:
-        """Render for a moment, and send an image where there is a new one; called by the widget."""
+        """Render for a short time, and send an image if there is a new one; called by the widget."""
         live = self._live
         if live is None:
             return
@@ -321,7 +321,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
 
     @contextmanager
     def _shown(self, ends: bool = True) -> Iterator[None]:
-        """An error is shown instead of the view, where it is to end it, or below; the buttons stay."""
+        """Context that displays an error, below the view or, if `ends`, instead of it; the buttons stay."""
         try:
             yield
         except Exception as error:
@@ -331,9 +331,9 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
 
 
 class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
-    """The image in the browser, the pointer over it, and the keys that it takes.
+    """Image in the browser, with its pointer and key events.
 
-    label : what it is and what the keys do, for readers of the screen
+    label : description of the image and its keys, for screen readers
     """
 
     _esm = f"const RFB = {json.dumps(rfb_page()[0])};\n{_SCRIPT.read_text('utf-8')}"
@@ -347,20 +347,20 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self.cursor = "grab"
 
     def get_frame(self) -> None:
-        """Draw; the view sends the image itself, while it holds its lock."""
+        """Draw. The view sends the image itself while it holds its lock."""
         self._owner.draw()
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
-        """Hand on what the pointer and the keys do."""
+        """Pass on pointer and key events."""
         if event["event_type"] in ("show", "resize"):
             self._forget_lost_frames()
         self._owner.handle_event(event)
 
     def _forget_lost_frames(self) -> None:
-        """A page that was loaded anew shows none of the frames sent to the one before.
+        """Reset the frame counters, because a reloaded page shows none of the frames sent to its predecessor.
 
-        Without word of them the library sends no others; and a draw that waited for that word in the event loop of
-        the old page counts as asked for, so that no other is.
+        Without an acknowledgement, the library sends no further frames. A draw that waited for it in the event loop
+        of the old page counts as requested, so that no other draw is requested.
         """
         now = time.time()
         self._rfb_draw_requested = False
@@ -369,7 +369,7 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
 
 
 def _unused(name: str) -> Path:
-    """A file for a picture of this name, in the present folder, that there is not yet."""
+    """Return an unused file name in the current folder for an image of this name."""
     stem = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "view"
     for number in count(1):
         path = Path(f"{stem}.png" if number == 1 else f"{stem}-{number}.png")
@@ -379,7 +379,7 @@ def _unused(name: str) -> Path:
 
 
 def _integrator(scene: Scene) -> Integrator:
-    """The integrator for a scene: "path" for triangles, "t-buffer" for what has none."""
+    """Return the default integrator for a scene: "path" if it can render the scene, otherwise "t-buffer"."""
     try:
         path_traceable(scene)
     except SceneError:

@@ -1,13 +1,13 @@
-"""Image tests in other people's pytest suites: the fixture `render_regression`.
+"""Image tests for any pytest suite: the fixture `render_regression`.
 
     def test_box(render_regression):
         render_regression("cornell-box", spp=64)
 
-pytest finds it by the entry point `pytest11`; nothing has to be configured. It loads with every pytest run on the
-machine, so this module and what it imports load nothing but pytest: what is heavy comes with the first picture.
+pytest finds it by the entry point `pytest11`, without configuration. The plugin is loaded with every pytest run on
+the machine. So this module and its imports load nothing but pytest; heavy modules are loaded with the first image.
 
-Under pytest-xdist the workers compare and write pictures; what they found travels with their test reports, and the
-controller alone writes the report and looks for unused baselines.
+With pytest-xdist, the workers compare and write images. Their results travel with the test reports, and only the
+controller writes the report and looks for unused baselines.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    Settings.of(config)  # wrong usage is reported before anything runs
+    Settings.of(config)  # report invalid options before any test runs
     config.addinivalue_line(
         "markers",
         "render_regression(mode=None, limits=None, baseline_path=None, ignore=None, style=None, backend=None, "
@@ -43,11 +43,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture
 def render_regression(request: pytest.FixtureRequest) -> Generator[RenderRegression, None, None]:
-    """Compare a picture with its baseline: `render_regression(subject, **options)`.
+    """Compare an image with its baseline: `render_regression(subject, **options)`.
 
-    subject : a scene (name, file or `glpath.Scene`, rendered with the options of `glpath.render`), a `glpath.Film`,
-              an array, an image of Pillow, a figure of matplotlib, the path or the bytes of an image file, or a
-              function that returns one of these. See `glpath.pytest_plugin.regression.RenderRegression`
+    subject : scene (name, file or `glpath.Scene`, rendered with the options of `glpath.render`), `glpath.Film`,
+              array, Pillow image, matplotlib figure, path or bytes of an image file, or a function that returns one
+              of these. See `glpath.pytest_plugin.regression.RenderRegression`
     """
     from glpath.pytest_plugin.regression import RenderRegression
     from glpath.pytest_plugin.subjects import close_figures
@@ -62,7 +62,7 @@ def render_regression(request: pytest.FixtureRequest) -> Generator[RenderRegress
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
-    # Attributes of plain values travel from a worker to the controller with the report.
+    # Attributes with plain values are sent from a worker to the controller with the report.
     records = item.stash.setdefault(_RECORDS, [])
     if report.skipped and hasattr(report, "wasxfail"):
         for record in records:

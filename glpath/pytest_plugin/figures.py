@@ -1,4 +1,4 @@
-"""Figures of matplotlib: their style while a test makes them, and how they are saved."""
+"""Figures of matplotlib: their style during a test, and how they are saved."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from glpath.errors import UsageError
 
 @dataclass(frozen=True)
 class FigureSettings:
-    """How a test's figures are made.
+    """Settings for the figures of a test.
 
-    style          : of `matplotlib.style.context`: a name, a dictionary, or a list of them; None: as it is
-    backend        : of matplotlib, while the test runs; None: as it is
-    savefig_kwargs : of `Figure.savefig`
-    remove_text    : without titles and the labels of ticks, which other versions of fonts draw otherwise
+    style          : argument of `matplotlib.style.context`: a name, a dictionary, or a list of them; None:
+                     unchanged
+    backend        : backend of matplotlib while the test runs; None: unchanged
+    savefig_kwargs : arguments of `Figure.savefig`
+    remove_text    : True to remove titles and tick labels, which differ with other versions of fonts
     """
 
     style: Any = None
@@ -28,7 +29,7 @@ class FigureSettings:
 
     @contextmanager
     def around(self) -> Iterator[None]:
-        """Within, matplotlib has the style and the backend. Raises UsageError for what it does not have."""
+        """Context in which matplotlib uses the style and backend. Raises UsageError if they are not available."""
         if self.style is None and self.backend is None:
             yield
             return
@@ -51,7 +52,7 @@ class FigureSettings:
             yield
 
     def saved(self, figure: Any) -> bytes:
-        """The figure as an image file. Its texts are gone afterwards where these are removed."""
+        """Return the figure as an image file. If texts are removed, the figure loses them."""
         if self.remove_text:
             without_text(getattr(figure, "figure", figure))
         encoded = io.BytesIO()
@@ -60,7 +61,7 @@ class FigureSettings:
 
 
 def without_text(figure: Any) -> None:
-    """Take titles and the labels of ticks from a figure of matplotlib."""
+    """Remove titles and tick labels from a figure of matplotlib."""
     from matplotlib.ticker import NullFormatter
 
     figure.suptitle("")

@@ -1,4 +1,4 @@
-"""The comparisons of a whole pytest run, on the controller as well as on the workers of pytest-xdist."""
+"""Collection of all comparisons of a pytest run, on the controller and on workers of pytest-xdist."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import pytest
 from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, results_root
 from glpath.pytest_plugin.settings import chosen
 
-# Outcomes of a comparison that the summary counts one by one, and what it calls them.
+# Outcomes that the summary lists individually, with their texts.
 _REPORTED = {"written": "baseline written", "updated": "baseline replaced", "missing": "baseline missing"}
 
 
 class Gathering:
-    """Gathers records from test reports, finds unused baselines, has the report written and prints the summary.
+    """Collects records from test reports, finds unused baselines, starts the report, and prints the summary.
 
     records   : one per comparison, see `glpath.pytest_plugin.regression`
-    collected : file of tests to the ids of what was collected from it
-    partly    : files of which not all was selected: their baselines may be of tests that did not run
+    collected : ids of the collected tests by test file
+    partly    : test files that were not selected completely, whose baselines may belong to tests that did not run
     """
 
     def __init__(self, config: pytest.Config) -> None:
@@ -46,7 +46,7 @@ class Gathering:
         self.partly.update(str(item.path) for item in items)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if str(report.outcome) != "rerun":  # of pytest-rerunfailures: another attempt follows
+        if str(report.outcome) != "rerun":  # pytest-rerunfailures will repeat the test
             self.records += getattr(report, "glpath", [])
         if report.when == "call" and report.passed:
             self.passed.add(report.nodeid)
@@ -80,7 +80,7 @@ class Gathering:
         asked = chosen(self.config, "report")
         if not (self.records or unused or asked):
             return
-        # Not before: a run without pictures is to load nothing more.
+        # Imported here, because a run without images must not load more modules.
         from glpath.errors import GlpathError
         from glpath.pytest_plugin.regression import shown_path
         from glpath.pytest_plugin.report import write_report
@@ -102,7 +102,7 @@ class Gathering:
         shows_all = chosen(self.config, "keep") == "all"
         kinds = {asked} if asked else {"html"} if failures or shows_all else set()
         if (results / "report.html").exists():
-            kinds.add("html")  # left standing it would speak of failures that are gone
+            kinds.add("html")  # an old report would show failures that no longer exist
         for kind in sorted(kinds):
             try:
                 path = write_report(results, kind, self.records, [str(file) for file in unused])
@@ -111,7 +111,7 @@ class Gathering:
                 self.lines.append(f"the report is not written: {error}")
 
     def _report_unused(self, unused: list[Path]) -> Iterator[str]:
-        """A line for each, which is deleted where that is asked for."""
+        """Yield a line for each unused baseline, and delete it if that option is set."""
         from glpath.pytest_plugin.regression import delete_baseline, is_baseline, shown_path
 
         delete = chosen(self.config, "unused") == "delete"
@@ -129,12 +129,12 @@ class Gathering:
             yield "to delete what no test uses: pytest --glpath-unused delete"
 
     def _unused(self) -> list[Path]:
-        """Baselines of files whose tests all ran, which none of them asked for; and those of files that are gone.
+        """Return baselines that no test requested, of test files whose tests all ran, and of missing test files.
 
-        A test that did not pass may have ended before it came to its picture: its baselines are not counted.
+        A test that did not pass may have ended before its image, so its baselines are not included.
         """
         used = {record["baseline"].rpartition(".")[0] for record in self.records}
-        folders: dict[Path, list[str]] = {}  # to the names that may be asked for by tests that did not pass
+        folders: dict[Path, list[str]] = {}  # folder to names that failed tests may have requested
         for test_file, ids in self.collected.items():
             used_folders = {baseline_folder(self.config, Path(test_file))}
             used_folders |= {
@@ -144,7 +144,7 @@ class Gathering:
             complete = test_file not in self.partly and set(ids) <= self.passed | self.others
             for folder in used_folders:
                 folders[folder] = unsure if complete else [""]
-        # The folder of a file of tests is named after it.
+        # The folder is named after the test file.
         for test_file in self.collected:
             root = baseline_folder(self.config, Path(test_file)).parent
             for folder in root.iterdir() if root.is_dir() else ():

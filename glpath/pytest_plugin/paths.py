@@ -1,4 +1,4 @@
-"""Where the files of a test are."""
+"""Paths of the files of a test."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import pytest
 
 from glpath.pytest_plugin.settings import chosen, is_from_command_line
 
-# Beyond this many characters a name is cut: file systems allow 255 bytes, and a suffix comes to it.
+# Maximum length of a name before its suffix, because file systems allow 255 bytes.
 _LONGEST = 120
 
-# A test's id, of which the file name is made without a loss: classes, then what has no letter of two cases. File
-# systems of macOS and Windows take Test_a and test_A for one name.
-_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"  # not compiled before the first picture
+# Test ids that convert to a file name without loss: classes, then only characters without case. File systems of
+# macOS and Windows do not distinguish Test_a and test_A.
+_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"  # compiled with the first image
 
 
 def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = None) -> Path:
-    """The folder of the baselines of a file of tests: `baseline/<its name>/` beside it.
+    """Return the folder for the baselines of a test file: `baseline/<its name>/` beside it.
 
-    given : by the test itself, else by --glpath-baseline-path or the ini-file: a relative one replaces
-            `baseline`; under an absolute one stands the path that the file has in pytest's rootdir
+    given : folder given by the test; None: that of --glpath-baseline-path or the ini-file. A relative folder
+            replaces `baseline`; an absolute one contains the test file's path relative to pytest's rootdir
 
-    With `--glpath-platform` a folder of that name comes after `baseline`.
+    With `--glpath-platform`, a folder of that name follows `baseline`.
     """
     root = Path(given or chosen(config, "baseline-path") or "baseline")
     platform = chosen(config, "platform") or ""
@@ -37,9 +37,9 @@ def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = 
 
 
 def new_baseline(config: pytest.Config, baseline: Path) -> Path | None:
-    """Where `--glpath-new-path` wants a new baseline for that one; None where it is not given.
+    """Return the path for a new baseline by `--glpath-new-path`; None without that option.
 
-    A relative path counts from where pytest began, the ini-file's from pytest's rootdir.
+    A relative path is relative to pytest's start folder; in the ini-file, to pytest's rootdir.
     """
     given = chosen(config, "new-path")
     if given is None:
@@ -50,28 +50,30 @@ def new_baseline(config: pytest.Config, baseline: Path) -> Path | None:
 
 
 def results_root(config: pytest.Config) -> Path:
-    """Where pictures of failures and the report go. A relative path counts from where pytest began, the ini-file's
-    from pytest's rootdir."""
+    """Return the folder for the images of failures and the report.
+
+    A relative path is relative to pytest's start folder; in the ini-file, to pytest's rootdir.
+    """
     given = chosen(config, "results-path") or "glpath-results"
     from_here = is_from_command_line(config, "results-path")
     return Path(os.path.abspath((config.invocation_params.dir if from_here else config.rootpath) / given))
 
 
 def results_folder(config: pytest.Config, test_file: Path, stem: str) -> Path:
-    """The folder of one picture's results."""
+    """Return the folder for the results of one image."""
     return results_root(config) / _inside(config.rootpath, test_file.parent) / test_file.stem / stem
 
 
 def id_in_file(nodeid: str) -> str:
-    """The part of a test's id after its file: classes, name and parameters."""
+    """Return the part of a test's id after its file: classes, name and parameters."""
     return ".".join(nodeid.split("::")[1:])
 
 
 def baseline_name(test: str, name: str = "") -> str:
-    """The stem of a baseline's file: the test's class, name and parameters, and the picture's own name.
+    """Return the stem of a baseline's file: the test's class, name and parameters, and the image's own name.
 
-    Signs that a file name had better not have become "-". Where that, a cut or capital letters in parameters could
-    make two tests look alike, a checksum keeps them apart.
+    Unsuitable characters become "-". If two tests could get the same name, by this, by shortening, or by capital
+    letters in parameters, a checksum distinguishes them.
     """
     plain = re.sub(r"[^A-Za-z0-9_.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")
     if not re.fullmatch(_PLAIN, test, re.ASCII) or len(plain) > _LONGEST:
@@ -80,7 +82,7 @@ def baseline_name(test: str, name: str = "") -> str:
 
 
 def _inside(root: Path, folder: Path) -> Path:
-    """`folder` as seen from `root`; of one that is not in it, all of its path but the beginning."""
+    """Return `folder` relative to `root`, or relative to its drive or root folder if it is not inside `root`."""
     try:
         return folder.relative_to(root)
     except ValueError:

@@ -1,8 +1,8 @@
-"""The fixture's work: make the picture, find its baseline, compare, keep what a person needs to see.
+"""Work of the fixture: make the image, find its baseline, compare, and store images for viewing.
 
-A baseline is a PNG where the picture is 8-bit sRGB, else an EXR with the noise in it and a PNG to look at. It is
-replaced by a file written whole beside it and moved, after the new picture is there: a render that fails, or a full
-disk, leaves the old one.
+A baseline is a PNG if the image is 8-bit sRGB, otherwise an EXR that includes the noise, with a PNG for viewing. A
+new baseline is written completely beside the old one and then moved, after the new image exists. So a failed render
+or a full disk keeps the old baseline.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
 from glpath.system.private_interfaces import is_xfail
 
-# Severity of what could not be compared at all: in a report it stands first.
+# Severity of images that could not be compared, which come first in a report.
 _INCOMPARABLE = 1e9
 
 _MARKER = "render_regression"
 _MARKED = ("mode", "limits", "baseline_path", "ignore", "style", "backend", "savefig_kwargs", "remove_text")
 
-# Header keys of the PNG beside an EXR, and of a baseline's test.
+# Header keys of the PNG beside an EXR, and of a baseline's test and image name.
 PREVIEW = "glpath.preview"
 _TEST, _NAME = "glpath.test", "glpath.picture"
 
 
 class RenderRegression:
-    """The fixture `render_regression`: call it with a picture, and it fails the test or does not.
+    """Fixture `render_regression`: calling it with an image fails the test if the image differs from its baseline.
 
-    figures : matplotlib's, as they came, to be closed after the test
+    figures : matplotlib figures to be closed after the test
     """
 
     def __init__(self, item: pytest.Item, settings: Settings, records: list[dict[str, Any]]) -> None:
@@ -79,29 +79,30 @@ class RenderRegression:
         remove_text: bool | None = None,
         **render_options: Any,
     ) -> Verdict | None:
-        """Compare a picture with its baseline, and fail the test where it differs.
+        """Compare an image with its baseline, and fail the test if they differ.
 
         Parameters
         ----------
-        subject : a scene (the name of a shipped one, a file, also one beside the test, or a `Scene`), which is
-                  rendered; a `Film`; an array (H, W), (H, W, 3) or (H, W, 4) with alpha, radiance in linear Rec.
-                  709, or sRGB where it is uint8 or uint16; an image of Pillow; a figure of matplotlib; the path
-                  or the bytes of an image file; or a function without parameters that returns one of these
-        name    : of the picture, where a test has several
-        mode    : "exact", "fuzzy", "stat" or "flip"; by default what the marker `render_regression` of the test,
-                  class or module says, else what `glpath_mode` says, else "stat" for path-traced films and
-                  "fuzzy" for all else
-        limits  : of the mode, for example {"tolerance": 0.01}; see `glpath.compare`. Those that are not given come
-                  from the marker, else from `glpath_limits`
-        ignore  : what is not compared: rectangles [(x, y, width, height), ...] in pixels, y from the top; or a
-                  picture as large, white there, or its file beside the test. By default what the marker says
-        savefig_kwargs : of matplotlib's `Figure.savefig`, such as {"dpi": 100}; by default those of the marker
-        remove_text : take titles and the labels of ticks from a figure; by default as the marker says. The marker
-                  also has `style` and `backend` of matplotlib, which hold while the test runs
-        render_options : of `glpath.render`, where a scene is rendered. The seed is 0 unless it is among them; a
-                  fixed one lets "stat" see small changes
+        subject : scene (name of a shipped one, file, also beside the test, or `Scene`), which is rendered; `Film`;
+                  array (H, W), (H, W, 3) or (H, W, 4) with alpha, radiance in linear Rec. 709, or sRGB for uint8
+                  and uint16; Pillow image; matplotlib figure; path or bytes of an image file; or a function without
+                  parameters that returns one of these
+        name    : name of the image, if a test has several
+        mode    : "exact", "fuzzy", "stat" or "flip". Default: mode of the marker `render_regression` of the test,
+                  class or module; otherwise `glpath_mode`; otherwise "stat" for path-traced films and "fuzzy" for
+                  all other images
+        limits  : limits of the mode, for example {"tolerance": 0.01}; see `glpath.compare`. Missing limits come
+                  from the marker, otherwise from `glpath_limits`
+        ignore  : parts that are not compared: rectangles [(x, y, width, height), ...] in pixels, y from the top; or
+                  an image of the same size, white there, or its file beside the test. Default: that of the marker
+        savefig_kwargs : arguments of matplotlib's `Figure.savefig`, such as {"dpi": 100}; default: those of the
+                         marker
+        remove_text : True to remove titles and tick labels from a figure; default: that of the marker. The marker
+                      also has `style` and `backend` of matplotlib, which apply while the test runs
+        render_options : options of `glpath.render`, if a scene is rendered. The seed is 0 if it is not given; a
+                         fixed seed lets "stat" detect small changes
 
-        Returns the verdict, None where a baseline was written instead.
+        Returns the verdict, or None if a baseline was written instead.
         """
         __tracebackhide__ = True
         try:
@@ -117,15 +118,15 @@ class RenderRegression:
             return self._check(picture, stem, marked, mode, dict(limits or {}))
         except GlpathError as error:
             reason = f"glpath: {error}"
-        # Not while the other is handled: pytest would show both.
+        # Outside the handler, because pytest would show both exceptions.
         pytest.fail(reason)
 
     @contextlib.contextmanager
     def styled(self) -> Iterator[None]:
-        """Within, matplotlib has the style and the backend of the marker, or of the run."""
+        """Context in which matplotlib uses the style and backend of the marker, or of the run."""
         try:
             settings = self._figure_settings(self._marked(), None, None)
-        except UsageError:  # which the call reports
+        except UsageError:  # reported by the call
             settings = FigureSettings()
         reason = ""
         with contextlib.ExitStack() as until_done:
@@ -141,7 +142,7 @@ class RenderRegression:
     def _figure_settings(
         self, marked: Mapping[str, Any], savefig_kwargs: Mapping[str, Any] | None, remove_text: bool | None
     ) -> FigureSettings:
-        """The call says more than the marker, the marker more than the options of the run."""
+        """Return the settings: the call overrides the marker, and the marker the options of the run."""
         return FigureSettings(
             marked["style"] if marked["style"] is not None else self._settings.style,
             marked["backend"] or self._settings.backend,
@@ -150,7 +151,7 @@ class RenderRegression:
         )
 
     def _marked(self) -> dict[str, Any]:
-        """The settings of the markers of the test, its class and its module; the nearest wins."""
+        """Return the settings of the markers of the test, its class and its module; the nearest wins."""
         found: dict[str, Any] = dict.fromkeys(_MARKED) | {"limits": {}}
         for marker in reversed(list(self._item.iter_markers(_MARKER))):
             unknown = [repr(value) for value in marker.args] + [key for key in marker.kwargs if key not in found]
@@ -159,7 +160,7 @@ class RenderRegression:
                     f"the marker {_MARKER}: has no {', '.join(unknown)}. Allowed: {', '.join(found)}, by name."
                 )
             given = {key: value for key, value in marker.kwargs.items() if value is not None}
-            # Limits belong to a mode, and go with it.
+            # Limits belong to a mode, and are dropped if the mode changes.
             limits = {} if given.get("mode", found["mode"]) != found["mode"] and found["mode"] else found["limits"]
             found |= {**given, "limits": {**limits, **given.get("limits", {})}}
         return found
@@ -167,7 +168,7 @@ class RenderRegression:
     def _stem(self, name: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9_.+=-]{0,80}", name):
             raise UsageError(f"name: found {name[:100]!r}, expected up to 80 letters, digits and . _ - + = only.")
-        # File systems of macOS and Windows take names for one that differ in case alone.
+        # File systems of macOS and Windows do not distinguish names that differ only in case.
         before = self._names.get(name.lower())
         if before is not None:
             which = f"picture {name!r}" if name else "picture without a name"
@@ -188,7 +189,7 @@ class RenderRegression:
         baseline = _existing(baseline_folder(config, self._item.path, marked["baseline_path"]), stem, picture)
         missing = not os.path.exists(baseline)
         results = results_folder(config, self._item.path, stem)
-        # A test that is expected to fail has a baseline that it does not meet, and keeps it.
+        # The baseline of a test that is expected to fail differs from its image, and is kept.
         update = "none" if is_xfail(self._item) else self._settings.update
         record: dict[str, Any] = {
             "test": self._item.nodeid,
@@ -248,7 +249,7 @@ class RenderRegression:
     def _masked(
         self, picture: Picture, reference: Picture, marked: Mapping[str, Any], record: dict[str, Any]
     ) -> tuple[Picture, Picture]:
-        """Both without what is ignored; as they are where their sizes differ."""
+        """Return both images without ignored parts; unchanged if their sizes differ."""
         if marked["ignore"] is None or picture.mean.shape != reference.mean.shape:
             return picture, reference
         mask = mask_of(marked["ignore"], picture.mean.shape, self._item.path.parent)
@@ -263,14 +264,14 @@ class RenderRegression:
         mode: str | None,
         limits: Mapping[str, float],
     ) -> tuple[str, dict[str, float]]:
-        """The call says more than the marker, the marker more than the options of the run."""
+        """Return the settings: the call overrides the marker, and the marker the options of the run."""
         of_the_run = {name: read_limits(name, texts) for name, texts in self._settings.limits.items()}
         known = marked["limits"] if mode is None or marked["mode"] in (None, mode) else {}
         mode = mode or marked["mode"] or self._settings.mode or default_mode(picture, reference)
         return mode, {**of_the_run.get(mode, {}), **known, **limits}
 
     def _fail(self, record: dict[str, Any], results: Path, limits: Mapping[str, float], headline: str) -> NoReturn:
-        """Fail the test with all that a person needs to look, to repeat it and to accept it."""
+        """Fail the test with a message for viewing, repeating and accepting the result."""
         __tracebackhide__ = True
         lines = [f"glpath: {headline}"]
         missing = record["outcome"] == "missing"
@@ -295,14 +296,14 @@ class RenderRegression:
             files = f"{shlex.quote(shown_path(result))} {shlex.quote(shown_path(record['baseline']))}"
             commands["again"] = f"glpath diff --mode {record['mode']}{given} {files}"
         wanted = "missing" if missing else "failed"
-        # Ids count from pytest's rootdir, but a path on its command line from here.
+        # Ids are relative to pytest's rootdir, but paths on its command line to the current folder.
         test = "::".join([shown_path(self._item.path), *record["test"].split("::")[1:]])
         commands["accept"] = f"pytest --glpath-update {wanted} {shlex.quote(test)}"
         return commands
 
 
 def shown_path(path: str | Path) -> str:
-    """A path, relative to here where that is below."""
+    """Return a path, relative to the current folder if it is below."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith(os.pardir) else relative
 
@@ -320,10 +321,10 @@ def _existing(folder: Path, stem: str, picture: Picture) -> Path:
 
 
 def _load(baseline: Path, picture: Picture, record: dict[str, Any]) -> Picture | None:
-    """None for what cannot be read: a failure like any other, which an update may end; the record says why.
+    """Return the baseline, or None if it cannot be read; the record then has the reason.
 
-    Raises UsageError for the baseline of another test, whose name makes the same file name: with a picture's name
-    behind it, or on file systems that do not know upper from lower case.
+    An unreadable baseline is a failure that an update may fix. Raises UsageError if the baseline belongs to another
+    test with the same file name. That happens if an image's name is appended, or if the file system ignores case.
     """
     try:
         reference = read_picture(baseline) if baseline.suffix == ".png" else Picture.load(baseline)
@@ -344,7 +345,7 @@ def _load(baseline: Path, picture: Picture, record: dict[str, Any]) -> Picture |
 def _verdict(
     picture: Picture, reference: Picture, mode: str, limits: Mapping[str, float], record: dict[str, Any]
 ) -> Verdict | None:
-    """None for pictures that cannot be compared, such as those of two sizes. The record has it all."""
+    """Return the verdict and record it; None for images that cannot be compared, such as those of two sizes."""
     record["made_otherwise"] = picture.differences_in_making(reference)
     try:
         verdict = compare(picture, reference, mode, **limits)
@@ -368,10 +369,10 @@ def _verdict(
 
 
 def _write_baseline(path: Path, picture: Picture, mode: str, limits: Mapping[str, float]) -> Path:
-    """Write it beside `path`, as .png or .exr, and return where. What is only looked at comes first: should it
-    fail, the old baseline, which counts, is still whole.
+    """Write a baseline as .png or .exr at `path`, and return its path.
 
-    A picture too noisy to pass compared with itself never becomes a baseline: UsageError.
+    The image for viewing is written first: if that fails, the old baseline is still complete. Raises UsageError if
+    the image is too noisy to pass a comparison with itself.
     """
     verdict = compare(picture, picture, mode, **limits)
     if not verdict.passed:
@@ -392,11 +393,11 @@ def _keep(
     compared: tuple[Picture, Picture] | None,
     record: dict[str, Any],
 ) -> dict[str, str]:
-    """Write what there is to see into the folder of this picture's results; kind to path.
+    """Write the images for viewing into the folder of this image's results; return paths by kind.
 
-    compared : both without what is ignored; of two sizes they are padded with black to one
+    compared : both images without ignored parts; images of different sizes are padded with black
 
-    Where the system refuses, the summary of the record has the reason: the difference is what the test fails by.
+    If the system reports an error, the record's summary includes it, because the test fails by the difference.
     """
     files: dict[str, str] = {}
     try:
@@ -413,7 +414,7 @@ def _keep(
                 compared = padded(compared[0], (height, width)), padded(compared[1], (height, width))
             a, b = (side.mean for side in max_difference_pair(*compared))
             shown = {"difference": difference_image(a, b)[0]}
-            with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report says where it is missing
+            with contextlib.suppress(UsageError):  # flip-evaluator is optional; the report shows if it is missing
                 shown["flip"] = flip_picture(a, b)
             for kind, image in shown.items():
                 write_png(folder / f"{kind}.png", image)
@@ -424,17 +425,19 @@ def _keep(
 
 
 def _forget(folder: Path) -> None:
-    """Remove what `_keep` of an earlier run has left, and nothing else."""
+    """Remove the files that `_keep` wrote in an earlier run, and nothing else."""
     for kind in ("result", "reference", "difference", "flip"):
         for suffix in (".png", ".exr"):
             (folder / f"{kind}{suffix}").unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # it was not there, or holds something of somebody else
+    with contextlib.suppress(OSError):  # missing, or with other files
         folder.rmdir()
 
 
 def is_baseline(file: Path) -> bool | None:
-    """Whether glpath has written it: a baseline, or the picture to look at beside one. None for unreadable
-    pictures."""
+    """Return True if glpath has written the file, as a baseline or as the PNG for viewing beside one.
+
+    Returns None for unreadable images.
+    """
     try:
         if file.suffix == ".exr":
             return Picture.is_baseline(read_exr_channels(file)[1])
@@ -445,9 +448,9 @@ def is_baseline(file: Path) -> bool | None:
 
 
 def delete_baseline(file: Path) -> None:
-    """Delete it, and the picture to look at beside it."""
+    """Delete a baseline and the PNG for viewing beside it."""
     for path in (file, file.with_suffix(".png")):
         if os.path.exists(path) and is_baseline(path):
             path.unlink()
-    with contextlib.suppress(OSError):  # it holds more
+    with contextlib.suppress(OSError):  # not empty
         file.parent.rmdir()

@@ -1,6 +1,6 @@
-"""The report of a pytest run: one HTML file that needs nothing beside it, or JSON for programs.
+"""Report of a pytest run: one self-contained HTML file, or JSON for programs.
 
-The page is `report.html` in this package; what was compared is put into it as JSON, pictures as data URIs.
+The page is `report.html` in this package. The comparisons are inserted as JSON, and images as data URIs.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _RECORDS = "/*RECORDS*/"
 def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], unused: Sequence[str]) -> Path:
     """Write report.html or report.json into `folder`, the worst failure first, and return its path.
 
-    A .gitignore that ignores the folder comes with it. Raises ImageError when the system refuses.
+    A .gitignore that ignores the folder is written too. Raises ImageError if the system reports an error.
     """
-    # JSON first compares what is above its limit; what passed stands below, most nearly failed first.
+    # Failures first, then the others; each part by severity, so that nearly failed comparisons lead the second.
     ordered = sorted(records, key=lambda r: (r["outcome"] not in ("failed", "missing"), -r["severity"], r["test"]))
     content: dict[str, Any] = {
         "versions": versions("glpath", "flip-evaluator", "pytest"),
@@ -48,8 +48,8 @@ def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], 
 
 
 def extras_of(records: Sequence[Mapping[str, Any]]) -> list[Any]:
-    """Pictures that were kept, for the report of pytest-html, in the order of the report here."""
-    extras = import_module("pytest_html").extras  # which its caller has loaded
+    """Return the stored images for the report of pytest-html, in the order of the records."""
+    extras = import_module("pytest_html").extras  # already loaded by the caller
     return [
         extras.png(base64.b64encode(Path(path).read_bytes()).decode("ascii"), f"{record['picture']}: {kind}")
         for record in records
@@ -64,6 +64,6 @@ def _embedded(files: Mapping[str, str]) -> dict[str, str]:
         try:
             data = Path(path).read_bytes()
         except OSError:
-            continue  # on a worker of another machine: the report shows what there is
+            continue  # may be on another machine's worker; the report shows the available images
         found[kind] = f"data:image/png;base64,{base64.b64encode(data).decode('ascii')}"
     return found

@@ -1,4 +1,4 @@
-"""The options of one pytest run, as the fixture needs them: each is on the command line and in the ini-file."""
+"""Options of a pytest run for the fixture, each on the command line and in the ini-file."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import pytest
 
 
 class Option:
-    """--glpath-NAME, and glpath_NAME in the ini-file, where "-" is "_"."""
+    """Option --glpath-NAME, and glpath_NAME in the ini-file, with "_" for "-"."""
 
-    # No dataclass: to make one takes a millisecond of every pytest run on the machine.
+    # Not a dataclass, because creating one takes a millisecond of every pytest run on the machine.
     def __init__(self, name: str, help: str, choices: tuple[str, ...] = (), metavar: str | None = None) -> None:
         self.name, self.help, self.choices, self.metavar = name, help, choices, metavar
 
@@ -102,13 +102,13 @@ def add_options(parser: pytest.Parser) -> None:
 
 
 def chosen(config: pytest.Config, name: str) -> str | None:
-    """The value of the command line, else of the ini-file, else None."""
+    """Return the value from the command line, otherwise from the ini-file, otherwise None."""
     given = config.getoption(f"--glpath-{name}") or config.getini(_ini(name)).strip()
     return str(given) if given else None
 
 
 def is_from_command_line(config: pytest.Config, name: str) -> bool:
-    """Whether the option is given there; the ini-file's counts less."""
+    """Return True if the option is on the command line, which overrides the ini-file."""
     return bool(config.getoption(f"--glpath-{name}"))
 
 
@@ -117,14 +117,14 @@ def _ini(name: str) -> str:
 
 
 class Settings:
-    """The options of one pytest run.
+    """Options of a pytest run.
 
-    update : "none", "missing", "failed" or "all"; explicit, or "missing", and "none" where CI is set
+    update : "none", "missing", "failed" or "all"; default "missing", or "none" if CI is set
     keep   : "failures" or "all"
-    mode   : where a test does not say; None: by the picture
-    limits : by mode, texts as `glpath.compare.read_limits` takes them
+    mode   : mode for tests that give none; None: chosen by the image
+    limits : texts for `glpath.compare.read_limits`, by mode
     device : options of `glpath.render`
-    style, backend : matplotlib's; None: as they are
+    style, backend : style and backend of matplotlib; None: unchanged
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Settings:
 
     @classmethod
     def of(cls, config: pytest.Config) -> Settings:
-        """Raises pytest.UsageError for a value that cannot be."""
+        """Return the settings of a run. Raises pytest.UsageError for an invalid value."""
         for option in OPTIONS:
             value = chosen(config, option.name)
             if option.choices and value not in (None, *option.choices):
@@ -162,12 +162,12 @@ class Settings:
 
 
 def _is_ci() -> bool:
-    """Whether CI is set, as every known service does; CI=false and CI=0 say no."""
+    """Return True if CI is set, as in every known service, except CI=false and CI=0."""
     return os.environ.get("CI", "").lower() not in ("", "0", "false", "no")
 
 
 def _limits(text: str) -> dict[str, tuple[str, ...]]:
-    """ "fuzzy.threshold=4 stat.sees=0.02" by mode."""
+    """Return limits such as "fuzzy.threshold=4 stat.sees=0.02" by mode."""
     found: dict[str, tuple[str, ...]] = {}
     for entry in text.replace(",", " ").split():
         mode, dot, limit = entry.partition(".")

@@ -1,4 +1,4 @@
-"""The subjects of `render_regression`, as pictures."""
+"""Conversion of the subjects of `render_regression` to pictures."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
 
 class FigureLike(Protocol):
-    """A figure of matplotlib."""
+    """Figure of matplotlib."""
 
     def savefig(self, fname: Any, **options: Any) -> Any: ...
 
 
-#: A scene, which is rendered; a film; an array; an image of Pillow; a figure; the path or the content of an image
+#: Subject of a comparison: scene, which is rendered; film; array; Pillow image; figure; path or content of an image
 #: file; or a function without parameters that returns one of these.
 Subject: TypeAlias = "AnyScene | Film | ArrayLike | bytes | FigureLike | Image | Callable[[], Any]"
 
 
-#: Objects with such a method are no picture, but have one.
+#: Hints for objects that are not images but can produce one, by name of a method.
 _HINTS = {
     "get_figure": "Of matplotlib's Axes, hand in the figure: axes.figure.",
     "screenshot": "Of PyVista's Plotter, hand in its picture: Plotter(off_screen=True).screenshot().",
@@ -51,13 +51,13 @@ def picture_of(
     figures: list[Any],
     settings: FigureSettings,
 ) -> Picture:
-    """The picture that a test is about.
+    """Return the picture of a test's subject.
 
-    folder  : of the test; files are looked for there, then where the process is
-    device  : options of `glpath.render` that every test has
-    options : the test's own ones
-    figures : matplotlib's figures are added to it, for the caller to close
-    settings : how figures are saved
+    folder   : folder of the test, searched for files first, then the current folder
+    device   : options of `glpath.render` for every test
+    options  : options of `glpath.render` for this test
+    figures  : list to which matplotlib figures are added, for the caller to close
+    settings : settings for saving figures
 
     Raises GlpathError.
     """
@@ -89,12 +89,12 @@ def picture_of(
         return picture_of_pillow(subject)
     if callable(getattr(subject, "savefig", None)):
         figures.append(getattr(subject, "figure", subject))
-        return picture_from_bytes(settings.saved(subject))  # of matplotlib, or what saves itself like one
+        return picture_from_bytes(settings.saved(subject))  # matplotlib, or an object with the same method
     return Picture.of_array(_as_array(subject))
 
 
 def close_figures(figures: list[Any]) -> None:
-    """Close what pyplot would keep, and warn of after twenty tests."""
+    """Close figures, because pyplot would keep them and warn after twenty tests."""
     pyplot = sys.modules.get("matplotlib.pyplot")
     if pyplot is not None:
         for figure in figures:
@@ -103,7 +103,7 @@ def close_figures(figures: list[Any]) -> None:
 
 
 def _has(subject: object, name: str) -> bool:
-    """Whether it has a method, or is several, as of plt.subplots(2, 2), of which the first has."""
+    """Return True if it, or the first element of an array such as from plt.subplots(2, 2), has a method."""
     first = subject.flat[0] if isinstance(subject, np.ndarray) and subject.size else subject
     return callable(getattr(first, name, None))
 

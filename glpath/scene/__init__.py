@@ -1,6 +1,6 @@
-"""The model of a scene: primitives, materials, lights and a camera. Plain data: no file is read here, and no GL.
+"""Scene model as plain data: primitives, materials, lights and a camera. It reads no files and uses no OpenGL.
 
-Each name brings what it needs when it is first used, so that a command's help loads no numpy.
+A submodule is imported when one of its names is first used, so that a command's help does not load numpy.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = [
     "path_traceable",
 ]
 
-# Where a name lives; those that are not here live in `model`.
+# Submodules of the names; names that are not listed are defined in `model`.
 _HOME = {
     "Background": "background",
     "CameraKey": "camera",

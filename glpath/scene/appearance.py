@@ -1,10 +1,10 @@
-"""Materials with their textures and vertex colours, evaluated at points of surfaces on the CPU.
+"""Reflectance, opacity and emission of materials with textures and vertex colours, evaluated on the CPU.
 
-`scene/surface.glsl` is the same for the device. Here it serves what needs means and single points: light samples,
-and the elements of radiosity.
+`shaders/scene/surface.glsl` computes the same on the device. The CPU version serves code that needs means or single
+points: light samples, and the elements of radiosity.
 
-Cost:     a look-up of N points is a dozen numpy calls; a mean over a triangle takes 16 to 4096 points, by how many
-          texels the triangle covers, and fewer where there are many such triangles: 0.2 us a point.
+Cost:     a look-up of N points is a dozen numpy calls. A mean over a triangle takes 16 to 4096 points of 0.2 us,
+          more if it covers more texels. Scenes with many such triangles use fewer points for each.
 """
 
 from __future__ import annotations
@@ -25,18 +25,22 @@ if TYPE_CHECKING:
 
 Int64 = NDArray[np.int64]
 
-#: A whole triangle, as the barycentric coordinates b1, b2 of its corners.
+#: Barycentric coordinates b1, b2 of the corners of a whole triangle.
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-# Points of a mean lie in parts of a triangle whose edges are in so many: as fine as texels, within bounds.
+# Numbers of parts along a triangle's edges, for means: a part is about as large as a texel, within these bounds.
 _PARTS = (4, 8, 16, 32, 64)
-# So many points at most, unless all have the fewest. In `parlour` 256 of a triangle instead of 4096 change its mean
-# by 0.6 %, and that of the room by 0.05 %, which is far below what a solution's particles leave.
+# Maximum number of points of all means, unless all triangles have the fewest. In `parlour`, 256 points a triangle
+# instead of 4096 change its mean by 0.6 %. The mean of the room changes by 0.05 %, far less than the noise of a
+# solution's particles.
 _ALL_POINTS = 1 << 21
-_TOGETHER = 1 << 16  # points looked up at once, whose arrays are no larger than a cache
+_TOGETHER = 1 << 16  # points looked up at once, so that their arrays fit into a cache
 
 
 def texture_at(texture: Texture, uv: Float64) -> Float64:
-    """(N, 4) float64: colour, linear Rec. 709, and alpha, 1 where it has none, at texture coordinates (N, 2)."""
+    """Return (N, 4) float64: linear Rec. 709 colour and alpha of a texture at texture coordinates (N, 2).
+
+    Alpha is 1 if the image has none.
+    """
     height, width = texture.image.shape[:2]
     where = []
     for axis, size in enumerate((width, height)):
@@ -83,29 +87,36 @@ _SRGB = decode_srgb(_BYTES)
 class Appearance:
     """Reflectance, opacity and emission of a scene's triangles.
 
-    Points are the number of a triangle (N,) and barycentric coordinates b1, b2 in it (N, 2), of corners 1 and 2.
+    A point is given by its triangle's number (N,) and by the barycentric coordinates b1, b2 (N, 2) of corners 1 and
+    2.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._materials = [scene.materials[shape.material] for shape in scene.shapes]
 
-    # At points.
+    # Values at points.
 
     def opacity(self, triangle: Int64, b: Float64) -> Float64:
-        """(N,) float64 in [0, 1]: the share of light that meets the surface; 0 or 1 of a mask."""
+        """Return the (N,) float64 opacity in [0, 1], the fraction of light that hits the surface.
+
+        It is 0 or 1 for a mask.
+        """
         return self._by_shape(triangle, b, self._opacity, 1, lambda shape, material: 1.0)[:, 0]
 
     def reflectance(self, triangle: Int64, b: Float64) -> Float64:
-        """(N, 3) float64: of the front, times the opacity, as what passes through a surface is not reflected."""
+        """Return the (N, 3) float64 reflectance of the front times the opacity; passing light is not reflected."""
         return self._by_shape(triangle, b, self._reflectance, 3, lambda shape, material: material.reflectance)
 
     def emission(self, triangle: Int64, b: Float64) -> Float64:
-        """(N, 3) float64 radiance W sr^-1 m^-2, times the opacity."""
+        """Return the (N, 3) float64 radiance in W sr^-1 m^-2, times the opacity."""
         return self._by_shape(triangle, b, self._emission, 3, lambda shape, material: shape.emission)
 
     def sphere_emission(self, shape: int, unit: Float64) -> Float64:
-        """(N, 3) float64, the same of a shape of spheres at points of the unit sphere (N, 3)."""
+        """Return the (N, 3) float64 radiance, times the opacity, of a shape of spheres.
+
+        unit : (N, 3) points of the unit sphere
+        """
         of, material = self.scene.shapes[shape], self._materials[shape]
         longitude = np.arctan2(unit[:, 1], unit[:, 0]) / (2 * np.pi) % 1.0
         uv = np.stack([longitude, 0.5 + np.arcsin(np.clip(unit[:, 2], -1, 1)) / np.pi], axis=1)
@@ -120,28 +131,32 @@ class Appearance:
         return np.asarray(light * opacity_of(material, at(material.texture)[:, 3:]))
 
     def mean_sphere_emission(self, shape: int) -> Float64:
-        """(3,) float64 over all of the unit sphere."""
+        """Return the (3,) float64 mean radiance of a shape of spheres over the unit sphere."""
         return np.asarray(self.sphere_emission(shape, _sphere_points(4096)).mean(axis=0))
 
     # Means over parts of triangles.
 
     def mean_opacity(self) -> Float64:
-        """(T,) float64 of each triangle."""
+        """Return the (T,) float64 mean opacity of each triangle."""
         return self._means(self.opacity, "opacity", self._all, WHOLE, 1)[:, 0]
 
     def mean_reflectance(self, triangle: Int64 | None = None, corners: Float64 = WHOLE) -> Float64:
-        """(P, 3) float64 of parts of triangles (P,), each by its corners (P, 3, 2) in barycentric coordinates.
+        """Return the (P, 3) float64 mean reflectance of parts of triangles.
 
-        Without arguments, of all triangles.
+        triangle : (P,) numbers of the triangles; None: all triangles
+        corners  : (P, 3, 2) barycentric coordinates of each part's corners
         """
         return self._means(self.reflectance, "reflectance", triangle, corners, 3)
 
     def mean_emission(self, triangle: Int64 | None = None, corners: Float64 = WHOLE) -> Float64:
-        """(P, 3) float64 radiance W sr^-1 m^-2, the same."""
+        """Return the (P, 3) float64 mean radiance in W sr^-1 m^-2 of parts of triangles.
+
+        Parameters are those of `mean_reflectance`.
+        """
         return self._means(self.emission, "emission", triangle, corners, 3)
 
     def side_reflectance(self) -> Float64:
-        """(2, T, 3) float64, see `Scene.side_reflectance`."""
+        """Return the (2, T, 3) float64 reflectance of triangles' fronts and backs, see `Scene.side_reflectance`."""
         materials, shape = self._materials, self.scene.triangle_shape
         clear = self.clear_shares()
         front = np.array([self.scene.mean_reflectance(m, c) for m, c in zip(materials, clear, strict=True)])
@@ -152,7 +167,8 @@ class Appearance:
             opacity = self.mean_opacity()
             for number in np.unique(shape[painted]):
                 own = painted[shape[painted] == number]
-                # What is not there reflects nothing, not even as its layers do.
+                # The base is divided by the opacity while layers are added, because holes reflect nothing, not even
+                # by layers.
                 there = opacity[own, None]
                 base = front[own] / np.where(there > 0, there, 1.0)
                 mean = averaged(materials[number], self.scene.textures)
@@ -161,10 +177,10 @@ class Appearance:
         return np.stack([front, front * two_sided])
 
     def side_transmittance(self) -> Float64:
-        """(2, T, 3) float64: of light on triangles' fronts and backs what a diffuse base sends to the other side.
+        """Return the (2, T, 3) float64 diffuse transmittance for light on triangles' fronts and on their backs.
 
-        Alike from both, but to a back that is not there nothing goes. Of textures the mean over the whole surface,
-        times the triangle's opacity.
+        This is the fraction that a diffuse base sends to the other side. It is the same for both sides, but 0 for a
+        front whose back is culled. A textured surface has its mean, times the triangle's opacity.
         """
         of_shapes = np.zeros((len(self._materials), 3))
         for number, (material, clear) in enumerate(zip(self._materials, self.clear_shares(), strict=True)):
@@ -182,11 +198,11 @@ class Appearance:
 
     @property
     def culled(self) -> NDArray[np.bool_]:
-        """(T,) bool: whether a triangle's back is not there."""
+        """(T,) bool: True if the back of the triangle is culled."""
         return np.array([material.culled for material in self._materials], bool)[self.scene.triangle_shape]
 
     def clear_shares(self) -> Float64:
-        """(shapes,) float64: the share of each shape's base that is glass."""
+        """Return the (shapes,) float64 fraction of each shape's base that is glass."""
         share = np.array([material.clear for material in self._materials], float)
         for number in np.flatnonzero(share):
             slot = self._materials[number].transmission_texture
@@ -195,7 +211,7 @@ class Appearance:
         return share
 
     def mean_clear(self) -> Float64:
-        """(T, 3) float64: what glass lets through of light that meets it and that its surface does not reflect."""
+        """Return the (T, 3) float64 transmittance of glass for light that its surface does not reflect."""
         of = self.clear_shares()[self.scene.triangle_shape]
         found = np.zeros((len(of), 3))
         glass = np.flatnonzero(of)
@@ -216,13 +232,19 @@ class Appearance:
         return np.arange(len(self.scene.triangle_shape))
 
     def varies(self, what: str) -> NDArray[np.bool_]:
-        """(shapes,) bool: is "reflectance", "opacity" or "emission" anything but one number for the whole shape?"""
+        """Return (shapes,) bool: True if a property is not constant over the shape.
+
+        what : "reflectance", "opacity" or "emission"
+        """
         return np.array(
             [what in _varying(s, m) for s, m in zip(self.scene.shapes, self._materials, strict=True)], bool
         )
 
     def slot_uv(self, slot: TextureSlot, triangle: Int64, b: Float64) -> Float64:
-        """(N, 2) texture coordinates as a slot has them; (N, K, 2) at K points (N, K, 2) of each triangle."""
+        """Return the (N, 2) texture coordinates of a slot at points.
+
+        With K points b (N, K, 2) of each triangle, the result is (N, K, 2).
+        """
         shapes = self.scene.shapes
         vertex_uv = shapes.vertex_uv1 if slot.uv_set else shapes.vertex_uv
         uv = vertex_uv.take(shapes.faces.take(triangle, axis=0), axis=0)
@@ -244,7 +266,7 @@ class Appearance:
         return np.asarray(c[:, 0] + b[:, :1] * (c[:, 1] - c[:, 0]) + b[:, 1:] * (c[:, 2] - c[:, 0]))
 
     def _base(self, shape: Shape, material: Material, triangle: Int64, b: Float64) -> tuple[Float64, Float64]:
-        """Colour (N, 3) that reflectance is multiplied by, and opacity (N, 1)."""
+        """Return the colour (N, 3) that multiplies reflectance, and the opacity (N, 1)."""
         base = self._at(material.texture, triangle, b) * self._colours(shape, triangle, b)
         return base[:, :3], opacity_of(material, base[:, 3:])
 
@@ -296,7 +318,7 @@ class Appearance:
         varying = np.flatnonzero(self.varies(what)[self.scene.triangle_shape[triangle]])
         parts = self._parts_of(triangle[varying], corners[varying])
         if what == "emission":
-            # Most of what a model has of an emission texture is black.
+            # Emission textures are mostly black, and black parts need no samples.
             glows = self._may_glow(triangle[varying], corners[varying])
             varying, parts = varying[glows], parts[glows]
         for k in np.unique(parts):
@@ -310,12 +332,12 @@ class Appearance:
         return found
 
     def _parts_of(self, triangle: Int64, corners: Float64) -> Int64:
-        """(P,) into how many parts edges are divided: of parts of triangles that cover many texels more."""
+        """Return (P,) numbers of parts along edges, larger for triangles that cover more texels."""
         texels = np.zeros(len(triangle))
         shape_of = self.scene.triangle_shape[triangle]
         for number in np.unique(shape_of):
             own = np.flatnonzero(shape_of == number)
-            # Of slots with the same coordinates the largest texture counts.
+            # Among slots with the same texture coordinates, the largest texture decides.
             finest: dict[tuple[int, bytes], tuple[TextureSlot, float]] = {}
             for slot in self._materials[number].slots.values():
                 texture = self.scene.textures[slot.texture]
@@ -336,7 +358,7 @@ class Appearance:
         return np.full(len(found), steps[0])
 
     def _may_glow(self, triangle: Int64, corners: Float64) -> NDArray[np.bool_]:
-        """(P,) bool: False where the emission texture is black under all of a part."""
+        """Return (P,) bool: False if the emission texture is black in the whole part."""
         found = np.ones(len(triangle), bool)
         shape_of = self.scene.triangle_shape[triangle]
         for number in np.unique(shape_of):
@@ -349,18 +371,21 @@ class Appearance:
 
 
 def _not_black(texture: Texture, uv: Float64) -> NDArray[np.bool_]:
-    """(P,) bool: may triangles (P, 3, 2) of texture coordinates show anything but black? True where they repeat."""
+    """Return (P,) bool: True if triangles (P, 3, 2) of texture coordinates may show a colour other than black.
+
+    True for triangles that reach beyond the image, into its repetitions.
+    """
     height, width = texture.image.shape[:2]
     coloured = texture.image[..., 0] != 0
     for channel in (1, 2):
         coloured |= texture.image[..., channel] != 0
-    # So many coloured texels above and to the left of each corner of a texel.
+    # Summed-area table: number of coloured texels above and to the left of each texel corner.
     before = np.zeros((height + 1, width + 1), np.int32)
     before[1:, 1:] = coloured.cumsum(axis=0, dtype=np.int32).cumsum(axis=1)
     x = uv[..., 0] * texture.scale[0] * width
     # Row 0 is the top, where v = 1.
     y = (1.0 - uv[..., 1] * texture.scale[1]) * height
-    # Filtered texels reach half a texel further, and rounding a little.
+    # Filtered texels extend half a texel further; the rest is a margin for rounding.
     left, right = np.floor(x.min(axis=1)) - 1, np.floor(x.max(axis=1)) + 2
     top, bottom = np.floor(y.min(axis=1)) - 1, np.floor(y.max(axis=1)) + 2
     inside = (left >= 0) & (top >= 0) & (right <= width) & (bottom <= height)
@@ -369,12 +394,12 @@ def _not_black(texture: Texture, uv: Float64) -> NDArray[np.bool_]:
 
 
 def has_colours(shape: Shape) -> bool:
-    """Do its vertices have colours?"""
+    """Return True if the shape's vertices have colours."""
     return getattr(shape.geometry, "colours", None) is not None
 
 
 def opacity_of(material: Material, alpha: Float64) -> Float64:
-    """A material's opacity from the alpha of its texture and vertices, of any shape."""
+    """Return the opacity of a material for the alpha of its texture and vertices, an array of any shape."""
     if material.alpha == "opaque":
         return np.ones_like(alpha)
     opacity = material.opacity * alpha
@@ -396,7 +421,7 @@ def _varying(shape: Shape, material: Material) -> set[str]:
 
 
 def _sphere_points(n: int) -> Float64:
-    """(n, 3) of the unit sphere, evenly, by the golden ratio."""
+    """Return (n, 3) points spread evenly over the unit sphere by the golden ratio."""
     i = np.arange(n)
     z, phi = 1 - (2 * i + 1) / n, 2 * np.pi * (i * 0.6180339887498949 % 1.0)
     r = np.sqrt(1 - z * z)
@@ -404,10 +429,10 @@ def _sphere_points(n: int) -> Float64:
 
 
 def _middles(k: int) -> Float64:
-    """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
+    """Return (k * k, 3) barycentric coordinates of the centres of the k * k equal parts of a triangle."""
     j, i = np.divmod(np.arange(k * k), k)
     lower = i + j < k
-    # What lies beyond the diagonal is turned back over it: the parts that are upside down.
+    # Points beyond the diagonal are mirrored back into the triangle: they become the centres of the inverted parts.
     x, y = np.where(lower, i + 1 / 3, k - i - 1 / 3), np.where(lower, j + 1 / 3, k - j - 1 / 3)
     b1, b2 = x / k, y / k
     return np.stack([1 - b1 - b2, b1, b2], axis=1)

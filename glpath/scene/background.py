@@ -1,4 +1,4 @@
-"""What the camera sees behind all shapes instead of the sky: plain, with a ground that catches the shadow."""
+"""Background that the camera sees instead of the sky: a colour, with a ground that catches shadows."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """A background of a colour of its own. It lights nothing, and no mirror and no solid glass shows it.
+    """Background with its own colour. It emits no light, and mirrors and solid glass do not show it.
 
-    radiance    : (3,) float64, linear Rec. 709; of a transparent one zeros
-    transparent : pictures have an alpha channel instead of a background
-    ground      : (3,) float64, a point of the ground, which only the eye sees: its radiance is the background's,
-                  times the sky's light on it with the shapes' shadow over that without. None: there is no ground
+    radiance    : (3,) float64, linear Rec. 709; zeros for a transparent background
+    transparent : True if images have an alpha channel instead of a background
+    ground      : (3,) float64, a point of the ground, or None for no ground. Only the camera sees the ground. Its
+                  radiance is that of the background, times the ratio of the sky's light with the shapes' shadows to
+                  that without
     up          : (3,) float64 unit, the normal of the ground
     """
 

@@ -1,10 +1,10 @@
-"""The camera and its projection: a pinhole, a thin lens, parallel rays, or a panorama. No other module projects.
+"""Camera and projection: a pinhole, a thin lens, parallel rays, or a panorama. No other module projects.
 
-Positions in an image are in pixels from its upper left corner, x to the right and y down, so that the middle of the
-first pixel is (0.5, 0.5). Row 0 of an image is at the top.
+Image positions are in pixels from the upper left corner, x to the right and y down. The centre of the first pixel
+is (0.5, 0.5). Row 0 of an image is at the top.
 
-A camera has a shutter, and keys where it moves: a picture is the mean over the time that the shutter is open, by
-accumulation of path sets, each of which has one time [PB 3.3; Haeberli & Akeley 1990].
+A camera has a shutter, and keys if it moves. An image is the mean over the time that the shutter is open: each
+accumulated path set has one time [PB 3.3; Haeberli & Akeley 1990].
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
 from glpath.system.pyrr_matrices import matrix33
 
-# Of `framing`: degrees from the front to the right, and upwards, each of what is as wide and high as deep, and of
-# what is thin or flat; below which share of width over depth, of height over width, it begins to be so.
+# View angles of `framing` in degrees, azimuth from the front to the right, and elevation. The first value is for a
+# box as wide and high as deep, the second for a thin box (azimuth) or a flat one (elevation). The view begins to
+# turn below these ratios: width over depth, and height over horizontal extent.
 _AZIMUTH, _ELEVATION = (20.0, 75.0), (18.0, 40.0)
 _DEEP, _FLAT = 0.8, 0.3
 _FOV = 30.0
-# How much larger the picture is than what it shows, and in diagonals of that, how near the eye may be at the least.
+# Ratio of the image to the visible points, and minimum distance of the eye in diagonals of their box.
 _MARGIN = 1.15
 _CLOSEST = 0.1
 
 
 @dataclass(frozen=True)
 class CameraKey:
-    """Where a camera is at a time.
+    """Pose of a camera at one time.
 
     time                 : seconds
-    position, target, up : (3,) float64, as of `Camera`
+    position, target, up : (3,) float64, as for `Camera`
     """
 
     time: float
@@ -48,23 +49,25 @@ class CameraKey:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera. Lists do for arrays and tuples, so that one can be written by hand, or come out of JSON.
+    """Camera with its projection, lens, shutter and motion.
+
+    Fields accept lists instead of arrays and tuples, so that a camera can be written by hand or read from JSON.
 
     position, target, up : (3,) float64, scene units; `up` need not be perpendicular to the view
-    fov                  : of "perspective": vertical field of view of the whole image, degrees, 0 < fov < 180
+    fov                  : vertical field of view of the whole image in degrees, 0 < fov < 180, for "perspective"
     resolution           : (width, height) in pixels
-    projection           : "perspective"; "orthographic", whose rays are parallel and start in the plane through
-                           `position`; "panorama", equirectangular: 360 degrees from the left to the right, 180 from
-                           the top to the bottom, `target` in the middle
-    height               : of "orthographic": of the whole image, scene units
-    aperture_radius      : of a thin lens, scene units; 0 is a pinhole. With "perspective"
-    focus_distance       : along the view, to the plane that is sharp, scene units; None: to the target
-    shutter              : when it opens and when it closes, seconds; equal for one moment
-    motion               : where it moves: held before the first and after the last, linear between them; they stand
-                           for position, target and up. () where it stands still
-    principal_point      : where the view goes through the picture, in its widths and heights from the upper left
-                           corner: (0.5, 0.5) is the middle, a shifted lens has others. Not of a panorama
-    pixel_aspect         : width of a pixel over its height. Not of a panorama
+    projection           : "perspective"; "orthographic", with parallel rays that start in the plane through
+                           `position`; or "panorama", equirectangular: 360 degrees from left to right, 180 from top
+                           to bottom, `target` in the middle
+    height               : height of the whole image in scene units, for "orthographic"
+    aperture_radius      : radius of a thin lens in scene units; 0 is a pinhole. Only for "perspective"
+    focus_distance       : distance along the view to the plane in focus, scene units; None: distance to the target
+    shutter              : opening and closing time in seconds; equal for a single moment
+    motion               : keys that replace position, target and up. The pose is linear between keys, and constant
+                           before the first and after the last. () if the camera does not move
+    principal_point      : point of the image on the view axis, in image widths and heights from the upper left
+                           corner. (0.5, 0.5) is the centre; a shifted lens has other values. Not for a panorama
+    pixel_aspect         : width of a pixel over its height. Not for a panorama
     """
 
     position: Float64
@@ -87,7 +90,7 @@ class Camera:
             object.__setattr__(self, name, tuple(getattr(self, name)))
 
     def frame(self) -> tuple[Float64, Float64, Float64]:
-        """Unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
+        """Return the unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
         return self._frame
 
     @cached_property
@@ -99,21 +102,21 @@ class Camera:
         return right, np.cross(right, forward), forward
 
     def turned(self, degrees: float) -> Camera:
-        """The camera carried around its target, about the axis `up` through it, counter-clockwise from above.
+        """Return the camera rotated about the axis `up` through its target, counter-clockwise seen from above.
 
-        The result stands still where the camera's motion starts.
+        The result does not move; it has the pose at the start of the camera's motion.
         """
         arm = self.position - self.target
         rotation = matrix33.create_from_axis_rotation(np.asarray(self.up, np.float64), np.radians(degrees))
         return replace(self, position=self.target + arm @ rotation, motion=())
 
     def turntable(self, frames: int) -> list[Camera]:
-        """The camera at so many equal steps once around the target."""
+        """Return `frames` cameras at equal angles around the target."""
         return [self.turned(360.0 * i / frames) for i in range(frames)]
 
     @property
     def moves(self) -> bool:
-        """While the shutter is open."""
+        """True if the camera moves while the shutter is open."""
         opened, closed = self.shutter
         return (
             len(self.motion) > 1
@@ -123,9 +126,9 @@ class Camera:
         )
 
     def at(self, time: float | None = None) -> Camera:
-        """The camera as it stands at a time, seconds: without motion, and with a shutter of that moment.
+        """Return the camera at a time in seconds, without motion, and with the shutter at that moment.
 
-        time : None: when the shutter opens
+        time : seconds; None: when the shutter opens
         """
         moment = self.shutter[0] if time is None else float(time)
         if not self.motion:
@@ -147,50 +150,52 @@ class Camera:
 
     @property
     def focal(self) -> float:
-        """Pixels of what is one scene unit high: at distance 1, by parallel rays at any."""
+        """Focal length in pixels: image height of one scene unit at distance 1, or anywhere for parallel rays."""
         if self.projection == "orthographic":
             return float(self.resolution[1] / self.height)
         return float(self.resolution[1] / (2.0 * np.tan(np.radians(self.fov) / 2.0)))
 
     @property
     def focal_lengths(self) -> tuple[float, float]:
-        """Pixels of what is one scene unit wide and high: fx and fy of an intrinsic matrix."""
+        """Focal lengths in pixels along x and y: fx and fy of an intrinsic matrix."""
         return self.focal / self.pixel_aspect, self.focal
 
     @property
     def centre(self) -> tuple[float, float]:
-        """The position in the image that the view goes through: cx and cy of an intrinsic matrix."""
+        """Image position of the view axis in pixels: cx and cy of an intrinsic matrix."""
         (width, height), (across, down) = self.resolution, self.principal_point
         return width * across, height * down
 
     @property
     def focus(self) -> float:
-        """Distance along the view of the plane that is sharp, scene units."""
+        """Distance along the view to the plane in focus, scene units."""
         if self.focus_distance is not None:
             return float(self.focus_distance)
         return float(np.linalg.norm(self.target - self.position))
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Half the width and half the height of the image that lies at distance 1, or is seen by parallel rays."""
+        """Half width and half height of the image plane at distance 1, or of the whole image for parallel rays."""
         (width, height), (fx, fy) = self.resolution, self.focal_lengths
         return 0.5 * width / fx, 0.5 * height / fy
 
     @property
     def offset(self) -> tuple[float, float]:
-        """How far the middle of that image is to the right of the view, and above it."""
+        """Offset of the image plane's centre from the view axis, to the right and up, in the units of `extent`."""
         (wide, high), (across, down) = self.extent, self.principal_point
         return wide * (1.0 - 2.0 * across), high * (2.0 * down - 1.0)
 
     def pixel_centres(self) -> Float64:
-        """(H, W, 2) float64 positions in the image."""
+        """Return (H, W, 2) float64 image positions of the pixel centres."""
         width, height = self.resolution
         return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
 
     def rays(self, at: ArrayLike | None = None) -> Float64:
-        """(..., 3) float64 unit directions through positions in the image, from `origins`; of a lens its middle's.
+        """Return (..., 3) float64 unit directions of rays through image positions; they start at `origins`.
 
-        at : (..., 2) positions, inside the image or beside it; the centres of all pixels, (H, W, 2), without it
+        The rays of a thin lens start at its centre.
+
+        at : (..., 2) positions, inside or outside the image; None: the centres of all pixels, (H, W, 2)
         """
         x, y = self._from_middle(at)
         right, up, forward = (axis for axis in self.frame())
@@ -207,7 +212,7 @@ class Camera:
         return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
 
     def origins(self, at: ArrayLike | None = None) -> Float64:
-        """(..., 3) float64 where `rays` start: the position; of parallel rays points of the plane through it."""
+        """Return (..., 3) float64 origins of `rays`: the position, or points of its plane for parallel rays."""
         x, y = self._from_middle(at)
         if self.projection != "orthographic":
             return np.broadcast_to(np.asarray(self.position, np.float64), (*x.shape, 3)).copy()
@@ -215,10 +220,10 @@ class Camera:
         return np.asarray(self.position + (x / fx)[..., None] * right + (y / fy)[..., None] * up)
 
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
-        """Where points (..., 3) appear: (..., 2) positions in the image, and (...) depth along the view.
+        """Return image positions (..., 2) and depths (...) along the view of points (..., 3).
 
-        Of no meaning where the depth is not above 0: behind the eye. Of a panorama, which has nothing behind it,
-        the depth is the distance.
+        A position has no meaning if its depth is 0 or below, because the point is behind the eye. A panorama has
+        nothing behind it, and its depth is the distance.
         """
         right, up, forward = self.frame()
         seen = np.asarray(points, np.float64) - self.position
@@ -236,13 +241,13 @@ class Camera:
         return np.stack([middle_x + x, middle_y - y], axis=-1), depth
 
     def corner_rays(self) -> Float64:
-        """(4, 3) float64 directions through the corners of the image of a perspective, around it; not unit."""
+        """Return (4, 3) float64 directions through the corners of a perspective image, around it; not unit."""
         (right, up, forward), (wide, high), (across, above) = self.frame(), self.extent, self.offset
         corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
         return np.array([forward + (across + a * wide) * right + (above + b * high) * up for a, b in corners])
 
     def _from_middle(self, at: ArrayLike | None) -> tuple[Float64, Float64]:
-        """Pixels to the right of where the view goes through the image, and above it."""
+        """Return pixel offsets from the view axis, to the right and up."""
         x, y = np.moveaxis(self.pixel_centres() if at is None else np.asarray(at, np.float64), -1, 0)
         middle_x, middle_y = self.centre
         return x - middle_x, middle_y - y
@@ -254,12 +259,12 @@ def _hold_arrays(of: Camera | CameraKey) -> None:
 
 
 def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 1.0, 0.0)) -> Camera:
-    """A camera that all of some points fill the picture of, seen from the front and somewhat above.
+    """Return a camera whose image the points fill, seen from the front and slightly from above.
 
-    points : (N, 3), one at least: of all that is to be seen
-    up     : (3,) of any length but zero. The front of what has y up is +z, with z up it is -y
+    points : (N, 3), at least one: all points that must be visible
+    up     : (3,), any length but zero. The front of an object is +z if y is up, and -y if z is up
 
-    What is flat is seen more from above; what is much deeper than wide more from its side.
+    Flat objects are seen more from above, and objects much deeper than wide more from their side.
     """
     if np.any(np.asarray(up) != (0.0, 1.0, 0.0)):
         upright = upright_from_world(up)
@@ -276,10 +281,7 @@ def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 
 
 
 def framed(camera: Camera, points: Float64) -> Camera:
-    """Return the camera, moved without a turn, so that some points fill its picture; parallel rays get a height.
-
-    points : (N, 3), one at least
-    """
+    """Return the camera translated so that the points fill its image. An orthographic camera gets a new height."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     centre, extent = 0.5 * (lower + upper), upper - lower
     right, up, forward = camera.frame()
@@ -294,7 +296,7 @@ def framed(camera: Camera, points: Float64) -> Camera:
         return replace(camera, position=middle - away * forward, target=middle, height=height, motion=())
     ahead = local @ forward
     nearest, position = float(ahead.min()), np.zeros(3)
-    back = np.inf  # along the view, where the eye may be: before all planes of the picture's edges
+    back = np.inf  # largest position of the eye along the view with all points inside the image
     for axis, half in ((right, wide / _MARGIN), (up, high / _MARGIN)):
         beside = local @ axis
         one, other = float((beside - half * ahead).max()), float((-beside - half * ahead).max())
@@ -307,9 +309,9 @@ def framed(camera: Camera, points: Float64) -> Camera:
 
 
 def upright_from_world(up: ArrayLike) -> Float64:
-    """Return the (3, 3) rotation that takes `up` to y and the front of things to z.
+    """Return the (3, 3) rotation that takes `up` to y and the front of objects to z.
 
-    up : (3,) of any length but zero. The front is -y if z is up, y if x is up, and z if y is up
+    up : (3,), any length but zero. The front is -y if z is up, y if x is up, and z if y is up
     """
     axis = np.asarray(up, np.float64) / np.linalg.norm(up)
     nearest = int(np.argmax(np.abs(axis)))
@@ -320,7 +322,10 @@ def upright_from_world(up: ArrayLike) -> Float64:
 
 
 def _view(extent: Float64) -> Float64:
-    """(3,) from a box of an extent (3,) towards the eye."""
+    """Return the (3,) direction from a box towards the eye.
+
+    extent : (3,) width, height and depth of the box
+    """
     wide, high, deep = extent
     level = float(np.hypot(wide, deep))
     flat = 1.0 - min(1.0, float(high) / (_FLAT * level)) if level > 0 else 0.0
@@ -331,5 +336,5 @@ def _view(extent: Float64) -> Float64:
 
 
 def may_be_framing(camera: Camera) -> bool:
-    """Whether a camera looks as those of `framing` do; which box it is of, its position says."""
+    """Return True if the camera may come from `framing`. Its position and target are not checked."""
     return camera.fov == _FOV and not camera.motion and camera.projection == "perspective"

@@ -1,6 +1,6 @@
-"""Cameras by matrices: a pose and the intrinsics K, as computer vision has them [Hartley & Zisserman 2004, 6.1].
+"""Cameras from matrices: a pose and the intrinsics K, as in computer vision [Hartley & Zisserman 2004, 6.1].
 
-Poor at:  lenses that distort, and pixels whose sides are not at right angles: undistort the pictures first.
+Poor at:  lens distortion, and pixels whose sides are not perpendicular: undistort the images first.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from glpath.scene.geometry import Float64
 Convention = Literal["opengl", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 
-# How far a rotation may be off one; the share of a focal length that a skew may have by rounding.
+# Tolerance of a rotation matrix, and of a skew as a fraction of the focal length, for rounding errors.
 _RIGID, _SKEW = 1e-4, 1e-9
 
 
@@ -28,19 +28,19 @@ def camera(
     resolution: tuple[int, int] | None = None,
     convention: Convention = "opengl",
 ) -> Camera:
-    """The camera of a pose and of intrinsics, for `render(..., camera=...)`.
+    """Return the camera with a pose and intrinsics, for `render(..., camera=...)`.
 
     Parameters
     ----------
-    pose       : (4, 4) or (3, 4): from the camera's frame to the world's, without scale
-    K          : (3, 3) intrinsics [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels; the picture's corner is (0, 0),
-                 the middle of its first pixel (0.5, 0.5), as COLMAP and NeRFs have it. Add 0.5 to what OpenCV's
-                 calibration finds, which counts from that middle
-    resolution : (width, height); twice the principal point, rounded, without it
-    convention : "opengl", the camera looks along -z, and +y is up in the picture, as Blender and NeRFs have it;
-                 "opencv", it looks along +z, and +y is down, as COLMAP has it
+    pose       : (4, 4) or (3, 4): matrix from the camera's frame to the world's, without scale
+    K          : (3, 3) intrinsics [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels. The image's corner is (0, 0)
+                 and the centre of its first pixel (0.5, 0.5), as in COLMAP and NeRFs. Add 0.5 to cx and cy of
+                 OpenCV's calibration, which counts from that centre
+    resolution : (width, height); None: twice the principal point, rounded
+    convention : "opengl": the camera looks along -z, and +y is up in the image, as in Blender and NeRFs; "opencv":
+                 it looks along +z, and +y is down, as in COLMAP
 
-    Raises UsageError for a pose that is no rotation and translation, and for intrinsics with a skew.
+    Raises UsageError if the pose is not a rotation and a translation, or if the intrinsics have a skew.
 
     Example
     -------
@@ -58,7 +58,7 @@ def camera(
 def cameras(
     poses: ArrayLike, K: ArrayLike, resolution: tuple[int, int] | None, convention: Convention
 ) -> list[Camera]:
-    """Those of poses (N, 4, 4), (N, 3, 4) or one of them; else as `camera`."""
+    """Return the cameras of poses (N, 4, 4) or (N, 3, 4), or of a single pose; other parameters as for `camera`."""
     found = _numbers("poses", poses)
     found = found[None] if found.ndim == 2 else found
     if found.ndim != 3 or found.shape[1:] not in ((4, 4), (3, 4)) or not len(found):
@@ -84,7 +84,7 @@ def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: 
 
 
 def _numbers(name: str, given: Any) -> Float64:
-    """float64. Raises UsageError for what are no finite numbers."""
+    """Return a float64 array. Raises UsageError if the value is not an array of finite numbers."""
     try:
         found = np.asarray(given, np.float64)
     except (TypeError, ValueError) as error:
@@ -95,7 +95,7 @@ def _numbers(name: str, given: Any) -> Float64:
 
 
 def _pose(found: Float64, name: str) -> Float64:
-    """(3, 4), a rotation and a translation. Raises UsageError."""
+    """Return the pose as (3, 4), a rotation and a translation. Raises UsageError if it is not one."""
     if found.shape not in ((4, 4), (3, 4)):
         raise UsageError(f"{name}: of shape {found.shape} where (4, 4) or (3, 4) is needed.")
     turn = found[:3, :3]
@@ -113,7 +113,7 @@ def _pose(found: Float64, name: str) -> Float64:
 
 
 def _intrinsics(given: ArrayLike, resolution: tuple[int, int] | None) -> tuple[Float64, tuple[int, int]]:
-    """(3, 3), and width and height. Raises UsageError."""
+    """Return the intrinsics (3, 3), and the width and height. Raises UsageError for invalid values."""
     K = _numbers("K", given)
     if K.shape != (3, 3):
         raise UsageError(f"K: of shape {K.shape} where (3, 3) is needed.")

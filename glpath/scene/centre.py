@@ -1,8 +1,8 @@
-"""A scene about its own middle, before anything of it becomes a number of 32 bits.
+"""Centring of a scene in float64, before its coordinates are rounded to 32 bits.
 
-Georeferenced models lie millions of units from the origin, where neighbouring numbers of 32 bits are half a unit
-apart. So engines, solvers and writers of 32-bit formats work on `Scene.centred`: everything in it is relative to
-`Scene.origin`, by subtraction in float64. A scene that is near the origin already stays as it is, to the bit.
+Georeferenced models are millions of units from the origin, where adjacent 32-bit floats differ by half a unit. So
+engines, solvers and writers of 32-bit formats use `Scene.centred`: `Scene.origin` is subtracted in float64 from all
+coordinates. A scene that is near the origin stays bit-identical.
 """
 
 from __future__ import annotations
@@ -26,20 +26,16 @@ if TYPE_CHECKING:
 
 Float64 = NDArray[np.float64]
 
-#: In diagonals of the scene, how far its middle is from the origin at most. There 32 bits tell 2e-7 of the diagonal
-#: apart, a tenth of what scans allow (`DEPTH_TOLERANCE` in shaders/path_buffer/path_scan.frag).
+#: Maximum distance of the scene's centre from the origin, in diagonals. At that distance 32-bit floats resolve 2e-7
+#: of the diagonal, a tenth of the scan tolerance (`DEPTH_TOLERANCE` in shaders/path_buffer/path_scan.frag).
 FARTHEST = 4.0
 
 
 def origin_of(lower: Float64, upper: Float64) -> Float64:
-    """(3,) what to subtract from a scene between two corners (3,); zeros where it is near the origin.
-
-    A multiple of a power of two that is no larger than the scene, so that it has few digits, in 32 bits as well: a
-    whole number, where the scene is larger than a unit.
-    """
+    """Return the (3,) origin to subtract from a scene with these bounds; zeros if the scene is near the origin."""
     middle, diagonal = 0.5 * (lower + upper), float(np.linalg.norm(upper - lower))
     farthest = float(np.abs(middle).max())
-    # Without a size it is a single plane's point, of no meaning.
+    # A scene without size is the point of a single plane, which has no meaning.
     if not 0 < diagonal < math.inf or farthest <= FARTHEST * diagonal:
         return np.zeros(3)
     step = 2.0 ** math.floor(math.log2(diagonal))
@@ -47,16 +43,16 @@ def origin_of(lower: Float64, upper: Float64) -> Float64:
 
 
 def centred(scene: Scene) -> Scene:
-    """See `Scene.centred`."""
+    """Return the scene relative to its own origin, see `Scene.centred`."""
     if scene.centred_by is not None:
         return scene
-    # The camera has no part in this: it may be far from what it looks at.
+    # The camera is ignored, because it may be far from the shapes.
     origin = origin_of(*scene.still().bounds)
     return moved(scene, origin) if origin.any() else scene
 
 
 def moved(scene: Scene, origin: Float64) -> Scene:
-    """The scene relative to a point (3,)."""
+    """Return the scene relative to a point (3,)."""
     lower, upper = scene.bounds
     middle = 0.5 * (lower + upper) - origin
     meshes: dict[Mesh, tuple[Mesh, Float64]] = {mesh: _about_itself(mesh) for mesh in scene.shapes.meshes}
@@ -79,7 +75,7 @@ def moved(scene: Scene, origin: Float64) -> Scene:
 
 
 def moved_camera(camera: Camera, origin: Float64) -> Camera:
-    """The camera relative to a point (3,); itself where that is zero."""
+    """Return the camera relative to a point (3,); the same object if the point is zero."""
     if not origin.any():
         return camera
     keys = (replace(key, position=key.position - origin, target=key.target - origin) for key in camera.motion)
@@ -87,7 +83,7 @@ def moved_camera(camera: Camera, origin: Float64) -> Camera:
 
 
 def _about_itself(mesh: Mesh) -> tuple[Mesh, Float64]:
-    """A mesh whose own vertices are near zero, as files of 32 bits hold them, and what was subtracted, (3,)."""
+    """Return the mesh with vertices near zero, for 32-bit files, and the (3,) origin that was subtracted."""
     origin = origin_of(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) if len(mesh.vertices) else np.zeros(3)
     return (replace(mesh, vertices=mesh.vertices - origin) if origin.any() else mesh), origin
 
@@ -115,21 +111,21 @@ def _moved_shape(
 
 
 def _shifted(maps: Float64, origin: Float64) -> Float64:
-    """(N, 3, 4) maps whose results are relative to the origin (3,)."""
+    """Return maps (N, 3, 4) whose results are relative to the origin (3,)."""
     found = np.array(maps, np.float64)
     found[:, :, 3] -= origin
     return found
 
 
 def _before(maps: Float64, within: Float64) -> Float64:
-    """(N, 3, 4), of an object that is relative to a point (3,) of its own."""
+    """Return maps (N, 3, 4) for an object whose own coordinates are relative to the point `within` (3,)."""
     found = np.array(maps, np.float64)
     found[:, :, 3] += found[:, :, :3] @ within
     return found
 
 
 def _about(planes: Float64, middle: Float64) -> Float64:
-    """(N, 3, 4): the planes with the point nearest to the middle as that of u = v = 0, which is not used."""
+    """Return planes (N, 3, 4) whose origin u = v = 0 is their point nearest to `middle`; u and v are not used."""
     found = planes.copy()
     normal = found[:, :, 2]
     apart = np.sum((found[:, :, 3] - middle) * normal, axis=1, keepdims=True)
@@ -139,7 +135,7 @@ def _about(planes: Float64, middle: Float64) -> Float64:
 
 @dataclass(frozen=True)
 class _MovedChunk:
-    """A stream's chunks, relative to a point (3,)."""
+    """Chunks of a stream, relative to a point (3,)."""
 
     chunk: Callable[[int], Float64]
     origin: Float64

@@ -1,6 +1,6 @@
-"""Mistakes in a scene whose file can be read: `check_camera` raises, `check_scene` warns.
+"""Checks of a scene whose file can be read: `check_camera` raises errors, `check_scene` returns warnings.
 
-Loading does not warn: a scene is often loaded to be changed. Rendering and `glpath validate` ask here.
+Loading does not warn, because a scene is often loaded to be changed. Rendering and `glpath validate` call these.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from glpath.scene.source_location import SourceLocation, coordinates
 
 MAX_PIXELS = 2**28
 
-# Opacity of a scene below which hardly anything can be seen.
+# Opacity below which a scene counts as invisible.
 _MIN_OPACITY = 0.02
-# Sine of the angle between `up` and the view below which there is no telling what is up.
+# Sine of the angle between `up` and the view below which they count as parallel.
 _PARALLEL = 1e-6
 
 
 def check_camera(camera: Camera, source: str | SourceLocation) -> None:
-    """Raise SceneError for a camera that cannot see: no direction, no up, no angle, no pixels.
+    """Raise SceneError if the camera has no view: no direction, no up vector, no angle or no pixels.
 
-    Also for cameras changed by hand (`Scene.with_camera`, `--camera-up`); `source` names the scene in the message,
-    or is its location.
+    Cameras changed by hand are checked too (`Scene.with_camera`, `--camera-up`). `source` is the scene's name in
+    messages, or its location.
     """
     scene = SourceLocation(source) if isinstance(source, str) else source
     location = scene.field("camera")
@@ -122,9 +122,9 @@ def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:
 
 
 def check_scene(scene: Scene, seen: bool = True) -> list[str]:
-    """Warnings, each a sentence or two, about a scene which renders but hardly as meant. Empty when all is well.
+    """Return warnings about a scene that can be rendered, but probably not as intended; empty if none apply.
 
-    seen : by its camera; else only what light does in it is asked for
+    seen : True to check the camera's view too; False to check only the light
     """
     shining = [light for light in scene.lights if np.any(light.intensity > 0)]
     placed = [light for light in shining if light.kind != "directional"]
@@ -133,7 +133,7 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     found = [] if shining else _about_darkness(scene)
     for light, around in zip(placed, around_lights, strict=True):
         found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
-    # A sphere with a light in it is meant as a room.
+    # A sphere with a light inside is meant as a room.
     lit_inside = np.any([np.zeros(len(scene.shapes)), *around_lights], axis=0)
     if seen:
         found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
@@ -141,7 +141,7 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
 
 
 def _about_time(scene: Scene) -> list[str]:
-    """Motion that a shutter does not see, and panoramas of another shape."""
+    """Return warnings about motion outside the shutter's time, and about panoramas of wrong proportions."""
     camera, found = scene.camera, []
     moving = [shape.name for shape in scene.shapes if shape.motion is not None and len(shape.motion.times) > 1]
     moving += ["the camera"] * (len(camera.motion) > 1)
@@ -160,7 +160,10 @@ def _about_time(scene: Scene) -> list[str]:
 
 
 def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
-    """around: the shapes that enclose the camera, fronts outward, without a light inside."""
+    """Return warnings about the camera's position and view.
+
+    around : indices of shapes that enclose the camera, fronts outward, without a light inside
+    """
     touching = touched_shape(scene)
     if touching is not None:
         return [
@@ -174,7 +177,7 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
             f"It stands at {coordinates(scene.camera.position)} and looks at {coordinates(scene.camera.target)}; "
             f"the scene reaches from {coordinates(lower)} to {coordinates(upper)}."
         ]
-    # A box may be meant as a room, and so may a sphere that shines to its inside.
+    # A box may be meant as a room, and so may a sphere that emits to its inside.
     shapes = [scene.shapes[index] for index in around]
     found = [
         f'The camera stands inside the sphere "{shape.name}" and sees nothing but its inside. '
@@ -209,13 +212,16 @@ def _about_darkness(scene: Scene) -> list[str]:
 
 
 def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> list[str]:
-    """around: the shapes that enclose the light, but not the camera."""
+    """Return warnings about shapes and planes that occlude a light.
+
+    around : indices of shapes that enclose the light, but not the camera
+    """
     found = [
         f'The light "{light.name}" stands inside the shape "{scene.shapes[index].name}", which keeps it from '
         "everything outside. Move the light out, or leave the shape away."
         for index in around
     ]
-    # Above 0 on the front side of each plane.
+    # Signed distances, above 0 on the front side of each plane.
     eye, lamp = (
         np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
         for point in (scene.camera.position, light.position)
@@ -254,7 +260,7 @@ def _about_materials(scene: Scene) -> list[str]:
 
 
 def _about_opacity(scene: Scene) -> list[str]:
-    """A scene in which nothing can be seen because everything is transparent by its alpha."""
+    """Return a warning if everything in the scene is transparent by its alpha."""
     if not scene.shapes or any(_max_opacity(scene, shape) > _MIN_OPACITY for shape in scene.shapes):
         return []
     highest = max(_max_opacity(scene, shape) for shape in scene.shapes)
@@ -265,7 +271,7 @@ def _about_opacity(scene: Scene) -> list[str]:
 
 
 def _max_opacity(scene: Scene, shape: Shape) -> float:
-    """Opacity of a shape where it is highest: of its material, times alpha of its texture and its vertices."""
+    """Return the maximum opacity of a shape: the material's, times the maximum alpha of texture and colours."""
     material = scene.materials[shape.material]
     if material.alpha == "opaque":
         return 1.0

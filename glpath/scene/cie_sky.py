@@ -1,11 +1,11 @@
 """The fifteen skies of the CIE general sky, from overcast to clear and turbid, as environment maps.
 
-A sky's luminance relative to that of the zenith is the product of a gradation, from the zenith to the horizon, and
-an indicatrix, around the sun. The sun's disc is not part of it: add a directional light. The ground is
-black without an albedo.
+The luminance of a sky relative to its zenith is a product of two factors. The gradation depends on the elevation,
+the indicatrix on the angle to the sun. The sun's disc is not included: add a directional light. The ground is black
+without an albedo.
 
 Cost:     an environment map of 512 x 256 texels.
-Poor at:  colours, which the standard does not know: all skies are white.
+Poor at:  colours, which the standard does not define: all skies are white.
 Source:   ISO 15469:2004 (CIE S 011), table 1 and equations 1 to 6; Darula & Kittler 2002, CIE general sky standard
           defining luminance distributions.
 """
@@ -24,7 +24,7 @@ Float64 = NDArray[np.float64]
 
 
 class _Parameters(NamedTuple):
-    """a, b of the gradation; c, d, e of the indicatrix."""
+    """Parameters a, b of the gradation and c, d, e of the indicatrix."""
 
     a: float
     b: float
@@ -33,7 +33,7 @@ class _Parameters(NamedTuple):
     e: float
 
 
-#: From 1, the CIE standard overcast sky, through 5, a uniform one, and 12, the CIE standard clear sky, to 15.
+#: Parameters by sky number: 1 is the CIE standard overcast sky, 5 is uniform, 12 is the CIE standard clear sky.
 CIE_SKIES: dict[int, _Parameters] = {
     1: _Parameters(4.0, -0.70, 0.0, -1.0, 0.00),
     2: _Parameters(4.0, -0.70, 2.0, -1.5, 0.15),
@@ -54,12 +54,12 @@ CIE_SKIES: dict[int, _Parameters] = {
 
 
 def has_sun(number: int) -> bool:
-    """Whether the luminance of sky `number` depends on where the sun is."""
+    """Return True if the luminance of sky `number` depends on the sun's position."""
     return CIE_SKIES[number].c != 0
 
 
 def relative_luminance(number: int, height: ArrayLike, to_sun: ArrayLike, sun_height: float) -> Float64:
-    """(...) luminance of sky `number` over that of its zenith.
+    """Return the (...) luminance of sky `number` relative to its zenith.
 
     height     : (...) sine of the elevation, at least 0
     to_sun     : (...) cosine of the angle to the sun
@@ -88,21 +88,22 @@ def cie_sky(
     illuminance: float | None = None,
     ground: float = 0.0,
 ) -> Environment:
-    """Sky `number` with a zenith's radiance, or with an irradiance of what lies under the open sky.
+    """Return sky `number` for a given zenith radiance, or for a given irradiance under the open sky.
 
     number      : 1 to 15
     up          : (3,) unit
-    sun         : (3,) unit, towards the sun, not below the horizon; None where the sky has none (`has_sun`)
-    zenith      : W sr^-1 m^-2, or cd m^-2
-    illuminance : W m^-2, or lx, instead of it: that of the map, so it has no error of the raster
-    ground      : albedo of what lies below the horizon
+    sun         : (3,) unit, towards the sun, not below the horizon; None if the sky has no sun (`has_sun`)
+    zenith      : radiance of the zenith, W sr^-1 m^-2 or cd m^-2
+    illuminance : irradiance in W m^-2 or lx, instead of `zenith`. It is exact for the filtered map, without raster
+                  error
+    ground      : albedo of the ground below the horizon
     """
     directions = texel_directions(up)
     sun = up if sun is None else sun
     height = directions @ up
     seen = relative_luminance(number, height, directions @ sun, float(sun @ up))
     seen[height < 0] = 0.0
-    # The open sky's, of relative luminance, over the upper hemisphere.
+    # Irradiance of the upper hemisphere, from the relative luminance.
     relative = horizontal_irradiance(seen)
     if zenith is None:
         assert illuminance is not None, "one of both"

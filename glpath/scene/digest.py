@@ -1,6 +1,6 @@
-"""One number for all that changes the picture of a scene, made from the fields of its dataclasses.
+"""Digest of everything that changes the image of a scene, computed from the fields of its dataclasses.
 
-A new field is in it the day it is declared; what changes no picture is listed here.
+A new field is included from the day it is declared. Fields that change no image are listed here.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-#: Fields that change no picture, by the dataclass that has them.
+#: Fields that do not change the image, by dataclass name.
 UNSEEN = {
     "Scene": {"name", "source", "exposure", "unit", "centred_by"},
     "Shape": {"name", "kind", "maintenance_factor"},
@@ -22,8 +22,8 @@ UNSEEN = {
     "Environment": {"assumed", "solar"},
 }
 
-#: Fields that came later, by the dataclass that has them: at their defaults they are left out, so that scenes that
-#: do without have the digest that they had.
+#: Fields added later, by dataclass name. They are left out at their defaults, so that older scenes keep their
+#: digest.
 LATER = {
     "Camera": {
         *("projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"),
@@ -38,11 +38,11 @@ _Update = Callable[[bytes], None]
 
 
 def digest_of(*values: object) -> str:
-    """SHA-256 (hex) of dataclasses, tuples, arrays, numbers, texts and None, as far as a picture rests on them.
+    """Return the SHA-256 (hex) of dataclasses, tuples, arrays, numbers, texts and None, without fields of `UNSEEN`.
 
-    The same for equal values, whether or not they are one object; numbers count as float64, arrays by their values
-    as int64 or float64, bytes as bytes. What has an attribute `digest` that is a text counts by that, so that it
-    can be kept.
+    Equal values have equal digests, even if they are different objects. Numbers are read as float64, arrays as
+    int64 or float64, and uint8 arrays as bytes. An object with a text attribute `digest` is represented by that
+    text, so that the digest can be cached.
     """
     h = hashlib.sha256()
     for value in values:
@@ -73,7 +73,7 @@ def _add(value: object, update: _Update) -> None:
         for each in value:
             _add(each, update)
     elif isinstance(value, np.ndarray):
-        kept = value.dtype == np.uint8  # pictures are large
+        kept = value.dtype == np.uint8  # images are large
         array = value if kept else value.astype("<f8" if value.dtype.kind == "f" else "<i8", copy=False)
         update(f"array {array.dtype} {array.shape} ".encode())
         update(np.ascontiguousarray(array).tobytes())

@@ -1,17 +1,20 @@
-"""What rough surfaces send back of light from everywhere when their microfacets scatter it once.
+"""Directional albedo E of rough surfaces whose microfacets scatter light once.
 
-The rest is light that meets another microfacet. Where it is kept (`Material.multiple_scattering`), the lobes are
-divided by this albedo E of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. Of a
-colour, every further scattering takes its share F: a lobe's factor is 1 + F x / (1 - F (1 - x)) (1 - E) / E, with x
-the share of the light that leaves after a further scattering (`escapes`). For a dielectric E is f0 (E - B) + f90 B,
-with B of Schlick's weight (`schlick_albedo`); its base has what that leaves.
+The rest of the light hits another microfacet. If it is kept (`Material.multiple_scattering`), the lobes are divided
+by E of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. A coloured surface
+multiplies light by F at every further scattering. The factor of a lobe is then
 
-Cost:    0.1 s a table of an index, made once; read by one texel a vertex, by two of a dielectric.
-Poor at: anisotropy, of which the table has the mean roughness; rough light at grazing incidence, as what is added
-         has the lobe of what is there. It is not reciprocal.
-Source:  Turquin 2019, Practical multiple scattering compensation for microfacet models, 3.1 and 3.4, whose x is 1;
-         Kulla & Conty 2017, whose x is the mean of E. Light that walks from microfacet to microfacet [Heitz et
-         al. 2016] is between: tests/pictures/test_kept_energy.py has it.
+    1 + F x / (1 - F (1 - x)) (1 - E) / E
+
+where x is the fraction of light that leaves after a further scattering (`escapes`). The albedo of a dielectric is
+f0 (E - B) + f90 B, with B for Schlick's weight (`schlick_albedo`). Its base receives the rest.
+
+Cost:    0.1 s for the table of an index, made once. A path vertex reads one texel, or two for a dielectric.
+Poor at: anisotropy, for which the table has the mean roughness; grazing incidence on rough surfaces, because the
+         added light has the shape of the single-scattering lobe. The result is not reciprocal.
+Source:  Turquin 2019, Practical multiple scattering compensation for microfacet models, 3.1 and 3.4, with x = 1;
+         Kulla & Conty 2017, with x the mean of E. A random walk between microfacets [Heitz et al. 2016] lies
+         between the two; tests/pictures/test_kept_energy.py compares with it.
 """
 
 from __future__ import annotations
@@ -23,19 +26,19 @@ import numpy as np
 from glpath.scene.geometry import Float64
 from glpath.scene.slab import between_faces
 
-#: Alpha below which microfacets are a mirror.
+#: Alpha below which a microfacet surface is a mirror.
 SMOOTH = 1e-3
-#: Cells of a table along the root of the cosine and along the roughness.
+#: Number of table cells along the square root of the cosine, and along the roughness.
 CELLS = 24
 _AZIMUTHS, _HEIGHTS = 16, 32  # points of the quadrature
 
 
 @lru_cache(maxsize=64)
 def directional_albedo(eta: float) -> Float64:
-    """(CELLS + 1, CELLS + 1) float64 in [0, 1]: of roughness i / CELLS and of the cosine (j / CELLS)².
+    """Return (CELLS + 1, CELLS + 1) float64 albedo in [0, 1] for roughness i / CELLS and cosine (j / CELLS)².
 
-    eta : of glass, the index of the far side over that of the near one; 0 of white metal, and of thin glass, which
-          sends light to both sides as metal sends it to one
+    eta : index of the far side over that of the near side, for glass. 0 for white metal, and for thin glass, which
+          sends to both sides what metal sends to one
     """
     steps = np.arange(CELLS + 1) / CELLS
     cosine = np.maximum(steps**2, 1e-4)
@@ -44,7 +47,7 @@ def directional_albedo(eta: float) -> Float64:
 
 @lru_cache(maxsize=1)
 def schlick_albedo() -> Float64:
-    """(CELLS + 1, CELLS + 1) float64 in [0, 1]: the same of what reflects (1 - cosine to the microfacet)^5."""
+    """Return the table of `directional_albedo` for microfacets that reflect (1 - cosine)^5, as Schlick's weight."""
     steps = np.arange(CELLS + 1) / CELLS
     cosine = np.maximum(steps**2, 1e-4)
     return np.stack([_scattered_once(cosine, float(max(r, 1e-3) ** 2), 0.0, schlick=True) for r in steps])
@@ -52,10 +55,10 @@ def schlick_albedo() -> Float64:
 
 @lru_cache(maxsize=1)
 def escapes() -> Float64:
-    """(5,) float64, from the constant on: a polynomial of the roughness, the share of light that leaves rough metal
-    after a further scattering, about.
+    """Return the approximate fraction of light that leaves rough metal after a further scattering.
 
-    The mean of E over the cosine to the power 0.6, which is between the two sources' and nearest to the walk.
+    The result is a polynomial of the roughness, (5,) float64, constant first. It is the mean of E over the cosine,
+    to the power 0.6. That lies between the two sources, nearest to the random walk.
     """
     steps, mean = np.arange(CELLS + 1) / CELLS, _over_the_cosine(directional_albedo(0.0))
     fitted = np.polynomial.Polynomial.fit(steps, mean**0.6, 4, domain=[0, 1], window=[0, 1])
@@ -63,10 +66,10 @@ def escapes() -> Float64:
 
 
 def hemispherical_albedo(f0: Float64, f90: float, roughness: float, kept: bool) -> Float64:
-    """(3,) float64: of light from everywhere, what microfacets reflect of it all around.
+    """Return the (3,) float64 fraction of uniform illumination that microfacets reflect in all directions.
 
-    f0, f90 : what they reflect at normal (3,) and at grazing incidence
-    kept    : with what they scatter more than once
+    f0, f90 : reflectance at normal (3,) and at grazing incidence
+    kept    : True to include light that is scattered more than once
     """
     steps = np.arange(CELLS + 1) / CELLS
     whole, grazing = (
@@ -81,14 +84,14 @@ def hemispherical_albedo(f0: Float64, f90: float, roughness: float, kept: bool) 
 
 
 def _over_the_cosine(table: Float64) -> Float64:
-    """(CELLS + 1,) float64: the mean over the directions of light, by the cosine, for each roughness."""
+    """Return the (CELLS + 1,) float64 cosine-weighted mean over directions of light, for each roughness."""
     cosine = (np.arange(CELLS + 1) / CELLS) ** 2
     sent = 2.0 * cosine * table
     return np.asarray((0.5 * (sent[:, 1:] + sent[:, :-1]) * np.diff(cosine)).sum(axis=1))
 
 
 def _scattered_once(cosine: Float64, alpha: float, eta: float, schlick: bool = False) -> Float64:
-    """(n,) of (n,), by the midpoint rule over the normals that are seen [Dupuy & Benyoub 2023]."""
+    """Return the albedo (n,) at cosines (n,), by the midpoint rule over visible normals [Dupuy & Benyoub 2023]."""
     weight, z, o, mz = _ggx_normals(cosine, alpha)
     reflected = _seen(2.0 * o * mz - z, alpha)
     if schlick:
@@ -101,7 +104,7 @@ def _scattered_once(cosine: Float64, alpha: float, eta: float, schlick: bool = F
 
 
 def _fresnel(o: Float64, eta: float) -> tuple[Float64, Float64]:
-    """Return what a boundary reflects at a cosine `o`, and the cosine on the far side."""
+    """Return the Fresnel reflectance at a cosine `o`, and the cosine on the far side."""
     sine2 = (1.0 - o * o) / (eta * eta)
     far = np.sqrt(np.clip(1.0 - sine2, 0.0, 1.0))
     across, along = (o - eta * far) / (o + eta * far), (eta * o - far) / (eta * o + far)
@@ -109,9 +112,13 @@ def _fresnel(o: Float64, eta: float) -> tuple[Float64, Float64]:
 
 
 def _ggx_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, Float64, Float64]:
-    """Return visible normals of GGX's distribution: weights, cosines (n, 1, 1), cosines to the normals, their z."""
+    """Return visible GGX normals.
+
+    These are the weights, the cosines of the view (n, 1, 1), the cosines between view and normals, and the normals'
+    z.
+    """
     phi = np.pi * (np.arange(_AZIMUTHS)[:, None] + 0.5) / _AZIMUTHS
-    # Denser towards the normals that lean most: they are few, and send light below the surface.
+    # Points are denser towards the most inclined normals, which are few and send light below the surface.
     left = 1.0 - (np.arange(_HEIGHTS)[None, :] + 0.5) / _HEIGHTS
     v, weight = 1.0 - left * left, 2.0 * left
     z = cosine[:, None, None]
@@ -127,7 +134,7 @@ def _ggx_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, Float
 
 
 def _beckmann_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, Float64, Float64]:
-    """Return the same of Beckmann's distribution: normals of all slopes, weighted by how far they are visible."""
+    """Return the values of `_ggx_normals` for Beckmann's distribution: all slopes, weighted by their visibility."""
     phi = np.pi * (np.arange(_AZIMUTHS)[:, None] + 0.5) / _AZIMUTHS
     slope = alpha * np.sqrt(-np.log(1.0 - (np.arange(4 * _HEIGHTS)[None, :] + 0.5) / (4 * _HEIGHTS)))
     z = cosine[:, None, None]
@@ -170,16 +177,19 @@ def burley_albedo(roughness: float) -> float:
 
 @lru_cache(maxsize=64)
 def plastic_entry(ior: float, alpha: float, distribution: str) -> tuple[Float64, float]:
-    """Return a polynomial of the cosine's root, (8,) float64 from the constant on, and its mean over all light.
+    """Return the entry polynomial of a diffuse base under a rough boundary, and its mean over diffuse light.
 
-    It is the share of light that crosses a rough boundary to the diffuse base under it, times a constant. Light of
-    the base crosses twice, so that a Lambertian base is multiplied by it at both cosines. The constant has light
-    that the boundary reflects back to the base; that of a base that is not white is in the base's reflectance.
+    The polynomial, (8,) float64 with the constant first, is of the square root of the cosine. It is the fraction of
+    light that crosses the boundary to the base, times a constant. Light of the base crosses twice, so a Lambertian
+    base is multiplied by the polynomial at both cosines. The constant includes light that the boundary reflects
+    back to a white base. For another base, that light is in the base's reflectance.
 
-    ior : of the dielectric; alpha : of its microfacets, `distribution` "ggx" or "beckmann"
+    ior          : index of the dielectric
+    alpha        : alpha of its microfacets
+    distribution : "ggx" or "beckmann"
 
-    Source: Mitsuba 3.9, plastic and roughplastic. A rough boundary loses what it scatters more than once, and light
-            that it reflects back is Mitsuba's mean of 64 cosines, both ends included, up to 2 % too much.
+    Source: Mitsuba 3.9, plastic and roughplastic. A rough boundary loses light that it scatters more than once.
+            Light that it reflects back is Mitsuba's mean of 64 cosines, both ends included, up to 2 % too much.
     """
     cosine = (np.arange(128) + 0.5) / 128
     through = 1.0 - _fresnel(cosine, ior)[0] if alpha < SMOOTH else _crossing(cosine, alpha, ior, distribution)[0]
@@ -191,7 +201,7 @@ def plastic_entry(ior: float, alpha: float, distribution: str) -> tuple[Float64,
 
 @lru_cache(maxsize=64)
 def internal_reflectance(ior: float, alpha: float, distribution: str) -> float:
-    """Return the share of diffuse light inside a dielectric that its boundary reflects; see `plastic_entry`."""
+    """Return the fraction of diffuse light inside a dielectric that its boundary reflects; see `plastic_entry`."""
     if alpha < SMOOTH:
         cosine = (np.arange(4096) + 0.5) / 4096
         back = _fresnel(cosine, 1.0 / ior)[0]
@@ -202,7 +212,7 @@ def internal_reflectance(ior: float, alpha: float, distribution: str) -> float:
 
 
 def _crossing(cosine: Float64, alpha: float, eta: float, distribution: str) -> tuple[Float64, Float64]:
-    """Return what a rough boundary lets through and what it reflects, of light at a cosine, each once."""
+    """Return the transmittance and reflectance of a rough boundary at a cosine, for single scattering."""
     seen = _seen if distribution == "ggx" else _beckmann_seen
     weight, z, o, mz = (_ggx_normals if distribution == "ggx" else _beckmann_normals)(cosine, alpha)
     F, far = _fresnel(np.maximum(o, 1e-9), eta)
@@ -212,7 +222,7 @@ def _crossing(cosine: Float64, alpha: float, eta: float, distribution: str) -> t
 
 
 def _seen(z: Float64, alpha: float) -> Float64:
-    """Smith's masking of directions at a cosine z; 0 below the surface."""
+    """Return Smith's masking of directions at a cosine z; 0 below the surface."""
     z = np.clip(z, 0.0, 1.0)
     return np.asarray(2.0 * z / np.maximum(z + np.sqrt(z * z + alpha * alpha * (1.0 - z * z)), 1e-12))
 
@@ -225,6 +235,6 @@ def _beckmann_seen(z: Float64, alpha: float) -> Float64:
 
 
 def cells(table: Float64) -> Float64:
-    """(CELLS², 4): each cell's corners: this roughness and cosine, the next cosine; of the next roughness both."""
+    """Return the (CELLS², 4) corners of cells: both cosines at this roughness, then both at the next one."""
     corners = [table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]]
     return np.stack(corners, axis=2).reshape(-1, 4)

@@ -1,4 +1,4 @@
-"""How much light a scene's own surfaces send, beside that of its surroundings."""
+"""Emission of a scene's own surfaces, for comparison with its surroundings."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ if TYPE_CHECKING:
 
 
 def emitted_radiance(scene: Scene, counts: Callable[[Shape], bool] = lambda shape: True) -> float:
-    """Mean radiance, W m^-2 sr^-1, that the shapes that count would have on a box around the scene, unobstructed.
+    """Return the mean radiance in W m^-2 sr^-1 that emitting shapes would cause, unobstructed, on the scene's box.
 
-    Infinite where one that emits is not of triangles. Textures of emission count by the mean of the picture.
+    Only shapes for which `counts` is true are included. The result is infinite if one of these emits and has no
+    triangles. Emission textures are represented by their mean.
     """
     lower, upper = scene.bounds
     x, y, z = upper - lower
-    power = 0.0  # over pi
+    power = 0.0  # power divided by pi
     for number, shape in enumerate(scene.shapes):
         if not shape.emits or not counts(shape):
             continue

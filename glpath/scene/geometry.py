@@ -1,7 +1,7 @@
-"""The geometry of shapes: meshes that share vertices, exact spheres and planes, and their instances' maps.
+"""Geometry of shapes: meshes that share vertices, exact spheres and planes, and the maps of their instances.
 
-A shape is a geometry and the maps that put it into the world; `Shapes` derives from them what engines ask for, each
-array when it is first asked for: a pool of vertices in world space with faces into it, or separate corners.
+A shape is a geometry with maps to world space. `Shapes` derives the arrays that engines need, each on first use: a
+pool of vertices in world space with faces, or separate corners.
 """
 
 from __future__ import annotations
@@ -19,27 +19,26 @@ from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
 from glpath.scene.stream import Stream
 
-#: The largest number of a scene: its square, even multiplied by 1e8, is finite in 32 bits.
+#: Largest allowed number in a scene: its square, even multiplied by 1e8, is finite in 32 bits.
 LARGEST = 1e15
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
-#: Triangles of a stream are not among the triangles: no array holds them.
+#: Kind of a shape's primitives. Streamed triangles are a kind of their own, because no array holds them.
 Primitive = Literal["triangle", "sphere", "plane", "stream"]
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles that share vertices. Equal only to itself: shapes that hold one mesh are instances of it.
+    """Triangles that share vertices. A mesh is equal only to itself; shapes with the same mesh are its instances.
 
     vertices : (V, 3) float64
     faces    : (F, 3) int32 numbers of vertices, counter-clockwise seen from the front
-    uv       : (V, 2) float64 texture coordinates of the vertices; None without
-    normals  : (V, 3) float64 unit shading normals on the side of the front, zeros where the face's own is meant;
-               None without
-    uv1      : (V, 2) float64, a second set of texture coordinates; None without
-    colours  : (V, 4) float64, linear Rec. 709 and alpha, which multiply the material's; None without
+    uv       : (V, 2) float64 texture coordinates of the vertices, or None
+    normals  : (V, 3) float64 unit shading normals on the front's side, or None; zeros stand for the face normal
+    uv1      : (V, 2) float64 second texture coordinates, or None
+    colours  : (V, 4) float64, linear Rec. 709 and alpha, which multiply those of the material; or None
     """
 
     vertices: Float64
@@ -51,22 +50,25 @@ class Mesh:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that changes the picture; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
         return digest_of(self.vertices, self.faces, *self.of_vertices.values())
 
     @cached_property
     def used_vertices(self) -> Float64:
-        """(V', 3) float64: those that are corners of a triangle; `vertices` themselves where all are."""
+        """(V', 3) float64 vertices that are corners of a triangle; the array `vertices` itself if all are."""
         return _used_rows(self.vertices, self.faces)
 
     @property
     def of_vertices(self) -> dict[str, Float64 | None]:
-        """The attributes of vertices, by the names of the fields."""
+        """Vertex attributes by field name."""
         return {name: getattr(self, name) for name in ("uv", "normals", "uv1", "colours")}
 
     @classmethod
     def of_triangles(cls, corners: ArrayLike, uv: ArrayLike | None = None) -> Mesh:
-        """Triangles (F, 3, 3) that share no vertices, with texture coordinates (F, 3, 2) of their corners."""
+        """Return a mesh of triangles (F, 3, 3) that share no vertices.
+
+        uv : (F, 3, 2) texture coordinates of the corners
+        """
         vertices = np.ascontiguousarray(corners, np.float64).reshape(-1, 3)
         return cls(
             vertices, _apart(len(vertices) // 3), None if uv is None else np.array(uv, np.float64).reshape(-1, 2)
@@ -74,7 +76,7 @@ class Mesh:
 
     @classmethod
     def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
-        """One mesh of several, in order; the only one itself. It has the attributes that all of them have."""
+        """Return one mesh of several, in order, with the attributes that all have; a single mesh is unchanged."""
         if len(meshes) == 1:
             return meshes[0]
         first = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
@@ -86,11 +88,11 @@ class Mesh:
         return cls(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces), **attributes)
 
     def unshared(self) -> Mesh:
-        """The same with three vertices of its own for each face."""
+        """Return the mesh with three separate vertices for each face."""
         return replace(self._with_vertices(self.faces.ravel()), faces=_apart(len(self.faces)))
 
     def welded(self) -> Mesh:
-        """The same with vertices that are equal to the last bit, in all that they have, made one."""
+        """Return the mesh with vertices merged if they are bit-identical in all attributes."""
         parts = [part for part in (self.vertices, *self.of_vertices.values()) if part is not None]
         rows = np.ascontiguousarray(np.concatenate(parts, axis=1))
         _, first, which = np.unique(
@@ -99,14 +101,14 @@ class Mesh:
         return replace(self._with_vertices(first), faces=which.astype(np.int32)[self.faces])
 
     def without_faces(self, dropped: NDArray[np.bool_]) -> Mesh:
-        """Without some faces, and without the vertices that then no face has; itself where there are none.
+        """Return the mesh without some faces and without unused vertices; the same mesh if it has neither.
 
         dropped : (F,) bool
         """
         return (replace(self, faces=self.faces[~dropped]) if dropped.any() else self).without_unused_vertices()
 
     def without_unused_vertices(self) -> Mesh:
-        """Without vertices that are no corner of a triangle; itself if there are none."""
+        """Return the mesh without vertices that no triangle uses; the same mesh if all are used."""
         used = _are_used(len(self.vertices), self.faces)
         if used.all():
             return self
@@ -114,7 +116,7 @@ class Mesh:
         return replace(self._with_vertices(np.flatnonzero(used)), faces=number[self.faces].astype(np.int32))
 
     def turned(self) -> Mesh:
-        """With the fronts on the other side."""
+        """Return the mesh with fronts and backs exchanged."""
         return replace(
             self, faces=self.faces[:, ::-1].copy(), normals=None if self.normals is None else -self.normals
         )
@@ -125,28 +127,28 @@ class Mesh:
 
 
 IDENTITY = np.eye(3, 4)
-# Points whose boxes are found at once, no more than a cache holds.
+# Number of points whose boxes are computed at once, limited by the size of a cache.
 _TOGETHER = 1 << 15
 IDENTITY.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A named geometry of one material, an object in the words of TB; it may have several instances.
+    """Named geometry of one material, with one or more instances; TB calls it an object.
 
-    geometry           : a mesh, the exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`, or a
-                         stream, which is in world space already
+    geometry           : mesh; exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`; or stream,
+                         which is already in world space
     material           : index into `Scene.materials`
     world_from_object  : (N, 3, 4) float64, an affine map for each instance, last column the translation. A map that
-                         mirrors turns fronts to the other side; so does it a sphere's, to the inside
+                         mirrors exchanges fronts and backs, so a mirrored sphere has its front inside
     emission           : (3,) float64 radiance, linear Rec. 709, in the unit of the scene; zeros for a shape that is
                          not a light
-    emission_two_sided : the light leaves both sides; otherwise only the side of the normal
-    subdivisions       : of a sphere: how often its triangles are split where it has to be tessellated
-    kind               : how it was written: quad, box, mesh, sphere, plane or stream
-    maintenance_factor : of a light, by which `emission` is multiplied already; None where none was given
-    motion             : where it stands at a time, `world_from_object` being where when the shutter opens; None
-                         where it stands still
+    emission_two_sided : True if both sides emit; False if only the side of the normal emits
+    subdivisions       : number of times that a sphere's triangles are split if the sphere has to be tessellated
+    kind               : kind in the file: quad, box, mesh, sphere, plane or stream
+    maintenance_factor : factor that `emission` already contains; None if none was given
+    motion             : motion of the instances, or None; `world_from_object` is then the pose when the shutter
+                         opens
     """
 
     name: str
@@ -166,14 +168,14 @@ class Shape:
 
     @property
     def primitive(self) -> Primitive:
-        """The primitive of its geometry."""
+        """Kind of the geometry's primitives."""
         if isinstance(self.geometry, Stream):
             return "stream"
         return "triangle" if isinstance(self.geometry, Mesh) else self.geometry
 
     @property
     def count(self) -> int:
-        """How many primitives it consists of, in all its instances; of a stream, how many triangles."""
+        """Number of primitives in all instances; for a stream, number of triangles."""
         if isinstance(self.geometry, Stream):
             return self.geometry.count
         each = len(self.geometry.faces) if isinstance(self.geometry, Mesh) else 1
@@ -184,7 +186,7 @@ class Shape:
         return bool(np.any(self.emission > 0))
 
     def at(self, time: float) -> Shape:
-        """The shape as it stands at a time, seconds."""
+        """Return the shape at a time in seconds, without motion."""
         return self if self.motion is None else replace(self, world_from_object=self.motion.at(time), motion=None)
 
 
@@ -192,27 +194,27 @@ _Number = TypeVar("_Number", np.float64, np.int32)
 
 
 class Shapes(tuple[Shape, ...]):
-    """The shapes of a scene in order, and the arrays that are derived from them. The arrays cannot be written to.
+    """Shapes of a scene in order, and the arrays derived from them. The arrays are read-only.
 
-    Triangles, spheres and planes are each counted on from shape to shape, and in a shape from instance to instance.
+    Triangles, spheres and planes are numbered separately, shape by shape and instance by instance.
     """
 
     @classmethod
     def of(cls, shapes: Iterable[Shape]) -> Shapes:
-        """`shapes` themselves where they are `Shapes` already, with all that has been derived."""
+        """Return `shapes` as `Shapes`; unchanged, with its derived arrays, if it is `Shapes` already."""
         return shapes if isinstance(shapes, Shapes) else cls(shapes)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return Shapes, (tuple(self),)  # without what was derived
+        return Shapes, (tuple(self),)  # without the derived arrays
 
     @cached_property
     def digest(self) -> str:
-        """Of all that changes the picture; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
         return digest_of(tuple(self))
 
     @cached_property
     def ranges(self) -> tuple[slice, ...]:
-        """For each shape its range of triangles, spheres, planes or streamed triangles, whatever it consists of."""
+        """Range of each shape's triangles, spheres, planes or streamed triangles."""
         end: dict[Primitive, int] = {"triangle": 0, "sphere": 0, "plane": 0, "stream": 0}
         ranges = []
         for shape in self:
@@ -223,16 +225,16 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def meshes(self) -> tuple[Mesh, ...]:
-        """Each mesh once, in the order of first use."""
+        """Distinct meshes in the order of first use."""
         return tuple(dict.fromkeys(shape.geometry for shape in self if isinstance(shape.geometry, Mesh)))
 
     @cached_property
     def streams(self) -> tuple[tuple[int, Stream], ...]:
-        """Index of the shape and the stream of each that is one, in order."""
+        """Shape index and stream of each streamed shape, in order."""
         return tuple((i, shape.geometry) for i, shape in enumerate(self) if isinstance(shape.geometry, Stream))
 
     def mesh_instances(self) -> Iterator[tuple[int, Mesh, Float64]]:
-        """Index of the shape, mesh and world_from_mesh (3, 4) of each instance, in the order of triangles."""
+        """Yield shape index, mesh and world_from_mesh (3, 4) of each instance, in the order of triangles."""
         for index, shape in enumerate(self):
             if isinstance(shape.geometry, Mesh):
                 for world_from_mesh in shape.world_from_object:
@@ -240,18 +242,18 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def vertices(self) -> Float64:
-        """(V, 3) float64 in world space: those of all instances, one after the other."""
+        """(V, 3) float64 vertices in world space, those of all instances one after the other."""
         return _joined([placed(mesh.vertices, m) for _, mesh, m in self.mesh_instances()], np.zeros((0, 3)))
 
     @property
     def used_vertices(self) -> Float64:
-        """(V', 3) float64: those of `vertices` that are corners of a triangle."""
+        """(V', 3) float64 rows of `vertices` that are corners of a triangle."""
         return _used_rows(self.vertices, self.faces)
 
     def triangles_of(self, index: int, which: NDArray[np.bool_] | None = None) -> Iterator[Float64]:
-        """(n, 3, 3) float64 corners of a shape's triangles, some at a time: never those of all instances at once.
+        """Yield (n, 3, 3) float64 corners of a shape's triangles, instance by instance to save memory.
 
-        which : (N,) bool, of its instances; None for all
+        which : (N,) bool mask of its instances; None: all
         """
         shape = self[index]
         if not isinstance(shape.geometry, Mesh):
@@ -262,7 +264,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def faces(self) -> Int32:
-        """(T, 3) int32 numbers of `vertices`; the fronts are where the corners run counter-clockwise."""
+        """(T, 3) int32 numbers of `vertices`, counter-clockwise seen from the front."""
         meshes = [mesh for _, mesh, _ in self.mesh_instances()]
         first = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
         parts = [
@@ -273,28 +275,28 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def vertex_uv(self) -> Float64:
-        """(V, 2) float64 texture coordinates of `vertices`; zeros where a mesh has none."""
+        """(V, 2) float64 texture coordinates of `vertices`; zeros if a mesh has none."""
         return _joined(
             [_or_zeros(mesh.uv, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
         )
 
     @cached_property
     def vertex_uv1(self) -> Float64:
-        """(V, 2) float64, the second texture coordinates of `vertices`; zeros where a mesh has none."""
+        """(V, 2) float64 second texture coordinates of `vertices`; zeros if a mesh has none."""
         return _joined(
             [_or_zeros(mesh.uv1, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
         )
 
     @cached_property
     def vertex_colours(self) -> Float64:
-        """(V, 4) float64, linear Rec. 709 and alpha, of `vertices`; ones where a mesh has none."""
+        """(V, 4) float64 colours of `vertices`, linear Rec. 709 and alpha; ones if a mesh has none."""
         meshes = (mesh for _, mesh, _ in self.mesh_instances())
         parts = [np.broadcast_to(1.0, (len(m.vertices), 4)) if m.colours is None else m.colours for m in meshes]
         return _joined(parts, np.zeros((0, 4)))
 
     @cached_property
     def vertex_normals(self) -> Float64:
-        """(V, 3) float64 unit shading normals of `vertices` in world space; zeros where the face's own is meant."""
+        """(V, 3) float64 unit shading normals of `vertices` in world space; zeros stand for the face normal."""
         return _joined([_world_normals(mesh, m) for _, mesh, m in self.mesh_instances()], np.zeros((0, 3)))
 
     @cached_property
@@ -309,7 +311,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def boxes(self) -> tuple[Float64, Float64]:
-        """(N, 3) lower and upper corners of boxes around the triangles of each shape; inside out around none."""
+        """(N, 3) lower and upper corners of boxes around shapes' triangles; lower > upper without triangles."""
         lower, upper = np.full((len(self), 3), np.inf), np.full((len(self), 3), -np.inf)
         for index, shape in enumerate(self):
             if isinstance(shape.geometry, Mesh) and shape.count:
@@ -319,24 +321,24 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def triangle_uv(self) -> Float64:
-        """(T, 3, 2) float64 texture coordinates of the corners; zeros where a mesh has none."""
+        """(T, 3, 2) float64 texture coordinates of the corners; zeros if a mesh has none."""
         meshes = (mesh for _, mesh, _ in self.mesh_instances())
         parts = [_or_zeros(None if m.uv is None else m.uv[m.faces], len(m.faces), 3, 2) for m in meshes]
         return _joined(parts, np.zeros((0, 3, 2)))
 
     @cached_property
     def spheres(self) -> Float64:
-        """(S, 3, 4) float64, see `Scene.spheres`."""
+        """(S, 3, 4) float64 maps of the spheres, see `Scene.spheres`."""
         return _joined([s.world_from_object for s in self if s.geometry == "sphere"], np.zeros((0, 3, 4)))
 
     @cached_property
     def planes(self) -> Float64:
-        """(P, 3, 4) float64, see `Scene.planes`."""
+        """(P, 3, 4) float64 maps of the planes, see `Scene.planes`."""
         return _joined([s.world_from_object for s in self if s.geometry == "plane"], np.zeros((0, 3, 4)))
 
     @cached_property
     def bounds(self) -> tuple[Float64, Float64]:
-        """See `Scene.bounds`."""
+        """Lower and upper corner of the scene's box, see `Scene.bounds`."""
         extent, centre = sphere_extent(self.spheres), self.spheres[:, :, 3]
         lower, upper = self.boxes
         meshes = lower[:, 0] <= upper[:, 0]
@@ -348,17 +350,17 @@ class Shapes(tuple[Shape, ...]):
         return _box(points)
 
     def total(self, primitive: Primitive) -> int:
-        """How many triangles, spheres, planes or streamed triangles there are."""
+        """Return the number of triangles, spheres, planes or streamed triangles."""
         return sum(shape.count for shape in self if shape.primitive == primitive)
 
     def primitive_shape(self, primitive: Primitive) -> Int32:
-        """(T,), (S,) or (P,) int32, the index of the shape of each triangle, sphere or plane."""
+        """Return the shape index of each triangle (T,), sphere (S,) or plane (P,), int32."""
         counts = [shape.count if shape.primitive == primitive else 0 for shape in self]
         return np.repeat(np.arange(len(self), dtype=np.int32), counts)
 
 
 def _are_used(vertices: int, faces: Int32) -> NDArray[np.bool_]:
-    """(V,) bool: which of so many vertices are corners of a face."""
+    """Return (V,) bool: True for vertices that are corners of a face."""
     used = np.zeros(vertices, np.bool_)
     used[faces] = True
     return used
@@ -370,14 +372,14 @@ def _used_rows(vertices: Float64, faces: Int32) -> Float64:
 
 
 def _apart(faces: int) -> Int32:
-    """(F, 3): faces that share no vertices."""
+    """Return (F, 3) faces that share no vertices."""
     return np.arange(3 * faces, dtype=np.int32).reshape(-1, 3)
 
 
 def placed(points: Float64, world_from_object: Float64) -> Float64:
-    """Points (..., 3) where an affine map (3, 4) takes them; themselves where it is the identity.
+    """Return points (..., 3) transformed by an affine map (3, 4); the same array if the map is the identity.
 
-    By sums of products in one order, as the bits of a point must not depend on which other points are with it.
+    Products are summed in a fixed order, so that the bits of a point do not depend on the other points.
     """
     if np.array_equal(world_from_object, IDENTITY):
         return points
@@ -387,7 +389,7 @@ def placed(points: Float64, world_from_object: Float64) -> Float64:
 
 
 def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float64]:
-    """(N, 3) lower and (N, 3) upper corners of the boxes around a mesh's triangles where maps (N, 3, 4) take it."""
+    """Return (N, 3) lower and (N, 3) upper corners of boxes around a mesh's triangles under maps (N, 3, 4)."""
     points, count = mesh.used_vertices, len(world_from_mesh)
     lower, upper = np.empty((count, 3)), np.empty((count, 3))
     if count == 1:
@@ -397,54 +399,57 @@ def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float
     step = max(1, _TOGETHER // max(len(points), 1))
     for part in (slice(start, start + step) for start in range(0, count, step)):
         m = world_from_mesh[part, :, :, None]
-        for axis in range(3):  # the sums of `placed`
+        for axis in range(3):  # same order of sums as in `placed`
             found = x * m[:, axis, 0] + y * m[:, axis, 1] + z * m[:, axis, 2] + m[:, axis, 3]
             lower[part, axis], upper[part, axis] = found.min(axis=1), found.max(axis=1)
     return lower, upper
 
 
 def unit_normals(normals: Float64) -> Float64:
-    """(N, 3) normals of length 1, and zero where they are."""
+    """Return (N, 3) normals scaled to length 1; zero normals stay zero."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(length > 0, length, 1.0))
 
 
 def _box(points: Float64) -> tuple[Float64, Float64]:
-    """(3,) lower and (3,) upper corner of the box around points (N, 3)."""
-    # By columns: numpy takes twenty times as long for all of them at once.
+    """Return the (3,) lower and (3,) upper corner of the box around points (N, 3)."""
+    # Column by column, because numpy is twenty times slower with all columns at once.
     columns = points.T
     return np.array([column.min() for column in columns]), np.array([column.max() for column in columns])
 
 
 def perpendicular(axis: Float64) -> Float64:
-    """(3,) a unit vector at right angles to a unit axis, the same for the same axis."""
+    """Return a (3,) unit vector perpendicular to a unit axis, always the same one for an axis."""
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     return np.asarray(across / np.linalg.norm(across))
 
 
 def sphere_extent(spheres: Float64) -> Float64:
-    """(S, 3) float64: how far spheres (S, 3, 4) reach from their centres along each axis.
+    """Return the (S, 3) float64 half widths of spheres (S, 3, 4) along each axis.
 
-    An ellipsoid reaches along an axis as far as that row of its map is long.
+    The half width of an ellipsoid along an axis is the length of that row of its map.
     """
     linear = spheres[:, :, :3]
     return np.asarray(np.sqrt(np.einsum("nij,nij->ni", linear, linear)))
 
 
 def sphere_areas(spheres: Float64) -> Float64:
-    """(S,) float64: the surface of spheres (S, 3, 4), scene units squared; of ellipsoids to 1.1 % (Thomsen)."""
+    """Return the (S,) float64 surface areas of spheres (S, 3, 4), scene units squared.
+
+    Areas of ellipsoids are exact to 1.1 % (Thomsen).
+    """
     axes = np.linalg.svd(spheres[:, :, :3], compute_uv=False) ** 1.6075
     a, b, c = axes.T
     return np.asarray(4 * np.pi * ((a * b + b * c + c * a) / 3) ** (1 / 1.6075))
 
 
 def _or_zeros(values: Float64 | None, *shape: int) -> Float64:
-    """`values`, or zeros that take no memory."""
+    """Return `values`, or zeros that take no memory if `values` is None."""
     return np.broadcast_to(0.0, shape) if values is None else values
 
 
 def _world_normals(mesh: Mesh, world_from_mesh: Float64) -> Float64:
-    """(V, 3): turned by the matrix of cofactors, as the cross products of edges are."""
+    """Return (V, 3) world normals, transformed by the matrix of cofactors, as cross products of edges are."""
     if mesh.normals is None or np.array_equal(world_from_mesh[:, :3], IDENTITY[:, :3]):
         return _or_zeros(mesh.normals, len(mesh.vertices), 3)
     a, b, c = world_from_mesh[:, :3]
@@ -454,9 +459,9 @@ def _world_normals(mesh: Mesh, world_from_mesh: Float64) -> Float64:
 
 
 def _joined(parts: Sequence[NDArray[_Number]], empty: NDArray[_Number]) -> NDArray[_Number]:
-    """One array of all parts, not to be written to: without a copy where they are pieces of one array in order.
+    """Return one read-only array of all parts, without a copy if they are consecutive pieces of one array.
 
-    empty : what no parts make
+    empty : result if all parts are empty
     """
     parts = [part for part in parts if len(part)]
     if not parts:
@@ -465,7 +470,7 @@ def _joined(parts: Sequence[NDArray[_Number]], empty: NDArray[_Number]) -> NDArr
     if not any(any(part.strides) for part in parts):  # zeros that take no memory
         return np.broadcast_to(parts[0].ravel()[0], shape)
     if all(_follows(before, after) for before, after in pairwise(parts)):
-        # Not the strides of a part: along an axis of length 1 they may be anything.
+        # The strides of a part may be arbitrary along an axis of length 1, so they are not used.
         strides = np.empty((1, *shape[1:]), parts[0].dtype).strides
         whole = np.lib.stride_tricks.as_strided(parts[0], shape, strides)
     else:
@@ -476,7 +481,7 @@ def _joined(parts: Sequence[NDArray[_Number]], empty: NDArray[_Number]) -> NDArr
 
 
 def _follows(before: NDArray[Any], after: NDArray[Any]) -> bool:
-    """Whether `after` begins in memory where `before` ends, in the same array."""
+    """Return True if `after` begins in memory where `before` ends, in the same array."""
     return (
         before.base is not None
         and before.base is after.base

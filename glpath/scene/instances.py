@@ -1,8 +1,8 @@
-"""Which meshes of a scene are kept once, with a list of where their instances stand, and which become triangles.
+"""Division of a scene into meshes that are stored once, with a list of their instances, and single triangles.
 
-A scene has each mesh once already (`glpath.scene.geometry`). An engine that knows instances gets the scene parted:
-`resident` triangles, among them each such mesh a single time in a space of its own, and the instances. All others
-get triangles of all instances, as for few of these the second level of a BVH costs more than it saves.
+A scene stores each mesh once already (`glpath.scene.geometry`). An engine that supports instances gets the scene
+divided. The `resident` triangles contain each instanced mesh once, in its own space. All other meshes become
+triangles of all their instances: for few triangles, the second level of a BVH costs more than it saves.
 
 Cost:     some microseconds an instance.
 """
@@ -18,26 +18,26 @@ from numpy.typing import NDArray
 from glpath.scene.geometry import Mesh, Shape, Shapes, instance_boxes
 from glpath.scene.model import Float64, Int32, Scene
 
-#: Triangles that a scene must have less of than with all instances as triangles. Each takes some 500 bytes while an
-#: engine is made.
+#: Minimum number of triangles that instancing must save. Each takes some 500 bytes while an engine is created.
 MIN_SAVED = 500_000
-#: Triangles of a mesh that is kept once, at least: a box around a few of them is little more than they are.
+#: Minimum triangles of an instanced mesh: for fewer, its box is hardly cheaper than the triangles.
 MIN_TRIANGLES = 64
-# A map that flattens more loses digits that rays need.
+# Minimum ratio of smallest to largest scale of a map; a flatter map loses digits that rays need.
 _FLATTEST = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class InstancedScene:
-    """A scene of which some meshes are there once.
+    """Scene whose instanced meshes are stored once.
 
     given     : the whole scene
-    resident  : the same with as many shapes. Those with instances have none, but the first one of a mesh and a
-                material has the mesh, about the origin and of a size from 1/2 to 1, not where it is seen
-    mesh_shape : (M,) int, for each mesh the shape of `resident` that has it
-    mesh      : (I,) int, of each instance, the number of its mesh
-    shape     : (I,) int, and of its shape, in the order of the shapes
-    world_from_mesh : (I, 3, 4) float64, of the mesh as it is in `resident`
+    resident  : the scene with the same number of shapes. Shapes with instances have none here. Only the first shape
+                of each mesh and material has the mesh, not at its visible position: it is centred on the origin and
+                scaled to a size from 1/2 to 1
+    mesh_shape : (M,) int, for each mesh, the shape of `resident` that contains it
+    mesh      : (I,) int, mesh number of each instance
+    shape     : (I,) int, shape of each instance, in the order of the shapes
+    world_from_mesh : (I, 3, 4) float64, maps from the mesh in `resident` to the world
     """
 
     given: Scene
@@ -52,12 +52,12 @@ class InstancedScene:
 
     @cached_property
     def ranges(self) -> tuple[slice, ...]:
-        """(M,) the triangles of each mesh among those of `resident`."""
+        """(M,) triangle range of each mesh in `resident`."""
         return tuple(self.resident.shapes.ranges[shape] for shape in self.mesh_shape)
 
     @cached_property
     def mesh_of_triangle(self) -> Int32:
-        """(T,) int32, of `resident`: 0 for a triangle that is seen where it is, else 1 and its mesh's number."""
+        """(T,) int32 for `resident`: 1 + mesh number of a triangle, or 0 if it is at its visible position."""
         found = np.zeros(self.resident.shapes.total("triangle"), np.int32)
         for number, part in enumerate(self.ranges):
             found[part] = 1 + number
@@ -75,10 +75,10 @@ class InstancedScene:
 
 
 def instanced(scene: Scene) -> InstancedScene | None:
-    """The scene with its instances parted; None where that does not pay.
+    """Return the scene with its instances separated, or None if that saves too little.
 
-    Left as triangles are meshes with few, single ones, what emits, as light samples are drawn from triangles, and
-    maps that flatten; and of a scene in which shapes move, all.
+    Some meshes stay triangles: small ones, single ones, emitting ones, because light samples are drawn from
+    triangles, and meshes with flattening maps. If shapes move, all meshes stay triangles.
     """
     if scene.moving_shapes:
         return None
@@ -100,7 +100,7 @@ def _flattens(shape: Shape) -> bool:
 
 
 def _by_mesh(scene: Scene, which: list[int]) -> dict[tuple[Mesh, int], list[int]]:
-    """Shapes by mesh and material, those that have several instances."""
+    """Return shape indices by mesh and material, for meshes with several instances."""
     found: dict[tuple[Mesh, int], list[int]] = {}
     counts: dict[tuple[Mesh, int], int] = {}
     for index in which:
@@ -113,7 +113,7 @@ def _by_mesh(scene: Scene, which: list[int]) -> dict[tuple[Mesh, int], list[int]
 
 
 def _saved(scene: Scene, of_mesh: dict[tuple[Mesh, int], list[int]]) -> int:
-    """How many triangles."""
+    """Return the number of triangles that instancing saves."""
     return sum(
         sum(scene.shapes[index].count for index in which) - len(mesh.faces) for (mesh, _), which in of_mesh.items()
     )
@@ -143,7 +143,7 @@ def _parted(scene: Scene, of_mesh: dict[tuple[Mesh, int], list[int]]) -> Instanc
 
 
 def _about_origin(mesh: Mesh) -> tuple[Mesh, Float64]:
-    """The mesh about the origin, of a size from 1/2 to 1, and the (3, 4) map from that to itself."""
+    """Return the mesh centred on the origin, of a size from 1/2 to 1, and the (3, 4) map back."""
     lower, upper = mesh.used_vertices.min(axis=0), mesh.used_vertices.max(axis=0)
     scale = 2.0 ** np.ceil(np.log2(float((upper - lower).max())))
     middle = 0.5 * (lower + upper)
@@ -151,7 +151,7 @@ def _about_origin(mesh: Mesh) -> tuple[Mesh, Float64]:
 
 
 def _after(maps: Float64, first: Float64) -> Float64:
-    """(N, 3, 4): `first`, then each of the maps."""
+    """Return maps (N, 3, 4) that apply `first`, then each of `maps`."""
     found = maps[:, :, :3] @ first
     found[:, :, 3] += maps[:, :, 3]
     return np.asarray(found)

@@ -1,7 +1,7 @@
-"""Maintenance factors: what is left of a lamp's light after years, as lighting is designed for.
+"""Maintenance factors: fraction of a lamp's light that remains after years, as used in lighting design.
 
-A factor multiplies the light of a lamp, and of no sky: lamps age and fail, and dust settles on them and on the
-walls of the room. CIE 97 and EN 12464-1 have it as a product of factors for each. Its American name is light loss
+A factor multiplies the light of lamps, not of skies: lamps age and fail, and dust settles on them and on the room's
+walls. CIE 97 and EN 12464-1 define it as a product of factors for each cause. Its American name is light loss
 factor.
 """
 
@@ -18,7 +18,7 @@ _Lamp = TypeVar("_Lamp", Light, Shape)
 
 
 def with_factor(lamp: _Lamp, factor: float | None) -> _Lamp:
-    """The lamp with its light times a factor, which it remembers; itself for None."""
+    """Return the lamp with its light multiplied by a factor that it records; unchanged if the factor is None."""
     if factor is None:
         return lamp
     if isinstance(lamp, Light):
@@ -27,9 +27,10 @@ def with_factor(lamp: _Lamp, factor: float | None) -> _Lamp:
 
 
 def maintained(scene: Scene, factor: float | None) -> Scene:
-    """The scene with a factor for all lamps that have none of their own: punctual lights and shapes that emit.
+    """Return the scene with a factor applied to punctual lights and emitting shapes that have none of their own.
 
-    Directional lights are the sun, and stay. Raises UsageError for a factor that is not above 0, up to 1.
+    Directional lights represent the sun and do not change. Raises UsageError unless the factor is above 0 and at
+    most 1.
     """
     if factor is None:
         return scene
@@ -50,7 +51,7 @@ def maintained(scene: Scene, factor: float | None) -> Scene:
 
 
 def factors_of(scene: Scene) -> list[float]:
-    """Those of all lamps, 1 where none was given, in the order of punctual lights, then shapes that emit."""
+    """Return the factors of punctual lights, then of emitting shapes; 1 for lamps without a factor."""
     lamps: list[Light | Shape] = [light for light in scene.lights if light.kind != "directional"]
     lamps += [shape for shape in scene.shapes if shape.emits]
     return [1.0 if lamp.maintenance_factor is None else lamp.maintenance_factor for lamp in lamps]

@@ -1,4 +1,4 @@
-"""Materials and their textures, as plain data."""
+"""Materials and their textures as plain data."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ from glpath.scene.slab import between_faces, hemispherical
 Wrap = Literal["repeat", "clamp", "mirror"]
 Layering = Literal["gltf", "plastic", "disney", "beside"]
 _MAX_REFLECTED = 0.97
-# Roughness from which on a highlight of a dielectric is so wide that it looks like a part of the diffuse light.
+# Roughness above which a dielectric's highlight is so wide that it looks diffuse.
 _MATTE = 0.8
-#: Of less, Charlie's distribution is a rim that no pixel resolves, and its albedo there is several times 1.
+#: Minimum alpha of sheen. Below it, Charlie's distribution is a rim that no pixel resolves, with an albedo of
+#: several times 1.
 SHEEN_MIN_ALPHA = 0.01
-#: Cells of the table of white sheen's albedo, along the fourth root of alpha.
+#: Number of cells of the table of white sheen's albedo, along the fourth root of alpha.
 SHEEN_CELLS = 24
-#: Charlie's fitted lambda, of alpha = 0 and of 1 [Estevez & Kulla 2017, table 1].
+#: Charlie's fitted lambda for alpha = 0 and for alpha = 1 [Estevez & Kulla 2017, table 1].
 CHARLIE_LAMBDA = (
     (25.3245, 3.32435, 0.16801, -1.27393, -4.85967),
     (21.5473, 3.82987, 0.19823, -1.97760, -4.32054),
 )
-# What bytes are, as numbers and as colours of sRGB.
+# Values of bytes, as linear numbers and as sRGB colours.
 _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 #: The fields of a `Material` that are texture slots.
@@ -63,14 +64,14 @@ SLOTS = (
 
 @dataclass(frozen=True)
 class Texture:
-    """A picture that colours surfaces, repeated endlessly. A checker is one of 2 x 2 texels, not filtered.
+    """Image that colours surfaces, repeated endlessly. A checker is an unfiltered image of 2 x 2 texels.
 
-    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1: float32, linear Rec. 709, or uint8,
-             of which 255 is one
+    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1. float32, linear Rec. 709, or uint8,
+             with 255 for one
     scale  : repeats per unit of u and of v
     filter : "linear" or "nearest"
-    srgb   : colours of uint8 are sRGB's; without it linear, as what is no colour always is. Alpha is linear
-    wrap   : beyond 0 and 1, for u and for v
+    srgb   : True if uint8 colours are sRGB; False if they are linear, as data that are not colours. Alpha is linear
+    wrap   : mode beyond 0 and 1, for u and for v
     """
 
     name: str
@@ -81,7 +82,7 @@ class Texture:
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
 
     def linear(self) -> NDArray[np.float32]:
-        """(h, w, 3) or (h, w, 4) float32: the image with colours linear Rec. 709."""
+        """Return the (h, w, 3) or (h, w, 4) float32 image with linear Rec. 709 colours."""
         if self.image.dtype != np.uint8:
             return np.asarray(self.image, np.float32)
         linear = _LINEAR[self.image]
@@ -91,12 +92,12 @@ class Texture:
 
     @property
     def _colours(self) -> NDArray[np.float32]:
-        """(256,) what a byte of a colour is."""
+        """(256,) linear value of each byte of a colour."""
         return _FROM_SRGB if self.srgb else _LINEAR
 
     @cached_property
     def mean(self) -> Float64:
-        """(3,) float64, linear Rec. 709: of all texels, by their alpha where they have one."""
+        """(3,) float64 mean of all texels, linear Rec. 709, weighted by alpha if the image has it."""
         image = self.linear()
         weight = image[..., 3] if image.shape[2] == 4 and image[..., 3].any() else None
         colours = image[..., :3].reshape(-1, 3).astype(np.float64)
@@ -104,8 +105,8 @@ class Texture:
 
     @cached_property
     def max(self) -> Float64:
-        """(3,) float64, linear Rec. 709: the largest of each channel."""
-        # Axis by axis, which numpy does many times as fast. Larger bytes are brighter colours.
+        """(3,) float64 maximum of each channel, linear Rec. 709."""
+        # Axis by axis, because numpy is then many times as fast. Larger bytes are brighter colours.
         largest = self.image.max(axis=0).max(axis=0)[:3]
         largest = self._colours[largest] if self.image.dtype == np.uint8 else largest.astype(np.float32)
         return np.asarray(largest, np.float64)
@@ -113,11 +114,11 @@ class Texture:
 
 @dataclass(frozen=True)
 class TextureSlot:
-    """A texture where a material uses it.
+    """Use of a texture by a material.
 
     texture      : index into `Scene.textures`
-    uv_set       : which of a mesh's texture coordinates: 0 is `Mesh.uv`, 1 `Mesh.uv1`
-    uv_transform : (2, 3) float64, an affine map of them before they are looked up
+    uv_set       : texture coordinates of the mesh: 0 is `Mesh.uv`, 1 is `Mesh.uv1`
+    uv_transform : (2, 3) float64, affine map applied to the coordinates before the look-up
     """
 
     texture: int
@@ -127,73 +128,77 @@ class TextureSlot:
 
 @dataclass(frozen=True)
 class Material:
-    """A material: a base, diffuse or of metal, under specular layers.
+    """Material: a base, diffuse or of metal, under specular layers.
 
-    The base has a roughness or none. With one it is glTF's metallic-roughness surface [glTF 2.0, appendix B]: GGX's
-    microfacets [Walter et al. 2007] over Lambert's diffuse base, of metal, or over glass. Without one it is
-    Lambert's, with Phong's highlight and a mirror [TB IV].
+    The base may have a roughness. With one, it is glTF's metallic-roughness surface [glTF 2.0, appendix B]: GGX
+    microfacets [Walter et al. 2007] over a Lambertian base, over metal, or over glass. Without one, it is
+    Lambertian, with Phong's highlight and a mirror [TB IV].
 
-    reflectance      : (3,) float64 in [0, 1], linear Rec. 709: of the diffuse base, of metal at normal incidence;
-                       of glass the share that is let through
-    two_sided        : False makes the back black (it still blocks light); that of glass is its inside
-    culled           : of a one-sided material: its back is not there, for eyes, bounces and rays to lights; glass
-                       keeps its back
+    reflectance      : (3,) float64 in [0, 1], linear Rec. 709. Reflectance of the diffuse base, or of metal at
+                       normal incidence; for glass, the fraction that is transmitted
+    two_sided        : False makes the back black, but it still blocks light; the back of glass is its inside
+    culled           : True if the back of a one-sided material does not exist for eyes, bounces and shadow rays;
+                       glass keeps its back
     specular         : (3,) float64 >= 0, Phong's coefficient
-    exponent         : Phong's, > 0
-    mirror           : (3,) float64 in [0, 1], share of the light from the mirror direction
-    roughness        : in [0, 1], GGX's alpha is its square; None for a base without microfacets
-    metallic         : in [0, 1], share of metal
-    anisotropy       : in [0, 1]: along the tangent alpha is mixed by its square to 1 [KHR_materials_anisotropy]
+    exponent         : Phong's exponent, > 0
+    mirror           : (3,) float64 in [0, 1], fraction of the light from the mirror direction
+    roughness        : roughness in [0, 1], whose square is GGX's alpha; None for a base without microfacets
+    metallic         : fraction of metal in [0, 1]
+    anisotropy       : number in [0, 1]; its square mixes alpha along the tangent towards 1
+                       [KHR_materials_anisotropy]
     anisotropy_angle : degrees, from the direction in which u grows towards that in which v grows
-    ior              : index of refraction of what is neither metal nor air, >= 1
-    specular_weight  : in [0, 1], of the dielectric's reflection, and specular_colour (3,) of it at normal incidence
-    transmission     : in [0, 1], share of the base that is glass instead of diffuse
-    thin             : thin dielectric, which does not refract; False: the surface of a solid that does
-    slab             : a smooth thin dielectric reflects at both faces, with all reflections between them, and its
-                       reflectance is what its glass lets through once (`glpath.scene.slab`). False: at one face,
-                       and by Schlick's formula, as in glTF
-    attenuation      : (3,) float64 >= 0, per scene unit, of a solid's inside (Beer's law)
-    clearcoat        : in [0, 1], share that a clearcoat of index 1.5 covers, and clearcoat_roughness
-    sheen            : (3,) float64 in [0, 1], colour of the sheen over all but the clearcoat, and
-                       sheen_roughness, of which less than 0.1 is as 0.1 [KHR_materials_sheen]
-    diffuse_transmission : in [0, 1], share of the diffuse base that sends its light to the other side, all around,
-                       times diffuse_transmission_colour (3,) instead of its reflectance
-                       [KHR_materials_diffuse_transmission]; to solvers it is lost
-    iridescence      : in [0, 1], share of what metal and dielectric reflect that is under a thin film
-    iridescence_ior  : the film's index, >= 1; iridescence_thickness nm, and iridescence_thickness_min where
-                       its texture is 0 [KHR_materials_iridescence]
-    distribution     : of microfacets' normals: GGX's or Beckmann's, of the same alpha
-    metal_index      : (2, 3) float64, n and k of metal in air, for Fresnel's equations; `reflectance` is still what
-                       it reflects at normal incidence. None: Schlick's formula
-    layering         : the dielectric and what is under it. "gltf": Schlick's formula, over a base that has what
+    ior              : index of refraction of a dielectric, >= 1
+    specular_weight  : factor in [0, 1] of the dielectric's reflection; specular_colour (3,) is its factor at normal
+                       incidence
+    transmission     : fraction in [0, 1] of the base that is glass instead of diffuse
+    thin             : True for a thin dielectric, which does not refract; False for the surface of a solid that
+                       does
+    slab             : True if a smooth thin dielectric reflects at both faces, with all reflections between them.
+                       Its reflectance is then what the glass transmits in one crossing (`glpath.scene.slab`).
+                       False: it reflects at one face by Schlick's formula, as in glTF
+    attenuation      : (3,) float64 >= 0 per scene unit, absorption inside a solid (Beer's law)
+    clearcoat        : fraction in [0, 1] covered by a clearcoat of index 1.5; with clearcoat_roughness
+    sheen            : (3,) float64 in [0, 1], colour of the sheen over all layers but the clearcoat; with
+                       sheen_roughness, for which values below 0.1 count as 0.1 [KHR_materials_sheen]
+    diffuse_transmission : fraction in [0, 1] of the diffuse base that scatters its light to the other side. Its
+                           colour is diffuse_transmission_colour (3,) instead of reflectance
+                           [KHR_materials_diffuse_transmission]. Solvers treat it as lost
+    iridescence      : fraction in [0, 1] of the reflection of metal and dielectric that is under a thin film
+    iridescence_ior  : index of the film, >= 1; with iridescence_thickness in nm, and iridescence_thickness_min for
+                       texels that are 0 [KHR_materials_iridescence]
+    distribution     : distribution of microfacet normals, GGX or Beckmann, for the same alpha
+    metal_index      : (2, 3) float64, n and k of metal in air, for Fresnel's equations; `reflectance` remains its
+                       reflectance at normal incidence. None: Schlick's formula
+    layering         : model of the dielectric and the base below. "gltf": Schlick's formula; the base receives what
                        the dielectric leaves. "plastic": Fresnel's equations; light of the base crosses the boundary
                        twice, and a thin dielectric reflects at both faces, unpolarized, as in Mitsuba. "disney":
-                       Fresnel's equations, over Burley's base, which loses nothing; `anisotropy` is Burley's, and
+                       Fresnel's equations over Burley's base, which loses nothing; `anisotropy` is Burley's, and
                        solid glass takes the root of the reflectance at each crossing [Burley 2012, 2015]. "beside":
-                       Fresnel's equations; glass covers its share of the surface, and a bare base the rest
-    multiple_scattering : light that microfacets scatter more than once is kept, about, and the base under a
-                       dielectric has all that it does not reflect; False: the first is lost, as in Mitsuba, and
-                       the base has what glTF's formula gives it, up to 3 % more or less
-    unlit            : shows its emission alone, times the colours of vertices; it is not lit, but lights others as
-                       any emission does
-    opacity          : in [0, 1], multiplied by the alpha of the texture and of the vertices
-    alpha            : what opacity does: nothing; all or nothing, from `cutoff` on; a share of the light
-    texture              : colour and alpha, which reflectance and opacity are multiplied by
-    surface_texture      : roughness is multiplied by its green, metallic by its blue
-    normal_texture       : of the tangent space [glTF 2.0, 3.9.3], x and y multiplied by normal_scale
-    emission_texture     : what the emission of shapes is multiplied by
-    transmission_texture : its red multiplies transmission
-    clearcoat_texture    : its red multiplies clearcoat; of clearcoat_roughness_texture the green its roughness
-    clearcoat_normal_texture : of the clearcoat alone, x and y multiplied by clearcoat_normal_scale. Without it the
-                           clearcoat has the normals of the vertices; normal_texture does not bend it
-    anisotropy_texture   : red and green, from -1 to 1, are the tangent before it is turned by the angle; blue
+                       Fresnel's equations; glass covers its fraction of the surface, and a bare base the rest
+    multiple_scattering : True keeps, approximately, light that microfacets scatter more than once; the base under a
+                          dielectric receives all light that the dielectric does not reflect. False loses the first,
+                          as in Mitsuba, and uses glTF's formula for the base, up to 3 % more or less
+    unlit            : True if it shows only its emission, times vertex colours. Other light does not affect it, but
+                       it lights others as any emitter does
+    opacity          : opacity in [0, 1], multiplied by the alpha of the texture and of the vertices
+    alpha            : effect of opacity. "opaque": none; "mask": all or nothing, from `cutoff` on; "blend": a
+                       fraction of the light
+    texture              : colour and alpha, which multiply reflectance and opacity
+    surface_texture      : green multiplies roughness, blue multiplies metallic
+    normal_texture       : normals in tangent space [glTF 2.0, 3.9.3], with x and y multiplied by normal_scale
+    emission_texture     : colour that multiplies the emission of shapes
+    transmission_texture : red multiplies transmission
+    clearcoat_texture    : red multiplies clearcoat; green of clearcoat_roughness_texture multiplies its roughness
+    clearcoat_normal_texture : normals of the clearcoat only, with x and y multiplied by clearcoat_normal_scale.
+                               Without it the clearcoat has the vertex normals; normal_texture does not affect it
+    anisotropy_texture   : red and green, from -1 to 1, are the tangent before rotation by the angle; blue
                            multiplies anisotropy
-    iridescence_texture  : its red multiplies iridescence; the green of iridescence_thickness_texture is where its
-                           thickness lies between the two
-    diffuse_transmission_texture : its alpha multiplies diffuse_transmission;
-                           diffuse_transmission_colour_texture multiplies the colour
-    sheen_texture        : multiplies sheen; the alpha of sheen_roughness_texture its roughness
-    specular_texture     : its alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
+    iridescence_texture  : red multiplies iridescence; green of iridescence_thickness_texture interpolates between
+                           the two thicknesses
+    diffuse_transmission_texture : alpha multiplies diffuse_transmission; diffuse_transmission_colour_texture
+                                   multiplies its colour
+    sheen_texture        : colour multiplies sheen; alpha of sheen_roughness_texture multiplies its roughness
+    specular_texture     : alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
     """
 
     name: str
@@ -254,34 +259,34 @@ class Material:
 
     @property
     def has_lobes(self) -> bool:
-        """It mirrors, or has microfacets: not all that it does is Lambert's or Phong's."""
+        """True if it has a mirror or microfacets, not just Lambertian or Phong reflection."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
 
     @property
     def is_matte(self) -> bool:
-        """It has microfacets alone that are so rough that they look nearly the same from everywhere."""
+        """True if it has only microfacets so rough that they look nearly the same from all directions."""
         smooth = self.roughness is None or self.roughness < _MATTE or self.surface_texture is not None
         more = (self.metallic, self.transmission, self.clearcoat, self.iridescence, self.diffuse_transmission)
         return not smooth and not any(more) and not np.any(self.sheen > 0) and not np.any(self.mirror > 0)
 
     @property
     def lets_light_through(self) -> bool:
-        """Rays pass it by its opacity, or from behind."""
+        """True if rays may pass it, because of its opacity or through a culled back."""
         return self.alpha != "opaque" or self.culled
 
     @property
     def needs_uv(self) -> bool:
-        """Where it is has to have texture coordinates: for its textures, or for the direction of its tangent."""
+        """True if its shapes need texture coordinates, for textures or for the direction of the tangent."""
         return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
 
     @property
     def is_smooth(self) -> bool:
-        """Its microfacets, where it has some, are a mirror, or glass that one can see through."""
+        """True if its microfacets form a mirror, or glass that one can see through."""
         return self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
 
     @property
     def keeps_energy(self) -> bool:
-        """It keeps what its microfacets scatter more than once, or its base has what a dielectric leaves."""
+        """True if multiple scattering is kept, or the base receives all light that a dielectric leaves."""
         if self.roughness is None or not self.multiple_scattering:
             return False
         has_base = self.metallic < 1 and self.transmission < 1 and self.specular_weight > 0
@@ -289,38 +294,38 @@ class Material:
 
     @property
     def scatters_repeatedly(self) -> bool:
-        """It has rough metal or rough glass, whose microfacets scatter much of the light more than once."""
+        """True for rough metal or rough glass, whose microfacets scatter much of the light more than once."""
         rough = self.roughness is not None and not self.is_smooth
         return rough and (self.metallic > 0 or self.transmission > 0)
 
     @property
     def is_clear(self) -> bool:
-        """A mirror, or glass through which one sees: what it shows is sharp."""
+        """True for a mirror or for see-through glass, which show sharp images."""
         if self.roughness is None:
             return bool(np.any(self.mirror > 0))
         return self.is_smooth and (self.metallic > 0 or self.transmission > 0)
 
     @property
     def is_thin_dielectric(self) -> bool:
-        """Glass that light goes straight through."""
+        """True for glass that light passes without refraction."""
         return self.is_smooth and self.transmission > 0 and self.thin
 
     @property
     def is_slab(self) -> bool:
-        """Glass that light goes straight through, and that reflects at both faces."""
+        """True for glass that light passes without refraction, and that reflects at both faces."""
         return self.slab and self.is_thin_dielectric
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
-        """The reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
+        """Reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
 
-        Of the index by Fresnel's equations, coloured and weakened as glTF's KHR_materials_specular has it.
+        Fresnel's equations give it from the index. KHR_materials_specular of glTF adds a colour and a weight.
         """
         return np.minimum(self.dielectric_ratio, 1.0) * self.specular_weight, self.specular_weight
 
     @property
     def dielectric_ratio(self) -> Float64:
-        """(3,) float64: what it reflects at normal incidence over what at grazing incidence, not clipped to 1."""
+        """(3,) float64 ratio of reflectances at normal and at grazing incidence, not clipped to 1."""
         once = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
         if self.layering in ("plastic", "beside") and self.is_thin_dielectric:
             once = float(between_faces(once))
@@ -328,22 +333,23 @@ class Material:
 
     @property
     def sheen_alpha(self) -> float:
-        """The roughness of Charlie's distribution."""
+        """Alpha of Charlie's distribution."""
         return float(max(self.sheen_roughness**2, SHEEN_MIN_ALPHA))
 
     @property
     def clear(self) -> float:
-        """In [0, 1]: the share of its base that is glass."""
+        """Fraction of its base that is glass, in [0, 1]."""
         return 0.0 if self.roughness is None else (1.0 - self.metallic) * self.transmission
 
     def hemispherical_reflectance(self, base: Float64, clear: float = 0.0) -> Float64:
-        """(3,) float64: the share of light from everywhere that is sent back, or through; for `reflectance` base.
+        """Return the (3,) float64 fraction of uniform illumination that is reflected or transmitted.
 
-        clear : share of the base that is let through and not counted here
+        base  : (3,) reflectance of the base
+        clear : fraction of the base whose transmitted light is not included
 
-        For solvers to which all is diffuse: of what mirrors or is clear at most 0.97, or light between would
-        never end. Of glass and under a thin film roughness does not count: the mean of Schlick's formula over the
-        cosine is 1/21 from normal to grazing incidence.
+        Solvers that treat all surfaces as diffuse use it. For mirrors and clear surfaces it is at most 0.97,
+        because light between them would never die out. Roughness is ignored for glass and under a thin film, where
+        Schlick's formula has the mean f0 + (f90 - f0) / 21.
         """
         if not self.has_lobes:
             return base
@@ -368,9 +374,9 @@ class Material:
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
 
     def hemispherical_transmittance(self, base: Float64, clear: float = 0.0) -> Float64:
-        """(3,) float64: the share of light from everywhere that its diffuse base sends to the other side.
+        """Return the (3,) float64 fraction of uniform illumination that its diffuse base sends to the other side.
 
-        base, clear : as of `hemispherical_reflectance`, with which it is at most 0.97
+        The sum with `hemispherical_reflectance` is at most 0.97; parameters are the same.
         """
         if self.roughness is None or self.diffuse_transmission == 0:
             return np.zeros(3)
@@ -409,7 +415,7 @@ class Material:
 
     @property
     def dielectric_albedo(self) -> Float64:
-        """(3,) float64: what its dielectric reflects of light from everywhere."""
+        """(3,) float64 fraction of uniform illumination that its dielectric reflects."""
         assert self.roughness is not None
         f0, f90 = self.schlick
         if self.iridescence > 0 and self.layering == "gltf":
@@ -420,7 +426,7 @@ class Material:
 
     @property
     def base_share(self) -> float:
-        """Return the share of light from everywhere that a white base sends back through the dielectric."""
+        """Fraction of uniform illumination that a white base sends back through the dielectric."""
         if self.layering == "plastic" and self.transmission < 1:
             assert self.roughness is not None
             return plastic_entry(self.ior, self.roughness**2, self.distribution)[1] ** 2
@@ -432,7 +438,10 @@ class Material:
         return float(1.0 - self.dielectric_albedo.max())
 
     def _layers(self) -> tuple[Float64, Float64, float]:
-        """What the dielectric (3,), sheen (3,) and the clearcoat reflect of light from everywhere, each alone."""
+        """Return the fractions of uniform illumination that dielectric (3,), sheen (3,) and clearcoat reflect.
+
+        Each is computed as if the others were absent.
+        """
         layer, sheen = self.dielectric_albedo, np.zeros(3)
         if np.any(self.sheen > 0):
             cosine = (np.arange(32) + 0.5) / 32
@@ -440,14 +449,14 @@ class Material:
         return layer, sheen, self.clearcoat * (0.04 + 0.96 / 21.0)
 
     def _under_film(self, plain: Float64, f0: Float64) -> Float64:
-        """(3,) of light from everywhere."""
+        """Return the (3,) reflectance for uniform illumination of a surface that is partly under a film."""
         cosine = (np.arange(32) + 0.5) / 32
         film = film_reflects(cosine, self.iridescence_thickness, self.iridescence_ior, f0)
         seen = 2.0 * np.mean(cosine[:, None] * film, axis=0)
         return np.asarray((1.0 - self.iridescence) * plain + self.iridescence * seen)
 
     def described(self) -> str:
-        """Its other properties than diffuse, in a few words; "" without any."""
+        """Return a short description of its properties other than diffuse; "" if it has none."""
         words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
         words += ["mirror"] * bool(np.any(self.mirror > 0))
         if self.roughness is not None:
@@ -466,18 +475,18 @@ class Material:
 
     @property
     def slots(self) -> dict[str, TextureSlot]:
-        """The textures that it uses, by the names of the fields."""
+        """Texture slots in use, by field name."""
         found = {name: getattr(self, name) for name in SLOTS}
         return {name: slot for name, slot in found.items() if slot is not None}
 
 
 def metal_reflectance(n: Float64, k: Float64) -> Float64:
-    """Return the reflectance of metal in air at normal incidence, by its refractive index and its absorption."""
+    """Return the reflectance of metal in air at normal incidence, from its refractive index and absorption."""
     return np.asarray(((n - 1.0) ** 2 + k**2) / ((n + 1.0) ** 2 + k**2))
 
 
 def averaged(material: Material, textures: Sequence[Texture]) -> Material:
-    """The material with its layers as their textures are in the mean, for what has one value for a surface."""
+    """Return the material with its layers multiplied by their textures' means, so that they are constant."""
 
     def mean(slot: TextureSlot | None, channel: int) -> float:
         if slot is None:
@@ -491,7 +500,7 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         return np.ones(3) if slot is None else textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
 
     roughness, metallic = material.roughness, material.metallic
-    # Glass is divided among its base and what it lets through by its own share of metal (`clear`).
+    # Materials with glass keep their constants, because `clear` divides them by the constant share of metal.
     if roughness is not None and material.transmission == 0:
         roughness *= mean(material.surface_texture, 1)
         metallic *= mean(material.surface_texture, 2)
@@ -514,16 +523,18 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
 
 
 def sheen_lambda(alpha: float) -> Float64:
-    """(5,) a to e of L(x) = a / (1 + b x^c) + d x + e, of which Charlie's lambda is made."""
+    """Return coefficients a to e, (5,), of L(x) = a / (1 + b x^c) + d x + e, the basis of Charlie's lambda."""
     blend = (1.0 - alpha) ** 2
     return np.asarray(blend * np.array(CHARLIE_LAMBDA[0]) + (1.0 - blend) * np.array(CHARLIE_LAMBDA[1]))
 
 
 def sheen_albedo(cosine: Float64, alpha: float) -> Float64:
-    """(n,) float64 of (n,): what white sheen sends to the eye of light from everywhere, by quadrature.
+    """Return the (n,) float64 albedo of white sheen at cosines (n,), by quadrature.
 
-    Charlie's distribution with its own visibility; above 1 at grazing angles of small alpha, where the fitted
-    visibility masks too little. Source: Estevez & Kulla 2017, Production friendly microfacet sheen BRDF.
+    It uses Charlie's distribution with its own visibility. The albedo exceeds 1 at grazing angles for small alpha,
+    because the fitted visibility masks too little.
+
+    Source: Estevez & Kulla 2017, Production friendly microfacet sheen BRDF.
     """
     n = 192
     theta, phi = 0.5 * np.pi * (np.arange(n) + 0.5) / n, np.pi * (np.arange(n) + 0.5) / n
@@ -547,9 +558,9 @@ def sheen_albedo(cosine: Float64, alpha: float) -> Float64:
 
 
 def sheen_albedo_fit(alpha: float) -> Float64:
-    """(8,) float64: the logarithm of `sheen_albedo` as a polynomial of the cosine's root, lowest power first.
+    """Return (8,) float64: the logarithm of `sheen_albedo` as a polynomial of the cosine's root, constant first.
 
-    Off by less than 0.003 of light from everywhere for cosines from 0.01 on.
+    The error is below 0.003 of the incident light for cosines of 0.01 and more.
     """
     cosine = np.linspace(0.02, 1.0, 50) ** 1.5
     albedo = sheen_albedo(cosine, alpha)
@@ -561,9 +572,9 @@ def sheen_albedo_fit(alpha: float) -> Float64:
 
 @lru_cache(maxsize=1)
 def sheen_albedo_table() -> Float64:
-    """(SHEEN_CELLS + 1, 8) float64: `sheen_albedo_fit` of alphas whose fourth roots are as far apart.
+    """Return (SHEEN_CELLS + 1, 8) float64: `sheen_albedo_fit` at alphas with equally spaced fourth roots.
 
-    Between two of them the logarithm is interpolated: off by less than 0.006 of light from everywhere.
+    The logarithm is interpolated between rows, with an error below 0.006 of the incident light.
     """
     lowest = SHEEN_MIN_ALPHA**0.25
     roots = lowest + (1.0 - lowest) * np.arange(SHEEN_CELLS + 1) / SHEEN_CELLS
@@ -571,6 +582,6 @@ def sheen_albedo_table() -> Float64:
 
 
 def moved_textures(material: Material, first: int) -> Material:
-    """The material where its textures stand behind `first` others."""
+    """Return the material with its texture indices increased by `first`."""
     moved = {name: replace(slot, texture=slot.texture + first) for name, slot in material.slots.items()}
     return replace(material, **moved)  # type: ignore[arg-type]

@@ -1,7 +1,6 @@
-"""The scene as plain data: triangles, spheres, planes, materials, lights, a camera. No file format and no GL here.
+"""Scene as plain data: triangles, spheres, planes, materials, lights and a camera. No file format, no OpenGL.
 
-Quads and boxes are meshes by the time they stand here; spheres and planes stay exact, for engines that intersect
-them.
+Quads and boxes are already meshes here. Spheres and planes stay exact, for engines that intersect them.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ __all__ = [
     "sphere_extent",
 ]
 
-#: Of `Scene.add`: the scene, the shape, its material and more fields of its table, to a scene.
+#: Function behind `Scene.add`: takes scene, shape, material and more fields of the shape's table; returns a scene.
 ShapeBuilder = Callable[["Scene", object, "str | Mapping[str, object] | None", Mapping[str, object]], "Scene"]
 LightKind = Literal["point", "spot", "directional"]
 _CHUNK = 1 << 14
@@ -61,21 +60,22 @@ _WORDS = {"stream": "streamed triangle"}
 
 @dataclass(frozen=True)
 class Light:
-    """A punctual light. Shapes with an emission are lights too, but not here.
+    """Punctual light. Shapes with an emission are lights too, but are not represented by this class.
 
-    kind      : "point", "spot" (a point with a cone) or "directional" (from infinitely far)
-    intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity W sr^-1 or cd (a spot's on its
-                axis), or, with falloff "none" and for a directional light, the irradiance W m^-2 or lx on a surface
-                that faces it. With a profile, what its candela are multiplied by: 1 in a photometric scene,
-                1 / `glpath.film.units.EFFICACY` in a radiometric one
-    position  : (3,) float64; of no meaning for a directional light
-    direction : (3,) float64 unit, in which light travels; of a point light with a profile, where gamma is 0; of no
-                meaning for one without
-    cone      : half angles in degrees, of full light and of its end; between them it fades by `spot_fade`
+    kind      : "point", "spot" (a point with a cone) or "directional" (infinitely far)
+    intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity in W sr^-1 or cd, of a spot on
+                its axis. With falloff "none", and for a directional light: irradiance in W m^-2 or lx on a surface
+                that faces it. With a profile: factor of the candela, 1 in a photometric scene, 1 /
+                `glpath.film.units.EFFICACY` in a radiometric one
+    position  : (3,) float64; without meaning for a directional light
+    direction : (3,) float64 unit, direction of light travel. For a point light with a profile, direction of gamma =
+                0; without meaning for one without a profile
+    cone      : half angles in degrees of full light and of the edge; light fades between them by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
-    profile   : of a point light, how much it sends in which direction; None: in all alike
-    c0        : (3,) float64 unit, perpendicular to `direction`: where C is 0 and gamma 90 degrees of the profile
-    maintenance_factor : by which `intensity` is multiplied already; None where none was given
+    profile   : distribution of a point light over directions; None: uniform
+    c0        : (3,) float64 unit, perpendicular to `direction`: direction of C = 0 and gamma = 90 degrees of the
+                profile
+    maintenance_factor : factor that `intensity` already contains; None if none was given
     """
 
     name: str
@@ -92,19 +92,21 @@ class Light:
 
 @dataclass(frozen=True, repr=False)
 class Scene:
-    """Everything a renderer needs, as arrays. In Jupyter it shows a preview of itself, made without OpenGL.
+    """Scene with everything that a renderer needs, as arrays.
 
-    shapes       : meshes, exact spheres and planes, and where they stand
-    lights       : punctual ones
-    ambient      : (3,) float64 radiance that reaches every surface from everywhere [TB IV]; to path tracing,
-                   what lies beyond a path's last vertex
-    sky          : what rays see that hit nothing: a blend, an environment map, or None: black
-    portals      : openings through which the sky lights what is inside, for fewer samples that see none of it
-    background   : what the camera sees behind all shapes; None: the sky
-    exposure     : stops by which 8-bit pictures are brightened; None: as `image.auto_exposure` finds
-    centred_by   : (3,) float64, of a scene that was made by `centred`: see `origin`. None of one that may be far
-                   from the origin
-    unit         : of all its light: "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
+    Jupyter shows it as a preview, made without OpenGL.
+
+    shapes       : meshes, exact spheres and planes, and their positions
+    lights       : punctual lights
+    ambient      : (3,) float64 radiance that reaches every surface from all directions [TB IV]; in path tracing,
+                   the radiance beyond a path's last vertex
+    sky          : radiance of rays that hit nothing: a blend, an environment map, or None for black
+    portals      : openings through which the sky lights an interior, so that fewer sky samples are blocked
+    background   : background that the camera sees behind all shapes; None: the sky
+    exposure     : stops by which 8-bit images are brightened; None: result of `image.auto_exposure`
+    centred_by   : (3,) float64 origin of a scene that was made by `centred`, see `origin`; None for a scene that
+                   may be far from the origin
+    unit         : unit of all its light, "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
     """
 
     name: str
@@ -148,39 +150,40 @@ class Scene:
 
     @property
     def triangles(self) -> Float64:
-        """(T, 3, 3) float64, corners in world space; counter-clockwise seen from the front. Not to be written to.
+        """(T, 3, 3) float64 corners in world space, counter-clockwise seen from the front. Read-only.
 
-        Made from the meshes when first asked for; `shapes.vertices` and `shapes.faces` are the same, with shared
+        Computed from the meshes on first use. `shapes.vertices` and `shapes.faces` are the same with shared
         vertices.
         """
         return self.shapes.triangles
 
     @property
     def triangle_uv(self) -> Float64:
-        """(T, 3, 2) float64 texture coordinates of the corners; zeros where a mesh has none."""
+        """(T, 3, 2) float64 texture coordinates of the corners; zeros if a mesh has none."""
         return self.shapes.triangle_uv
 
     @property
     def spheres(self) -> Float64:
-        """(S, 3, 4) float64, world_from_unit of the unit sphere, last column the centre.
+        """(S, 3, 4) float64 maps world_from_unit of the unit sphere, last column the centre.
 
-        Any affine map, so an ellipsoid as well. Its front is outside, or inside where the determinant is negative.
-        u runs with the longitude about the unit sphere's z axis, v from its south pole (0) to its north (1).
+        Any affine map is allowed, so ellipsoids too. The front is outside, or inside if the determinant is
+        negative. u follows the longitude about the unit sphere's z axis; v goes from 0 at its south pole to 1 at
+        its north pole.
         """
         return self.shapes.spheres
 
     @property
     def planes(self) -> Float64:
-        """(P, 3, 4) float64, world_from_plane.
+        """(P, 3, 4) float64 maps world_from_plane.
 
-        Columns are the directions in which u and v grow by one (any length, perpendicular), the unit normal out of
-        the front, and the point of u = v = 0.
+        The columns are: the directions in which u and v grow by one (any length, perpendicular), the unit normal
+        out of the front, and the point with u = v = 0.
         """
         return self.shapes.planes
 
     @property
     def triangle_shape(self) -> Int32:
-        """(T,) int32, the index into `shapes` of each triangle."""
+        """(T,) int32 index of each triangle's shape in `shapes`."""
         return self.shapes.primitive_shape("triangle")
 
     @property
@@ -192,24 +195,25 @@ class Scene:
     def areas(self) -> Float64:
         """(T,) float64 triangle areas, scene units squared."""
         areas = np.empty(len(self.triangles))
-        # Some at a time: intermediate results take as much memory as the triangles.
+        # In chunks, because intermediate results take as much memory as the triangles.
         for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
             areas[part] = triangle_areas(self.triangles[part])
         return areas
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(3,) lower and (3,) upper corner of the box around all triangles, streamed ones too, and spheres.
+        """(3,) lower and (3,) upper corner of the box around all spheres and triangles, including streamed ones.
 
-        Planes are unbounded and do not count; of a scene of planes alone it is the box around their points.
+        Planes are unbounded and do not count. For a scene of planes only, it is the box around their points.
         """
         return self.shapes.bounds
 
     @property
     def framed_points(self) -> Float64:
-        """(N, 3) what a camera that shows all of the scene has in its picture, see `framing`.
+        """(N, 3) points that must be in the image of a camera that shows the whole scene, see `framing`.
 
-        The vertices of meshes, 26 points of each sphere, the corners of `bounds` of streams and of planes alone.
+        They are the vertices of meshes and 26 points of each sphere. Streams, and scenes of planes only, add the
+        corners of `bounds`.
         """
         points = [
             self.shapes.used_vertices,
@@ -222,23 +226,24 @@ class Scene:
 
     @property
     def origin(self) -> Float64:
-        """(3,) float64: what all coordinates are relative to, in those of the file; zeros but for `centred`."""
+        """(3,) float64 origin of all coordinates, in file coordinates; zeros unless made by `centred`."""
         return np.zeros(3) if self.centred_by is None else self.centred_by
 
     @cached_property
     def centred(self) -> Scene:
-        """The scene relative to its `origin`, a whole number near its middle, as engines take it: in 32 bits, far
-        from the world's origin, numbers are too far apart. Itself where its middle is near the origin: up to four
-        diagonals of the box around its shapes. Found when first asked for.
+        """Scene relative to its `origin`, a point with few digits near its centre, as engines need it.
+
+        32-bit floats far from the world's origin are too far apart. The scene itself if its centre is near the
+        origin: within four diagonals of the box around its shapes. Computed on first use.
         """
         from glpath.scene.centre import centred
 
         return centred(self)
 
     def mean_reflectance(self, material: Material, clear: float = 0.0) -> Float64:
-        """(3,) float64: what one of the scene's materials reflects of light from everywhere, mirrors and glass too.
+        """Return the (3,) float64 fraction of uniform illumination that a material reflects.
 
-        Of a texture the mean; without the share of the base that is `clear`.
+        Mirrors and glass are included, without the fraction `clear` of the base. A texture contributes its mean.
         """
         base = material.reflectance
         if material.texture is not None:
@@ -247,24 +252,26 @@ class Scene:
 
     @cached_property
     def side_reflectance(self) -> Float64:
-        """(2, T, 3) float64: the reflectance of each triangle's front and back; a one-sided one's back is black.
+        """(2, T, 3) float64 reflectance of each triangle's front and back. Read-only.
 
-        Of textures and colours of vertices the mean over the triangle, times its opacity: light that a wall sends
-        on does not know where on it a picture hangs. What glass lets through is none of it. Not to be written to.
+        The back of a one-sided triangle is black. Textures and vertex colours contribute their mean over the
+        triangle, times its opacity. Reflected light therefore does not depend on the position within the triangle.
+        Light transmitted by glass is not included.
 
-        Found when first asked for, by solver, guides and gather alike: it takes seconds of a room with textures.
+        Computed on first use and shared by solver, guides and gathering, because it takes seconds for a textured
+        room.
         """
-        from glpath.scene.appearance import Appearance  # which brings what reads pictures
+        from glpath.scene.appearance import Appearance  # imports the image readers
 
         found = Appearance(self).side_reflectance()
         found.flags.writeable = False
         return found
 
     def __getstate__(self) -> dict[str, object]:
-        return {each.name: getattr(self, each.name) for each in fields(self)}  # without what was derived
+        return {each.name: getattr(self, each.name) for each in fields(self)}  # without derived arrays
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
-        """(h, w, 3) uint8 sRGB, a quick picture made on the CPU: no shadows, the light is at the eye.
+        """Return a quick (h, w, 3) uint8 sRGB image made on the CPU, without shadows, with the light at the eye.
 
         longest : pixels of the longer side
 
@@ -288,21 +295,23 @@ class Scene:
         return f"<Scene {self.name}: {', '.join(parts)}, {self.camera.resolution[0]} x {self.camera.resolution[1]}>"
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """Jupyter's view: a preview and tables, as far as there is room."""
+        """Return Jupyter's view: a preview, and tables of limited length."""
         from glpath.scene.preview import mimebundle
 
         return mimebundle(self)
 
     def at(self, time: float | None = None) -> Scene:
-        """The scene as it stands at a time, seconds: nothing moves, and the shutter is that moment.
+        """Return the scene at a time in seconds, without motion, and with the shutter at that moment.
 
-        time : None: when the shutter opens
+        time : seconds; None: when the shutter opens
         """
         moment = self.camera.shutter[0] if time is None else time
         return replace(self.still(moment), camera=self.camera.at(moment))
 
     def still(self, time: float | None = None) -> Scene:
-        """The scene with shapes that stand as they do at a time, and the camera as it is; itself where none moves.
+        """Return the scene with its shapes fixed at a time, and its camera unchanged.
+
+        Returns the same scene if no shape moves.
 
         time : seconds; None: when the shutter opens
         """
@@ -313,22 +322,22 @@ class Scene:
 
     @property
     def moving_shapes(self) -> tuple[int, ...]:
-        """Indices of the shapes that move while the shutter is open."""
+        """Indices of shapes that move while the shutter is open."""
         return tuple(
             i for i, s in enumerate(self.shapes) if s.motion and s.motion.moves_within(*self.camera.shutter)
         )
 
     def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:
-        """The same scene seen otherwise.
+        """Return the scene with another camera.
 
-        camera  : instead of the scene's
-        changes : of it, by the names of the fields of `Camera`; a new position, target or up ends its motion, which
-                  would stand for them
+        camera  : new camera; None: the scene's own
+        changes : new values of `Camera` fields by name. A new position, target or up ends the motion, because
+                  motion would override them
 
-        A camera that was set for a file without one, to see everything, sees everything at another resolution and
-        with another up, too. A studio that stands in for light then turns with it.
+        A camera that was created for a file without one shows the whole scene. It is fitted again if the resolution
+        or up changes. A studio that substitutes for missing light is then rotated with it.
 
-        Raises UsageError for what is no camera, and for other names.
+        Raises UsageError for values that are not a camera, and for unknown names.
         """
         if not isinstance(camera, Camera | None):
             raise UsageError(
@@ -352,14 +361,14 @@ class Scene:
         return replace(scene, camera=seen)
 
     def add(self, shape: object, *, material: str | Mapping[str, object] | None = None, **fields: object) -> Scene:
-        """A new scene with one shape more, the last one.
+        """Return a new scene with one more shape, the last one.
 
-        shape    : a table of the scene format's [[shapes]] as a dictionary, a `Mesh` or a `trimesh.Trimesh`
-        material : the name of one of the scene's materials, or a table for a new one; without it the mesh's own
-                   colour, or grey
-        fields   : more of the table, such as transform=[{"translate": [0, 1, 0]}] or name="lid"
+        shape    : table of the scene format's [[shapes]] as a dictionary, a `Mesh` or a `trimesh.Trimesh`
+        material : name of one of the scene's materials, or a table for a new one; None: the mesh's own colour, or
+                   grey
+        fields   : further fields of the table, such as transform=[{"translate": [0, 1, 0]}] or name="lid"
 
-        Raises SceneError, and UsageError for a material that the scene has not.
+        Raises SceneError, and UsageError for a material that the scene does not have.
 
         >>> from glpath import load_scene
         >>> ball = {"type": "sphere", "center": [0.3, -0.2, 0.4], "radius": 0.2}
@@ -371,12 +380,13 @@ class Scene:
         return _shape_builder(self, shape, material, fields)
 
     def digest(self, camera: bool = True) -> str:
-        """SHA-256 (hex) of all that changes the picture: geometry, materials, textures, lights and camera.
+        """Return the SHA-256 (hex) of everything that changes the image.
 
-        Names do not. Derived from the fields of the model (`glpath.scene.digest`), so a box has another digest than
-        the same triangles written as a mesh.
+        This is geometry, materials, textures, lights and camera, but not names. The digest is derived from the
+        model's fields (`glpath.scene.digest`). So a box has another digest than the same triangles written as a
+        mesh.
 
-        camera : False leaves it out, and the background: what is left decides the light, wherever it is seen from
+        camera : False leaves out camera and background; the rest determines the light, independent of the view
         """
         if camera:
             return digest_of(self)
@@ -384,7 +394,7 @@ class Scene:
 
 
 def _is_framed(scene: Scene) -> bool:
-    """Return True if the camera is one of `framing`, as files without a camera get."""
+    """Return True if the camera comes from `framing`, as for files without a camera."""
     camera = scene.camera
     if not may_be_framing(camera):
         return False
@@ -393,7 +403,7 @@ def _is_framed(scene: Scene) -> bool:
 
 
 def _with_studio_turned(scene: Scene, up: Float64) -> Scene:
-    """The scene with the studio that stands in for its light, if there is one, turned so that `up` is up."""
+    """Return the scene with its substitute studio light, if it has one, rotated so that `up` is up."""
     if not (isinstance(scene.sky, Environment) and scene.sky.assumed):
         return scene
     axis, background = nearest_axis(up), scene.background
@@ -405,30 +415,30 @@ def _with_studio_turned(scene: Scene, up: Float64) -> Scene:
     return replace(scene, sky=studio((axis[0], axis[1], axis[2])), background=background)
 
 
-# (26, 3) unit directions: to the sides, edges and corners of a cube.
+# (26, 3) unit directions to the faces, edges and corners of a cube.
 _AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], np.float64) - 1.0
 _AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
 _shape_builder: ShapeBuilder | None = None
 
 
 def shapes_are_built_by(builder: ShapeBuilder) -> None:
-    """Hand in what `Scene.add` calls: readers know the formats of a shape, the model knows none."""
+    """Register the function that `Scene.add` calls. Readers know the formats of shapes; the model does not."""
     global _shape_builder
     _shape_builder = builder
 
 
 def unit_normals(triangles: Float64) -> Float64:
-    """(T, 3) float64, out of the fronts of triangles (T, 3, 3)."""
+    """Return (T, 3) float64 unit normals out of the fronts of triangles (T, 3, 3)."""
     n = _area_vectors(triangles)
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def triangle_areas(triangles: Float64) -> Float64:
-    """(T,) float64, of triangles (T, 3, 3)."""
+    """Return (T,) float64 areas of triangles (T, 3, 3)."""
     return np.asarray(np.linalg.norm(_area_vectors(triangles), axis=1))
 
 
 def _area_vectors(triangles: Float64) -> Float64:
-    """(T, 3) float64: along each front normal, as long as the triangle is large."""
+    """Return (T, 3) float64 front normals with the length of the triangle's area."""
     edges = triangles[:, 1:] - triangles[:, :1]
     return np.asarray(0.5 * np.cross(edges[:, 0], edges[:, 1]))

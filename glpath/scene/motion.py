@@ -1,8 +1,8 @@
-"""How a rigid object moves: keys, between which it is turned, stretched and shifted evenly.
+"""Motion of a rigid object: keys, with rotation, stretch and shift interpolated between them.
 
-A map between two keys is parted into a rotation and a stretch, by the polar decomposition; the rotation goes the
-shorter arc about one axis at one speed, stretch and position change linearly. So a wheel needs
-more than two keys a turn.
+The polar decomposition splits a key's map into a rotation and a stretch. The rotation takes the shorter arc about
+one axis at constant speed; stretch and position change linearly. So a wheel needs more than two keys per
+revolution.
 
 Source: Shoemake & Duff 1992, Matrix Animation and Polar Decomposition.
 """
@@ -21,11 +21,11 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the instances of a shape are at a time: a map follows the ones of `placed`.
+    """Motion of a shape's instances: the moving map is applied after the maps of `placed`.
 
-    times  : (K,) float64, seconds, each later than the one before; held before the first and after the last
+    times  : (K,) float64 in seconds, increasing; the pose is constant before the first and after the last
     maps   : (K, 3, 4) float64, affine, last column the translation; none of them mirrors or flattens
-    placed : (N, 3, 4) float64, of each instance, what the maps follow
+    placed : (N, 3, 4) float64, map of each instance that is applied before the motion
     """
 
     times: Float64
@@ -33,11 +33,11 @@ class Motion:
     placed: Float64
 
     def at(self, time: float) -> Float64:
-        """(N, 3, 4) float64, world from object at a time, seconds."""
+        """Return the (N, 3, 4) float64 maps from object to world at a time in seconds."""
         return followed_by(self.placed, self.map_at(time))
 
     def map_at(self, time: float) -> Float64:
-        """(3, 4) float64, that of all instances at a time."""
+        """Return the (3, 4) float64 moving map, common to all instances, at a time in seconds."""
         last = len(self.times) - 1
         i = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, max(last - 1, 0)))
         if last == 0 or time <= self.times[0]:
@@ -52,7 +52,7 @@ class Motion:
         return np.column_stack([linear, shift])
 
     def moves_within(self, begin: float, end: float) -> bool:
-        """Does it move between two times?"""
+        """Return True if the object moves between two times."""
         if end <= self.times[0] or begin >= self.times[-1] or begin >= end:
             return False
         first = max(0, int(np.searchsorted(self.times, begin, side="right")) - 1)
@@ -61,7 +61,7 @@ class Motion:
 
     @cached_property
     def _parts(self) -> tuple[Float64, Float64, Float64]:
-        """(K, 3, 3) rotations and stretches of the keys, (K - 1, 3) the turn from each to the next one."""
+        """Rotations and stretches (K, 3, 3) of the keys, and rotation vectors (K - 1, 3) from key to key."""
         u, sizes, v = np.linalg.svd(self.maps[:, :, :3])
         rotations = u @ v
         stretches = np.swapaxes(v, 1, 2) @ (sizes[:, :, None] * v)
@@ -70,7 +70,7 @@ class Motion:
 
 
 def followed_by(world_from_object: Float64, motion: Float64) -> Float64:
-    """(N, 3, 4) maps, and then one (3, 4) more; themselves where that is the identity."""
+    """Return maps (N, 3, 4) followed by a (3, 4) map; the same array if that is the identity."""
     if np.array_equal(motion, np.eye(3, 4)):
         return world_from_object
     moved = motion[:, :3] @ world_from_object
@@ -79,7 +79,7 @@ def followed_by(world_from_object: Float64, motion: Float64) -> Float64:
 
 
 def _turn(rotation: Float64) -> Float64:
-    """(3,) an axis, as long as the angle about it in radians, of a rotation (3, 3)."""
+    """Return the (3,) rotation vector of a rotation (3, 3): its axis, times the angle in radians."""
     skew = 0.5 * np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )
@@ -89,14 +89,14 @@ def _turn(rotation: Float64) -> Float64:
         return np.asarray(skew * (angle / sine))
     if cosine > 0:
         return np.asarray(skew)
-    # Half a turn, of either sense: R + I is twice the product of the axis with itself.
+    # Rotation by 180 degrees in either direction: R + I is twice the axis' outer product with itself.
     columns = 0.5 * (rotation + np.eye(3))
     axis = columns[:, int(np.argmax(np.diag(columns)))]
     return np.asarray(axis / np.linalg.norm(axis) * angle)
 
 
 def _rotation(turn: Float64) -> Float64:
-    """(3, 3) of an axis as long as the angle [Rodrigues]."""
+    """Return the (3, 3) rotation of a rotation vector [Rodrigues]."""
     angle = float(np.linalg.norm(turn))
     if angle == 0.0:
         return np.eye(3)

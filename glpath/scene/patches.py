@@ -1,15 +1,15 @@
-"""Bicubic patches as triangles: Bézier patches and uniform B-splines, displaced along their normals, no cracks.
+"""Bicubic Bézier and B-spline patches as triangles, displaced along their normals, without cracks.
 
-Each edge of a patch is divided into so many segments as its own four control points say, alone or with the camera:
-the patch beside it finds the same. Points of an edge are computed from these four in one order, so that both
-patches have the same bits. Where an edge has fewer segments than the inside, a strip joins them. What is displaced
-goes along one normal by one height at each point, the mean of those of all patches that meet there.
+The number of segments of an edge depends only on the edge's four control points, and on the camera if one is given.
+So the adjacent patch finds the same number. Points of an edge are computed from these four points in one order, so
+both patches have the same bits. If an edge has fewer segments than the interior, a strip joins them. A displaced
+point moves along one normal by one height, the means over all patches that meet there.
 
-The division is made once, for the scene, and is the same for eye, shadow and path: a surface that were another in
-each of them would shadow itself.
+The division is made once for the scene and is the same for eye, shadow and path rays. A surface with different
+divisions would shadow itself.
 
 Cost:     about 2 µs and 200 bytes a triangle.
-Poor at:  displacement finer than the division, which is missed; overhangs, where a surface meets itself.
+Poor at:  displacement finer than the division, which is missed; overhangs, where a surface intersects itself.
 Source:   Farin 2002, Curves and Surfaces for CAGD; Moreton 2001, Watertight Tessellation.
 """
 
@@ -27,25 +27,25 @@ from glpath.scene.geometry import Float64, Mesh
 
 Int64 = NDArray[np.int64]
 
-#: Segments of an edge.
+#: Maximum number of segments of an edge.
 MAX_LEVEL = 256
-#: Heights (N,) at texture coordinates (N, 2).
+#: Function that returns heights (N,) at texture coordinates (N, 2).
 Heights = Callable[[Float64], Float64]
 
-# Normals of patches that meet are one where they differ by less.
+# Cosine of the angle up to which the normals of adjacent patches are merged.
 _SMOOTH = np.cos(np.radians(30.0))
-# Where a patch has no normal, its edge being a point, that of a point so much further inside is taken.
+# Distance inwards at which the normal is taken if an edge of the patch is a point, without a normal.
 _INWARD = 1e-4
-#: Triangles that a chunk of streamed patches may have, where a single patch has not more.
+#: Maximum number of triangles in a chunk of streamed patches, unless a single patch has more.
 CHUNK = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """A surface of bicubic Bézier patches.
+    """Surface of bicubic Bézier patches.
 
-    control : (P, 4, 4, 3) float64, control points by u and v; the front is where u goes to the right and v up
-    uv      : (P, 4) float64, texture coordinates at u = v = 0, and by how much they grow to u = v = 1
+    control : (P, 4, 4, 3) float64, control points by u and v; seen from the front, u goes to the right and v up
+    uv      : (P, 4) float64, texture coordinates at u = v = 0, and their increase to u = v = 1
     """
 
     control: Float64
@@ -53,15 +53,19 @@ class Patches:
 
     @classmethod
     def bezier(cls, points: ArrayLike, numbers: ArrayLike) -> Patches:
-        """Patches of 16 numbers (P, 16) of points (N, 3) each, u slow and v fast; each one's uv from 0 to 1."""
+        """Return patches of control points: `numbers` (P, 16) into `points` (N, 3), u slow and v fast.
+
+        The texture coordinates of each patch go from 0 to 1.
+        """
         control = np.asarray(points, np.float64)[np.asarray(numbers)].reshape(-1, 4, 4, 3)
         return cls(control + 0.0, np.tile([0.0, 0.0, 1.0, 1.0], (len(control), 1)))
 
     @classmethod
     def bspline(cls, net: ArrayLike, closed: tuple[bool, bool] = (False, False)) -> Patches:
-        """The uniform bicubic B-spline of a net (R, C, 3) of at least 4 x 4 points, u along rows' numbers.
+        """Return the uniform bicubic B-spline of a net (R, C, 3) of at least 4 x 4 points, with u along the rows.
 
-        closed : along u, along v: the last point is followed by the first. uv goes from 0 to 1 over the whole
+        closed : True, for u and for v, if the first point follows the last. uv goes from 0 to 1 over the whole
+                 surface
         """
         points = np.asarray(net, np.float64)
         for axis in (0, 1):
@@ -76,18 +80,19 @@ class Patches:
 
     @cached_property
     def edges(self) -> Float64:
-        """(P, 4, 4, 3): control points of the edges u = 0, u = 1, v = 0 and v = 1, along v and u."""
+        """(P, 4, 4, 3) control points of the edges u = 0, u = 1, v = 0 and v = 1, along v and u."""
         c = self.control
         return np.stack([c[:, 0], c[:, 3], c[:, :, 0], c[:, :, 3]], axis=1)
 
     def levels(self, level: int) -> Int64:
-        """(P, 4): the same number of segments for all edges."""
+        """Return (P, 4) segment counts, the same for all edges."""
         return np.full((len(self.control), 4), level, np.int64)
 
     def levels_seen(self, camera: Camera, pixels: float) -> Int64:
-        """(P, 4): segments of the edges, powers of two, so that each is about so many pixels long, or less.
+        """Return (P, 4) segment counts of edges, powers of two, so that a segment is at most about `pixels` long.
 
-        A bound, by the control points: an edge is no longer than they are, nor nearer.
+        The estimate is a bound: an edge is not longer than its control polygon, and not nearer than its control
+        points.
         """
         curve = _in_one_order(self.edges)[0]
         length = np.linalg.norm(np.diff(curve, axis=2), axis=3).sum(axis=2)
@@ -102,12 +107,12 @@ class Patches:
 
 @dataclass(frozen=True)
 class _Division:
-    """How a unit square is divided.
+    """Division of a unit square.
 
     uv_points : (K, 2) u and v
     faces : (F, 3) numbers of points, counter-clockwise
-    edge  : (K,) which edge a point lies on, 0 to 3 as `Patches.edges`, -1 for none
-    step  : (K, 2) of such a point: its number along the edge, and how many segments that has
+    edge  : (K,) edge of each point, 0 to 3 as in `Patches.edges`, -1 for none
+    step  : (K, 2) for a point of an edge, its number along the edge and the edge's segment count
     """
 
     uv_points: Float64
@@ -117,16 +122,16 @@ class _Division:
 
 
 def triangle_counts(levels: Int64) -> Int64:
-    """(P,): how many triangles each patch has, those without an area too."""
+    """Return the (P,) number of triangles of each patch, including those without an area."""
     unique, which = np.unique(levels, axis=0, return_inverse=True)
     return np.array([len(_divided(*row).faces) for row in unique.tolist()], np.int64)[which.ravel()]
 
 
 def diced(patches: Patches, levels: Int64, heights: Heights | None = None) -> Mesh:
-    """The patches as triangles, with normals and texture coordinates.
+    """Return the patches as triangles, with normals and texture coordinates.
 
-    levels  : (P, 4) segments of the edges
-    heights : by how much the surface is moved along its normal
+    levels  : (P, 4) segment counts of the edges
+    heights : displacement of the surface along its normal
     """
     points = _points(patches, levels, heights)
     normals = points.normals if heights is None else _of_faces(points)
@@ -135,9 +140,10 @@ def diced(patches: Patches, levels: Int64, heights: Heights | None = None) -> Me
 
 @dataclass(frozen=True)
 class PatchChunks:
-    """The same triangles in pieces, see `glpath.io.streams.Chunks`: none is kept.
+    """Triangles of patches in pieces that are not kept in memory; see `glpath.io.streams.Chunks`.
 
-    Each piece is some patches; the edges of those around them are divided with them, for the same bits there.
+    Each piece contains some patches. The edges of adjacent patches are divided with it, so that shared points have
+    the same bits.
     """
 
     patches: Patches
@@ -157,7 +163,7 @@ class PatchChunks:
 
     @cached_property
     def _corners(self) -> Int64:
-        """(P, 4): which points of space the corners of each patch are."""
+        """(P, 4) number of the point in space at each patch's corners."""
         corners = self.patches.control[:, [0, 0, 3, 3], [0, 3, 0, 3]].reshape(-1, 3)
         return _same_rows(corners).reshape(-1, 4)
 
@@ -165,7 +171,7 @@ class PatchChunks:
         return len(self._pieces)
 
     def chunk(self, index: int) -> Float64:
-        """(F, 3, 3) corners of the triangles of a piece."""
+        """Return (F, 3, 3) corners of the triangles of a piece."""
         own = self._pieces[index]
         near = np.flatnonzero(np.isin(self._corners, self._corners[own]).any(axis=1)) if self.heights else own
         points = _points(self.patches.select(near), self.levels[near], self.heights, np.isin(near, own))
@@ -174,11 +180,11 @@ class PatchChunks:
 
 @dataclass(frozen=True)
 class _Points:
-    """Divided patches.
+    """Points and faces of divided patches.
 
     position, normals, uv : (V, 3), (V, 3), (V, 2)
-    group : (V,) equal for points at one position
-    faces : (F, 3) numbers of points, none with two at one position
+    group : (V,) equal for points at the same position
+    faces : (F, 3) numbers of points, none with two at the same position
     """
 
     position: Float64
@@ -191,7 +197,10 @@ class _Points:
 def _points(
     patches: Patches, levels: Int64, heights: Heights | None, whole: NDArray[np.bool_] | None = None
 ) -> _Points:
-    """whole : (P,) which of the patches have triangles; of the others only the edges are divided"""
+    """Return the points and faces of divided patches.
+
+    whole : (P,) True for patches with triangles, False for patches whose edges only are divided; None: all True
+    """
     kinds = np.column_stack([levels, np.ones(len(levels), np.int64) if whole is None else whole])
     unique, which = np.unique(kinds, axis=0, return_inverse=True)
     of_patch = [_divided(*row[:4]) if row[4] else _edges_divided(*row[:4]) for row in unique.tolist()]
@@ -215,7 +224,7 @@ def _points(
     own = group[face]
     apart = (own[:, 0] != own[:, 1]) & (own[:, 1] != own[:, 2]) & (own[:, 2] != own[:, 0])
     sums = np.zeros((group.max() + 1, 3))
-    np.add.at(sums, group, normals)  # in the order of patches, whichever others there are
+    np.add.at(sums, group, normals)  # in the order of patches, independent of the other patches
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     common = sums / np.where(length > 0, length, 1.0)
     if heights is not None:
@@ -230,7 +239,7 @@ def _points(
 
 
 def _of_faces(points: _Points) -> Float64:
-    """(V, 3): normals of points from those of the triangles about them, by their areas."""
+    """Return (V, 3) normals of points from their triangles, weighted by area."""
     a, b, c = points.position[points.faces].swapaxes(0, 1)
     normal = np.cross(b - a, c - a)
     sums = np.zeros((points.group.max() + 1, 3))
@@ -241,7 +250,7 @@ def _of_faces(points: _Points) -> Float64:
 
 
 def _positions(patches: Patches, division: _Division) -> Float64:
-    """(P, K, 3)."""
+    """Return (P, K, 3) positions of a division's points on the patches."""
     u, v = _bernstein(division.uv_points[:, 0]), _bernstein(division.uv_points[:, 1])
     found = np.zeros((len(patches.control), len(division.uv_points), 3))
     for i in range(4):
@@ -256,14 +265,14 @@ def _positions(patches: Patches, division: _Division) -> Float64:
             for forth, back in zip(_bernstein(number / of), _bernstein((of - number) / of), strict=True)
         ]
         along = sum(b[k] * curve[:, None, k] for k in range(4))
-        # An edge that is a point, as at a pole, is so to the last bit.
+        # An edge that is a point, for example at a pole, stays a point to the last bit.
         point = (curve == curve[:, :1]).all(axis=(1, 2))
         found[:, here] = np.where(point[:, None, None], curve[:, :1], along)
     return found + 0.0
 
 
 def _normals(control: Float64, uv_points: Float64) -> Float64:
-    """(P, K, 3) unit."""
+    """Return (P, K, 3) unit normals at points of the patches."""
     found = _cross_of_tangents(control, uv_points)
     length = np.linalg.norm(found, axis=2)
     size = np.ptp(control.reshape(len(control), -1, 3), axis=1).max(axis=1)
@@ -297,16 +306,16 @@ def _slopes(t: Float64) -> tuple[Float64, ...]:
 
 
 def _as_bezier(points: Float64, axis: int) -> Float64:
-    """Control points of Bézier curves, four for each three further points of a uniform B-spline along an axis."""
+    """Return control points of Bézier curves, four for each segment of a uniform B-spline along an axis."""
     p = np.moveaxis(points, axis, 0)
     a, b, c, d = p[:-3], p[1:-2], p[2:-1], p[3:]
-    # One curve's last sum is the next one's first, with the same bits.
+    # The last sum of a curve is the first of the next, with the same bits.
     curves = np.stack([(a + 4 * b + c) / 6, (2 * b + c) / 3, (b + 2 * c) / 3, (b + 4 * c + d) / 6], axis=1)
     return np.moveaxis(curves.reshape(-1, *p.shape[1:]), 0, axis)
 
 
 def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """Curves (..., 4, 3) from the end that is less, and which (...) were turned for that."""
+    """Return curves (..., 4, 3) from the smaller end, and a mask (...) of those that were reversed."""
     forth, back = curves.reshape(*curves.shape[:-2], 12), curves[..., ::-1, :].reshape(*curves.shape[:-2], 12)
     differ = forth != back
     first = np.argmax(differ, axis=-1)[..., None]
@@ -315,7 +324,7 @@ def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
 
 
 def _same_rows(rows: Float64) -> Int64:
-    """(N,): which rows (N, 3) are equal to the last bit."""
+    """Return (N,) numbers that are equal for rows (N, 3) with the same bits."""
     whole = np.ascontiguousarray(rows + 0.0)
     _, which = np.unique(whole.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
     return np.asarray(which.ravel(), np.int64)
@@ -323,12 +332,12 @@ def _same_rows(rows: Float64) -> Int64:
 
 @lru_cache(maxsize=1024)
 def _divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
-    """Of a unit square whose edges u = 0, u = 1, v = 0 and v = 1 have so many segments."""
+    """Return the division of a unit square for segment counts of the edges u = 0, u = 1, v = 0 and v = 1."""
     along_u, along_v = max(v0, v1), max(u0, u1)
     alike = u0 == u1 and v0 == v1
     if not alike:
         along_u, along_v = max(2, along_u), max(2, along_v)
-    # Points of the edges around the square, then those inside.
+    # Points of the edges, in order around the square, then interior points.
     ring: list[tuple[float, float, int, int, int]] = []
     ring += [(k / v0, 0.0, 2, k, v0) for k in range(v0)]
     ring += [(1.0, k / u1, 1, k, u1) for k in range(u1)]
@@ -341,7 +350,7 @@ def _divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
 
 
 def _edges_divided(u0: int, u1: int, v0: int, v1: int) -> _Division:
-    """The same without the inside."""
+    """Return the division of a unit square without its interior."""
     whole, ring = _divided(u0, u1, v0, v1), u0 + u1 + v0 + v1
     return _Division(whole.uv_points[:ring], np.zeros((0, 3), np.int64), whole.edge[:ring], whole.step[:ring])
 
@@ -351,7 +360,7 @@ def _inner(i: int, j: int, ring: int, along_v: int) -> int:
 
 
 def _grid_faces(along_u: int, along_v: int, u: int, v: int) -> Int64:
-    """All edges as the inside: squares, each in two."""
+    """Return the faces of a regular grid whose edges match the interior: squares, each split in two."""
     ring = 2 * (u + v)
 
     def number(i: int, j: int) -> int:
@@ -374,7 +383,7 @@ def _grid_faces(along_u: int, along_v: int, u: int, v: int) -> Int64:
 
 
 def _joined_faces(along_u: int, along_v: int, u0: int, u1: int, v0: int, v1: int) -> Int64:
-    """A grid inside, and strips from its border to each edge."""
+    """Return the faces of an interior grid, and of strips from its border to each edge."""
     ring = u0 + u1 + v0 + v1
     faces = []
     for i in range(1, along_u - 1):
@@ -383,7 +392,7 @@ def _joined_faces(along_u: int, along_v: int, u0: int, u1: int, v0: int, v1: int
             c, d = _inner(i + 1, j + 1, ring, along_v), _inner(i, j + 1, ring, along_v)
             faces += [(a, b, c), (a, c, d)]
     us, vs = range(1, along_u), range(1, along_v)
-    # Counter-clockwise around: of each side its points from corner to corner, and those of the grid beside them.
+    # Counter-clockwise: the points of each side from corner to corner, and the adjacent points of the grid.
     sides = [
         (v0, 0, along_u, [_inner(i, 1, ring, along_v) for i in us]),
         (u1, v0, along_v, [_inner(along_u - 1, j, ring, along_v) for j in vs]),
@@ -394,7 +403,7 @@ def _joined_faces(along_u: int, along_v: int, u0: int, u1: int, v0: int, v1: int
         outer = [(start + k) % ring for k in range(count + 1)]
         k = m = 0
         while k < count or m < len(beside) - 1:
-            # On along the side that is behind, by the middles of what comes next.
+            # Advance on the side that lags, by comparing the midpoints of the next segments.
             forth = m == len(beside) - 1 or (k < count and (k + 0.5) / count <= (m + 1.5) / steps)
             if forth:
                 faces.append((outer[k], outer[k + 1], beside[m]))

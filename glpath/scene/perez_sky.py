@@ -1,19 +1,18 @@
-"""The all-weather sky of Perez: what a sky looks like that has a given direct and diffuse irradiance.
+"""All-weather sky of Perez: appearance of a sky with a given direct and diffuse irradiance.
 
-The irradiances and the height of the sun give the clearness and the brightness of a sky. These choose one of eight
-rows of coefficients, and so the five parameters of the sky's luminance relative to that of other directions: a
-gradation from zenith to horizon, and a halo about the sun. What the sky is in all is the diffuse irradiance. The
-same paper's predecessor has the luminous efficacy of daylight, by which watts of the whole spectrum of the sun
-become lumens.
+The irradiances and the sun's height determine the clearness and brightness of a sky. These select one of eight rows
+of coefficients, and so the five parameters of the sky's relative luminance. The luminance has a gradation from
+zenith to horizon, and a halo around the sun. The diffuse irradiance sets its absolute value. An earlier paper of
+the same group gives the luminous efficacy of daylight, which converts watts of the whole solar spectrum to lumens.
 
 All functions take numbers or arrays, such as the hours of a year.
 
-Poor at:  a sun below the horizon; colours, which the model does not know: all of it is white; single clouds.
+Poor at:  a sun below the horizon; colours, which the model does not define: the sky is white; single clouds.
 Source:   Perez, Seals & Michalsky 1993, All-weather model for sky luminance distribution, Solar Energy 50 (3), with
           their erratum in 51 (5); Perez, Ineichen, Seals, Michalsky & Stewart 1990, Modeling daylight availability
           and irradiance components from direct and global irradiance, Solar Energy 44 (5), tables 1 and 4; Kasten
-          1966 for the air mass. Out of the range of the model a sky is the nearest one within, as in Radiance's
-          gendaylit.
+          1966 for the air mass. A sky outside the range of the model is replaced by the nearest one inside, as in
+          Radiance's gendaylit.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ from glpath.scene.sun import Sun
 
 Float64 = NDArray[np.float64]
 
-#: W m^-2 above the atmosphere, at the mean distance from the sun.
+#: Irradiance above the atmosphere in W m^-2, at the mean distance from the sun.
 SOLAR_CONSTANT = 1367.0
-#: Centimetres of water in the air where no dew point is known.
+#: Precipitable water in centimetres if no dew point is known.
 PRECIPITABLE_WATER = 2.0
 
-# Clearness at which the second to the last row begins.
+# Clearness at which the second to the last row of coefficients begin.
 _BINS = np.array([1.065, 1.230, 1.500, 1.950, 2.800, 4.500, 6.200])
 _CLEARNESS, _BRIGHTNESS = (1.0, 12.0), (0.01, 0.6)
-# Perez 1993, table 1: of each row x1 to x4 of a, b, c, d and e.
+# Perez 1993, table 1: for each row, x1 to x4 of a, b, c, d and e.
 _COEFFICIENTS = np.array([
     [1.3525, -0.2576, -0.2690, -1.4366, -0.7670, 0.0007, 1.2734, -0.1233, 2.8000, 0.6004,
      1.2375, 1.0000, 1.8734, 0.6297, 0.9738, 0.2809, 0.0356, -0.1246, -0.5718, 0.9938],
@@ -56,7 +55,7 @@ _COEFFICIENTS = np.array([
     [-1.0500, 0.0289, 0.4260, 0.3590, -0.3250, 0.1156, 0.7781, 0.0025, 31.0625, -14.5000,
      -46.1148, 55.3750, -7.2312, 0.4050, 13.3500, 0.6234, 1.5000, -0.6426, 1.8564, 0.5636],
 ]).reshape(8, 5, 4)  # fmt: skip
-# Perez 1990, table 4: a to d of the efficacy of diffuse light, and of direct light.
+# Perez 1990, table 4: a to d of the efficacy of diffuse and of direct light.
 _DIFFUSE_EFFICACY = np.array([
     [97.24, -0.46, 12.00, -8.91], [107.22, 1.15, 0.59, -3.95], [104.97, 2.96, -5.53, -8.77],
     [102.39, 5.59, -13.95, -13.90], [100.71, 5.94, -22.75, -23.74], [106.42, 3.83, -36.15, -28.83],
@@ -70,13 +69,13 @@ _DIRECT_EFFICACY = np.array([
 
 
 class PerezSky(NamedTuple):
-    """Skies, each field an array of their shape.
+    """Parameters of skies; all fields are arrays of the same shape.
 
-    zenith_angle : radians, of the sun
-    clearness    : Perez' epsilon, from 1, overcast, to 12
+    zenith_angle : zenith angle of the sun, radians
+    clearness    : Perez' epsilon, from 1 (overcast) to 12
     brightness   : Perez' Delta
-    a, b         : of the gradation
-    c, d, e      : of the halo
+    a, b         : parameters of the gradation
+    c, d, e      : parameters of the halo
     """
 
     zenith_angle: Float64
@@ -96,12 +95,12 @@ class PerezSky(NamedTuple):
         sun_altitude: ArrayLike,
         extraterrestrial: ArrayLike = SOLAR_CONSTANT,
     ) -> PerezSky:
-        """The skies of irradiances in W m^-2.
+        """Return the skies with given irradiances in W m^-2.
 
-        direct           : of a surface that faces the sun, 0 or more
-        diffuse          : of a horizontal surface by the sky alone; a sky of 0 is taken for one of 1e-6
-        sun_altitude     : degrees above the horizon, from 0 to 90; below it the sky is that of a sun on it
-        extraterrestrial : above the atmosphere, facing the sun, on that day
+        direct           : irradiance of a surface that faces the sun, 0 or more
+        diffuse          : irradiance of a horizontal surface by the sky alone; 0 counts as 1e-6
+        sun_altitude     : degrees above the horizon, clipped to the range from 0 to 90
+        extraterrestrial : irradiance above the atmosphere of a surface that faces the sun, on that day
         """
         of_sun, of_sky, altitude, above = np.broadcast_arrays(
             *(np.asarray(x, np.float64) for x in (direct, diffuse, sun_altitude, extraterrestrial))
@@ -112,7 +111,7 @@ class PerezSky(NamedTuple):
         clearness = np.clip(((of_sky + of_sun) / of_sky + cube) / (1 + cube), *_CLEARNESS)
         brightness = np.clip(of_sky * air_mass(altitude) / above, *_BRIGHTNESS)
         row = np.searchsorted(_BINS, clearness, side="right")
-        # Perez 1993, equations 6 to 9, with the bound that their authors have added for intermediate skies.
+        # Perez 1993, equations 6 to 9, with the bound that the authors added for intermediate skies.
         delta = np.where((clearness > 1.065) & (clearness < 2.8), np.maximum(brightness, 0.2), brightness)
         x = np.moveaxis(_COEFFICIENTS[row], (-2, -1), (0, 1))
         a, b, c, d, e = (y[0] + y[1] * angle + delta * (y[2] + y[3] * angle) for y in x)
@@ -123,9 +122,9 @@ class PerezSky(NamedTuple):
         return cls(angle, clearness, brightness, a, b, c, d, e)
 
     def relative_luminance(self, height: ArrayLike, to_sun: ArrayLike) -> Float64:
-        """The luminance in directions over a scale that is one for a sky, 0 or more; shapes are broadcast.
+        """Return the luminance in directions, 0 or more, up to one scale factor for each sky. Shapes are broadcast.
 
-        height : sine of the elevation; of 0.01 and less as of 0.01, as in Radiance's perezlum.cal
+        height : sine of the elevation; at least 0.01 is used, as in Radiance's perezlum.cal
         to_sun : cosine of the angle to the sun
         """
         cosine = np.clip(to_sun, -1.0, 1.0)
@@ -134,12 +133,18 @@ class PerezSky(NamedTuple):
         return np.asarray(np.maximum(gradation * halo, 0.0))
 
     def diffuse_efficacy(self, water: ArrayLike = PRECIPITABLE_WATER) -> Float64:
-        """lm W^-1 of the sky's light. water : precipitable, in cm."""
+        """Return the luminous efficacy of the sky's light, lm W^-1.
+
+        water : precipitable water, cm
+        """
         a, b, c, d = np.moveaxis(_DIFFUSE_EFFICACY[self._row], -1, 0)
         return np.asarray(a + b * water + c * np.cos(self.zenith_angle) + d * np.log(self.brightness))
 
     def direct_efficacy(self, water: ArrayLike = PRECIPITABLE_WATER) -> Float64:
-        """lm W^-1 of the sun's light. water : precipitable, in cm."""
+        """Return the luminous efficacy of the sun's light, lm W^-1.
+
+        water : precipitable water, cm
+        """
         a, b, c, d = np.moveaxis(_DIRECT_EFFICACY[self._row], -1, 0)
         found = a + b * water + c * np.exp(5.73 * self.zenith_angle - 5) + d * self.brightness
         return np.asarray(np.maximum(found, 0.0))
@@ -150,13 +155,13 @@ class PerezSky(NamedTuple):
 
 
 def air_mass(sun_altitude: ArrayLike) -> Float64:
-    """How much more air the sun's light goes through than from the zenith, at altitudes in degrees."""
+    """Return the optical air mass relative to the zenith, at sun altitudes in degrees."""
     altitude = np.clip(sun_altitude, 0.0, 90.0)
     return np.asarray(1 / (np.sin(np.radians(altitude)) + 0.15 * (altitude + 3.885) ** -1.253))
 
 
 def extraterrestrial(day: ArrayLike) -> Float64:
-    """W m^-2 above the atmosphere, facing the sun, on days of the year, from 1.
+    """Return the irradiance above the atmosphere, facing the sun, in W m^-2, for days of the year, from 1.
 
     Source:   Spencer 1971, Fourier series representation of the position of the sun.
     """
@@ -168,17 +173,18 @@ def extraterrestrial(day: ArrayLike) -> Float64:
 
 
 def precipitable_water(dew_point: ArrayLike) -> Float64:
-    """Centimetres of water in the air, by the dew point in degrees Celsius [Perez 1990, equation 3]."""
+    """Return the precipitable water in centimetres from the dew point in °C [Perez 1990, equation 3]."""
     return np.exp(0.07 * np.asarray(dew_point, np.float64) - 0.075)
 
 
 class Daylight(NamedTuple):
-    """A sky and its sun, in W m^-2, or in lx.
+    """Sky and sun with their irradiances, in W m^-2 or lx.
 
-    sky     : one, not an array of them
-    to_sun  : (3,) float64 unit
-    direct  : irradiance of a surface that faces the sun; diffuse: of a horizontal surface by the sky alone
-    ground  : albedo of what lies below the horizon, in [0, 1]
+    sky     : a single sky, not an array of skies
+    to_sun  : (3,) float64 unit, direction to the sun
+    direct  : irradiance of a surface that faces the sun
+    diffuse : irradiance of a horizontal surface by the sky alone
+    ground  : albedo of the ground below the horizon, in [0, 1]
     """
 
     sky: PerezSky
@@ -188,11 +194,13 @@ class Daylight(NamedTuple):
     ground: float
 
     def environment(self, up: Float64, size: tuple[int, int] = SKY_SIZE, solar: bool = False) -> Environment:
-        """As an environment map with a sun. The light on open ground is exact: that of the map, filtered as it is.
+        """Return the sky as an environment map with a sun.
+
+        The irradiance of open ground is exact for the filtered map.
 
         up    : (3,) float64 unit
         size  : rows and columns of the map
-        solar : as of `Environment`
+        solar : True if watts are of the whole solar spectrum, see `Environment`
         """
         directions = texel_directions(up, size)
         height = directions @ up

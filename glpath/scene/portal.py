@@ -1,11 +1,12 @@
 """Openings through which the sky lights a room, declared so that light samples of the sky go through them.
 
-A portal changes the noise of a picture, and nothing of its mean. Paths draw some of their light samples of the sky
-in the solid angle of the portals that they are in front of, the others by the sky's radiance, and weigh both by the
-sum of the two densities. So light that comes from elsewhere is found too, if with more noise.
+A portal changes the noise of an image, but not its mean. Paths draw some light samples of the sky in the solid
+angle of the portals that they face. The other samples follow the sky's radiance. Both are weighted by the sum of
+the two densities, so light from elsewhere is found too, with more noise.
 
-Cost:     the solid angle of each portal, for each vertex and each ray that sees the sky.
-Poor at:  portals where no sky is seen, on which samples are wasted; suns, which the sky's own density finds.
+Cost:     the solid angle of each portal, for each vertex and each ray that reaches the sky.
+Poor at:  portals through which no sky is visible, because samples are wasted on them; suns, which the sky's own
+          density finds.
 Source:   Urena, Fajardo & King 2013 for the directions; Veach 1997 for the weights.
 """
 
@@ -18,20 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
 
-#: Portals of a scene at most: a vertex asks for the solid angle of each.
+#: Maximum number of portals in a scene: each vertex computes the solid angle of each.
 MAX_PORTALS = 16
-# Of the edges' lengths, by how much opposite edges may differ and a corner may miss a right angle: what coordinates
-# with four digits have.
+# Tolerance relative to edge lengths, for opposite edges and right angles, as of coordinates with four digits.
 _TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Portal:
-    """A rectangle that the sky is seen through.
+    """Rectangle through which the sky is visible.
 
-    corners : (4, 3) float64, counter-clockwise seen from inside, where the light goes
+    corners : (4, 3) float64, counter-clockwise seen from inside, the side that receives the light
 
-    Raises SceneError for corners of no rectangle.
+    Raises SceneError if the corners form no rectangle.
     """
 
     corners: NDArray[np.float64]
@@ -44,13 +44,13 @@ class Portal:
 
     @property
     def corner_and_edges(self) -> NDArray[np.float64]:
-        """(3, 3): the first corner, and the edges to the second and to the last; their cross product is inwards."""
+        """(3, 3): first corner, and edges to the second and the last corner; their cross product points inwards."""
         a, b, _, d = self.corners
         return np.stack([a, b - a, d - a])
 
 
 def portal_fault(corners: ArrayLike) -> tuple[str, str] | None:
-    """What is wrong with the corners of a portal, and the remedy; None of a rectangle."""
+    """Return an error text for the corners of a portal, and the remedy; None for a rectangle."""
     p = np.asarray(corners, np.float64)
     if p.shape != (4, 3) or not np.isfinite(p).all():
         return f"an array of shape {p.shape}, but must be four corners of three finite numbers.", ""

@@ -1,11 +1,11 @@
-"""A scene at a glance, for notebooks: a small picture made on the CPU, and tables of what is in it.
+"""Scene previews for notebooks: a small image made on the CPU, and tables of the contents.
 
-Not rendered by the engines on purpose: to look at a scene takes no OpenGL and no context, and no driver can fail.
-Nor does it compile anything. It is the T-buffer in numpy: primitive by primitive, the rays of the pixels in its
-projection, and (primitive, depth) is kept where it is nearer. Every hit is lit from the eye; textures are their
-mean colour; lamps are as bright as white.
+Engines are avoided on purpose: viewing a scene needs no OpenGL, no context and no compilation, and no driver can
+fail. The method is the T-buffer in numpy. For each primitive, it casts the rays of pixels in the projection, and
+keeps (primitive, depth) if it is nearer. Each hit is lit from the eye. Textures are replaced by their mean colour,
+and lamps are as bright as white.
 
-Cost: a fraction of a millisecond for a primitive of many pixels; those of few pixels are taken all at once.
+Cost: a fraction of a millisecond for a large primitive; small primitives are processed together.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     from glpath.scene.model import Scene
 from glpath.film.units import Quantity, Unit, symbol
 
-#: Rows of a table; a scene can have thousands of shapes.
+#: Maximum number of rows of a table, because a scene can have thousands of shapes.
 ROWS = 12
 
 _BACKGROUND = 0.8
-# Pixels across of the primitives that are taken all at once.
+# Maximum width and height, in pixels, of primitives that are processed together.
 _SMALL = 8
-# Of the light that a surface shows, how much does not depend on how it is turned.
+# Fraction of a surface's shading that does not depend on its orientation.
 _FLAT = 0.3
-# From where parallel rays are nearly those of an eye: so many times what there is to see.
+# Distance, in scene sizes, from which a pinhole's rays are nearly parallel.
 _AFAR = 1e3
 
 
 def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
-    """See `Scene.preview`."""
+    """Return a preview image of a scene, see `Scene.preview`."""
     if longest < 1:
         raise UsageError(f"Scene.preview: {longest} pixels; at least 1 is needed.")
     scene = scene.at()
     camera = _smaller(scene.camera, longest)
-    # Four rays a pixel.
+    # Four rays per pixel.
     fine = replace(camera, resolution=(2 * camera.resolution[0], 2 * camera.resolution[1]))
     colour = _shaded(scene, fine)
     small = 0.25 * (colour[::2, ::2] + colour[1::2, ::2] + colour[::2, 1::2] + colour[1::2, 1::2])
@@ -54,10 +54,10 @@ def preview(scene: Scene, longest: int) -> NDArray[np.uint8]:
 
 
 def first_hits(scene: Scene) -> tuple[NDArray[np.int64], Float64]:
-    """The first hits of the rays through the middles of the camera's pixels.
+    """Return the first hits of rays through the centres of the camera's pixels.
 
-    Returns (H, W) int64 primitive, -1 for none (triangles, spheres and planes are counted on), and (H, W) float64
-    distance, inf for none; row 0 at the top.
+    Returns (H, W) int64 primitive numbers, -1 for none, with triangles, spheres and planes numbered consecutively;
+    and (H, W) float64 distances, inf for none. Row 0 is at the top.
     """
     view = _View(scene.camera)
     found = _found(scene, view)
@@ -71,7 +71,7 @@ def _smaller(camera: Camera, longest: int) -> Camera:
 
 
 def _shaded(scene: Scene, camera: Camera) -> Float64:
-    """(H, W, 3) linear colours in [0, 1]; of a lens what a pinhole in its middle sees."""
+    """Return (H, W, 3) linear colours in [0, 1]. A lens is replaced by a pinhole at its centre."""
     if camera.projection == "panorama":
         return _shaded_around(scene, camera)
     near = 0.0
@@ -96,7 +96,10 @@ def _shaded(scene: Scene, camera: Camera) -> Float64:
 
 
 def _from_afar(scene: Scene, camera: Camera) -> tuple[Camera, float]:
-    """Parallel rays as nearly those of a pinhole far behind, and how far that is; what is nearer is not seen."""
+    """Return a pinhole camera far behind an orthographic one, with nearly parallel rays, and its distance.
+
+    Surfaces nearer than this distance are not visible.
+    """
     lower, upper = scene.bounds
     away = _AFAR * (camera.height + float(np.linalg.norm(upper - lower)))
     fov = float(np.degrees(2.0 * np.arctan(0.5 * camera.height / away)))
@@ -105,7 +108,7 @@ def _from_afar(scene: Scene, camera: Camera) -> tuple[Camera, float]:
 
 
 def _shaded_around(scene: Scene, camera: Camera) -> Float64:
-    """A panorama, from six views of a right angle."""
+    """Return the colours of a panorama, resampled from six views of 90 degrees."""
     right, up, forward = camera.frame()
     rays = camera.rays()
     side = max(1, round(camera.resolution[1] / 2))
@@ -122,10 +125,12 @@ def _shaded_around(scene: Scene, camera: Camera) -> Float64:
 
 
 class _View:
-    """Pixels as directions forward + x right + y up; depth is along `forward`, and what is seen is beyond `near`.
+    """Pixel directions forward + x right + y up. Only surfaces at depths beyond `near` are visible.
 
-    nearest : (H, W) depth of what was found, infinite for nothing
-    stretch : (H, W) distance over depth
+    Depth is measured along `forward`.
+
+    nearest : (H, W) depth of the nearest hit, infinite for none
+    stretch : (H, W) ratio of distance to depth
     """
 
     def __init__(self, camera: Camera, near: float = 0.0) -> None:
@@ -141,7 +146,7 @@ class _View:
         self.stretch = np.sqrt(1 + self.x**2 + self.y[:, None] ** 2)
 
     def windows(self, corners: Float64) -> NDArray[np.int64]:
-        """(N, 4) first and last + 1 column, first and last + 1 row, of bodies within (N, K, 3) corners."""
+        """Return (N, 4) first and last + 1 column, first and last + 1 row, of bodies inside corners (N, K, 3)."""
         width, height = self.size
         at = corners - self.eye
         depth = at @ self.forward
@@ -149,7 +154,7 @@ class _View:
         column = at @ self.right / safe * self.focal[0] + self.middle[0]
         row = self.middle[1] - at @ self.up / safe * self.focal[1]
         edges = np.stack([column.min(axis=1), column.max(axis=1), row.min(axis=1), row.max(axis=1)], axis=1)
-        # The image of what reaches through the plane of the eye has no bounds.
+        # The image of a body that crosses the plane of the eye is unbounded.
         edges[(depth <= 1e-9 * np.abs(at).max(axis=2)).any(axis=1)] = (-np.inf, np.inf, -np.inf, np.inf)
         edges[depth.max(axis=1) <= 0] = np.inf
         limit = np.array([width, width, height, height])
@@ -157,13 +162,16 @@ class _View:
         return pixels
 
     def linear(self, vector: Float64, rows: slice, columns: slice) -> Float64:
-        """(h, w) vector . direction of each pixel of a window."""
+        """Return the (h, w) dot products of a vector with the directions of a window's pixels."""
         along = vector @ self.forward + vector @ self.right * self.x[columns]
         return np.asarray(along + (vector @ self.up * self.y[rows])[:, None])
 
 
 def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
-    """(H, W) the nearest primitive, -1 for none; triangles, spheres and planes are counted on. Fills the depths."""
+    """Return (H, W) nearest primitives, -1 for none, and fill the view's depths.
+
+    Triangles, spheres and planes are numbered consecutively.
+    """
     half, centre = sphere_extent(scene.spheres), scene.spheres[:, :, 3]
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     around = centre[:, None] + half[:, None] * cube
@@ -173,7 +181,7 @@ def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
     sides, volumes = _triangle_planes(scene.triangles - view.eye)
     appearance = Appearance(scene)
     if appearance.varies("opacity").any():
-        windows[: len(scene.triangles)][appearance.mean_opacity() < 0.5] = 0  # seen through as a whole
+        windows[: len(scene.triangles)][appearance.mean_opacity() < 0.5] = 0  # skip transparent ones
     across, down = windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]
     seen, small = (across > 0) & (down > 0), (across <= _SMALL) & (down <= _SMALL)
     _take_small(scene, sides, volumes, unit_from_world, view, windows, np.flatnonzero(seen & small), found)
@@ -216,7 +224,7 @@ def _take_small(
     small: NDArray[np.int64],
     found: NDArray[np.int64],
 ) -> None:
-    """Primitives of few pixels: of all of them the first pixel, then of all that have one the second, and so on."""
+    """Process small primitives together: the first pixel of each, then the second pixel of each, and so on."""
     first_sphere = len(scene.triangles)
     for i in range(_SMALL * _SMALL):
         column, row = windows[small, 0] + i % _SMALL, windows[small, 2] + i // _SMALL
@@ -239,16 +247,16 @@ def _take_small(
 
 
 def _triangle_planes(corners: Float64) -> tuple[Float64, Float64]:
-    """(T, 3, 3) normals of the planes through the eye and each edge, (T,) the corners' triple product."""
+    """Return (T, 3, 3) normals of planes through the eye and each edge, and the (T,) triple product of corners."""
     after = np.roll(corners, -1, axis=1)
     sides = np.cross(corners, after)
     return sides, np.einsum("ni,ni->n", corners[:, 2], sides[:, 0])
 
 
 def _triangle_depth(along: Sequence[Float64], volume: float | Float64) -> Float64:
-    """Depth, infinite beside the triangle: a ray is inside where it passes all three edges on one side.
+    """Return depths, infinite outside the triangle. A ray is inside if it passes all three edges on one side.
 
-    along : products of the rays' directions with the three normals of `_triangle_planes`
+    along : dot products of the rays' directions with the three normals of `_triangle_planes`
     """
     total = along[0] + along[1] + along[2]
     inside = (np.minimum.reduce(along) >= 0) | (np.maximum.reduce(along) <= 0)
@@ -258,7 +266,10 @@ def _triangle_depth(along: Sequence[Float64], volume: float | Float64) -> Float6
 
 
 def _sphere_depth(start: Float64, to: Float64) -> Float64:
-    """Depth, infinite beside it. start, to: (3, ...) eye and directions, where the sphere is the unit one."""
+    """Return depths, infinite outside the sphere.
+
+    start, to : (3, ...) eye and directions, in the space of the unit sphere
+    """
     a, b, c = (to * to).sum(axis=0), (start * to).sum(axis=0), (start * start).sum(axis=0) - 1.0
     root = b * b - a * c
     with np.errstate(invalid="ignore"):
@@ -268,7 +279,7 @@ def _sphere_depth(start: Float64, to: Float64) -> Float64:
 
 
 def _normals(scene: Scene, number: NDArray[np.int64], directions: Float64, t: Float64) -> Float64:
-    """(N, 3) unit normals where rays meet primitives."""
+    """Return (N, 3) unit normals at the hits of rays."""
     first_sphere, first_plane = len(scene.triangles), len(scene.triangles) + len(scene.spheres)
     flat, plane = number < first_sphere, number >= first_plane
     normal = np.empty_like(directions)
@@ -284,7 +295,7 @@ def _normals(scene: Scene, number: NDArray[np.int64], directions: Float64, t: Fl
 
 
 def _colours(scene: Scene) -> tuple[Float64, NDArray[np.bool_]]:
-    """(shapes, 3) linear colour of each shape, and whether it is a lamp."""
+    """Return the (shapes, 3) linear colour of each shape, and a mask of the lamps."""
     colours = []
     for shape in scene.shapes:
         material = scene.materials[shape.material]
@@ -309,14 +320,14 @@ def _sky(scene: Scene, directions: Float64) -> Float64:
 
 
 def _shown(unit: Unit, quantity: Quantity) -> str:
-    """W/(sr m²) for W sr^-1 m^-2."""
+    """Return the symbol of a unit in display form, such as W/(sr m²) for W sr^-1 m^-2."""
     short = {"W sr^-1 m^-2": "W/(sr m²)", "W sr^-1": "W/sr", "W m^-2": "W/m²", "cd m^-2": "cd/m²"}
     written = symbol(unit, quantity)
     return short.get(written, written)
 
 
 def mimebundle(scene: Scene) -> dict[str, object]:
-    """Jupyter's view of a scene: text, a picture, and both with tables as HTML."""
+    """Return Jupyter's view of a scene: text, an image, and HTML with both and tables."""
     png = encode_png(preview(scene, 320))
     return {"text/plain": repr(scene), "image/png": png, "text/html": _html(scene, png)}
 
@@ -367,7 +378,7 @@ def _html(scene: Scene, png: bytes) -> str:
 
 
 class _Swatch:
-    """A small square of a linear colour, for a table."""
+    """Small square of a linear colour, for a table."""
 
     def __init__(self, linear: Float64) -> None:
         self.rgb = (255 * encode_srgb(linear) + 0.5).astype(int).tolist()

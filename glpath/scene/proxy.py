@@ -1,11 +1,11 @@
-"""Streamed triangles as a mesh that fits into memory: proxy geometry, for what needs all triangles at once.
+"""Proxy geometry: streamed triangles as a mesh that fits into memory, for code that needs all triangles at once.
 
-The corners that lie in one cell of a grid become one vertex, their mean weighted by the areas of their triangles
-(vertex clustering, Rossignac & Borrel 1993). Triangles with two corners in a cell vanish, and what is left of a
-closed surface is closed. A stream of few triangles is its own proxy, to the bit.
+Corners in the same cell of a grid become one vertex, their mean weighted by the areas of their triangles (vertex
+clustering, Rossignac & Borrel 1993). Triangles with two corners in one cell vanish. A closed surface stays closed.
+A stream of few triangles is its own proxy, bit for bit.
 
 Cost:     one pass over the stream, a microsecond a triangle, and some hundred bytes for each cell of a fine grid.
-Poor at:  what is smaller than a cell: a fence, a railing. It is lost, as is what it throws shadows on.
+Poor at:  objects smaller than a cell, such as fences and railings: they are lost with their shadows.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ from glpath.scene.tessellate import without_area
 
 Int64 = NDArray[np.int64]
 
-#: Triangles of all proxies of a scene: what a radiosity solution takes seconds for.
+#: Maximum number of triangles of all proxies in a scene, for which a radiosity solution takes seconds.
 TRIANGLES = 16_384
-# Cells along the longest side of the box around all streams: of the first grid, and as a bound of the search.
+# Number of cells along the longest side of the box around all streams, in the first grid; also the smallest cell
+# size of the search.
 _FINEST = 256
-# Steps of the search for the size of a cell, each of which halves its range in the logarithm.
+# Number of bisection steps in the search for the cell size, on a logarithmic scale.
 _STEPS = 8
 
 
 class _Surface(NamedTuple):
-    """Triangles that share vertices, and of each vertex the area of its triangles."""
+    """Triangles that share vertices, and for each vertex the total area of its triangles."""
 
     vertices: Float64
     weights: Float64
@@ -41,13 +42,13 @@ class _Surface(NamedTuple):
 
 @dataclass(frozen=True)
 class Proxies:
-    """A scene whose streams are meshes.
+    """Scene whose streams are replaced by meshes.
 
-    scene : the shapes that are no streams in their order, then a mesh for each stream that has any triangles left;
-            so triangles that were in memory keep their numbers
-    first : number of the first triangle of a proxy
-    cell  : side of a cell, scene units; 0 where proxies have all triangles
-    area  : of all proxies, as a share of that of the streams
+    scene : first the shapes that are not streams, in order; then a mesh for each stream with remaining triangles.
+            So resident triangles keep their numbers
+    first : number of the first proxy triangle
+    cell  : side of a cell, scene units; 0 if the proxies have all triangles
+    area  : area of all proxies, as a fraction of that of the streams
     """
 
     scene: Scene
@@ -57,7 +58,7 @@ class Proxies:
 
 
 def with_proxies(scene: Scene, triangles: int = TRIANGLES) -> Proxies:
-    """The scene with about so many triangles instead of those that it streams, or all where these are fewer."""
+    """Return the scene with about `triangles` triangles instead of streamed ones, or all if there are fewer."""
     resident = [shape for shape in scene.shapes if not isinstance(shape.geometry, Stream)]
     streamed = [scene.shapes[index] for index, _ in scene.shapes.streams]
     surfaces, cell = _proxies(
@@ -65,7 +66,7 @@ def with_proxies(scene: Scene, triangles: int = TRIANGLES) -> Proxies:
     )
     shapes = [*resident, *(_as_mesh(*pair) for pair in zip(streamed, surfaces, strict=True) if len(pair[1].faces))]
     found, first = replace(scene, shapes=Shapes(shapes)), Shapes(resident).total("triangle")
-    # Each corner had the area of its triangle.
+    # Each corner has the area of its triangle.
     streamed_area = sum(float(surface.weights.sum()) for surface in surfaces) / 3.0
     return Proxies(found, first, cell, float(found.areas[first:].sum()) / streamed_area)
 
@@ -83,7 +84,7 @@ def _proxies(streams: list[Stream], triangles: int) -> tuple[list[_Surface], flo
     extent = float(np.max([stream.bounds[1] - lower for stream in streams]))
     finest = extent / _FINEST
     fine = [_clustered_stream(stream, lower, finest) for stream in streams]
-    # The smallest cells that leave so few triangles; the fine ones are in memory, and quickly clustered again.
+    # Smallest cells that leave few enough triangles. The fine grid is in memory and can be clustered again quickly.
     small, large = np.log(finest), np.log(extent)
     found, cell = [_clustered(surface, lower, extent) for surface in fine], extent
     for _ in range(_STEPS):
@@ -103,18 +104,18 @@ def _whole(stream: Stream) -> _Surface:
 
 
 def _clustered_stream(stream: Stream, lower: Float64, cell: float) -> _Surface:
-    """One pass over a stream; never are more than a chunk and what is left of those before it in memory."""
+    """Return a stream clustered in one pass. Only a chunk and the clusters of earlier chunks are in memory."""
     made = _Merged(stream, lower, cell)
     return _Surface(made.sums / made.weights[:, None], made.weights, np.searchsorted(made.cells, made.faces))
 
 
 class _Merged:
-    """The clusters of a stream.
+    """Clusters of a stream.
 
-    cells   : (C,) their numbers, ascending
-    sums    : (C, 3) of the corners in each, weighted by the areas of their triangles
-    weights : (C,) of these areas
-    faces   : (F, 3) cells of the triangles that are left, each once
+    cells   : (C,) cell numbers, ascending
+    sums    : (C, 3) sum of the corners in each cell, weighted by the areas of their triangles
+    weights : (C,) sum of these areas
+    faces   : (F, 3) cells of the remaining triangles, each once
     """
 
     def __init__(self, stream: Stream, lower: Float64, cell: float) -> None:
@@ -125,7 +126,7 @@ class _Merged:
             corners, areas = triangles.reshape(-1, 3), _corner_areas(triangles)
             keys = _keys(corners, lower, cell)
             waiting.append((*_summed(keys, corners * areas[:, None], areas), _distinct(keys.reshape(-1, 3))))
-            # Not after each chunk, or the time would grow with the square of their number.
+            # Merging after each chunk would take time proportional to the square of their number.
             if sum(len(part[0]) for part in waiting) > len(self.cells):
                 self._merge(waiting)
         self._merge(waiting)
@@ -139,7 +140,7 @@ class _Merged:
 
 
 def _summed(keys: Int64, values: Float64, weights: Float64) -> tuple[Int64, Float64, Float64]:
-    """The different keys (N,), ascending, and of each the sums of values (N, 3) and of weights (N,)."""
+    """Return the distinct keys, ascending, and for each the sums of values (N, 3) and of weights (N,)."""
     found, which = np.unique(keys, return_inverse=True)
     sums = np.empty((len(found), 3))
     for axis in range(3):
@@ -155,22 +156,22 @@ def _clustered(surface: _Surface, lower: Float64, cell: float) -> _Surface:
 
 
 def _keys(points: Float64, lower: Float64, cell: float) -> Int64:
-    """(N,) numbers of the cells that points (N, 3) lie in."""
+    """Return (N,) numbers of the cells that contain points (N, 3)."""
     x, y, z = np.maximum(np.floor((points - lower) / cell), 0).astype(np.int64).T
     return np.asarray(x | y << 20 | z << 40)
 
 
 def _corner_areas(triangles: Float64) -> Float64:
-    """(3 F,) for each corner of triangles (F, 3, 3) the area."""
+    """Return (3 F,) areas: for each corner, that of its triangle, for triangles (F, 3, 3)."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.repeat(0.5 * np.linalg.norm(cross, axis=1), 3)
 
 
 def _distinct(faces: Int64) -> Int64:
-    """Those of faces (F, 3) with three different corners, each once; the least corner is the first."""
+    """Return faces (F, 3) with three distinct corners, each once, starting at the smallest corner."""
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first = faces.argmin(axis=1)[:, None]
     rows = np.ascontiguousarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))
-    # A row as one item is sorted faster than by its columns.
+    # Rows viewed as single items sort faster than by columns.
     once = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))).ravel()) if len(rows) else rows
     return once.view(np.int64).reshape(-1, 3)

@@ -1,7 +1,7 @@
-"""Geometry for `check`: what lies in a camera's view, hidden or not, and what encloses a point.
+"""Geometry tests for `check`: shapes inside a camera's view, hidden or not, and shapes that enclose a point.
 
-All exact up to rounding, in numpy over all primitives: a few passes over the triangles, so many of them at a time
-that what is made of them stays in the processor's cache.
+All tests are exact up to rounding. They make a few numpy passes over the triangles, in chunks whose intermediate
+results stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -16,18 +16,17 @@ from glpath.scene.model import Camera, Float64, Mesh, Primitive, Scene, Shape, S
 from glpath.scene.tessellate import box
 
 _CHUNK = 1 << 14
-# Triangles from which on those of all instances are not made for this.
+# Number of triangles above which instances are not expanded all at once.
 _MANY = 1 << 20
-# Of the size of the scene: nearer than this, the camera stands in the surface.
+# Distance, as a fraction of the scene's size, below which the camera is on a surface.
 _TOUCHING = 1e-6
 
 
 def sees_anything(scene: Scene) -> bool:
-    """Whether any shape reaches into the pyramid of view, whatever hides it; exact up to rounding.
+    """Return True if any shape intersects the view pyramid, occluded or not; exact up to rounding.
 
-    The pyramid has no near and no far end; parallel rays begin in the camera's plane, and bodies are to them the
-    boxes around them, in the camera's axes. What moves is looked for when the shutter opens, in the middle of the
-    time and when it closes.
+    The pyramid has no near and no far end. Parallel rays start in the camera's plane; for them, bodies are replaced
+    by boxes in the camera's axes. Moving shapes are tested when the shutter opens, at mid-time, and when it closes.
     """
     opened, closed = scene.camera.shutter
     moves = opened < closed and (scene.camera.moves or scene.moving_shapes)
@@ -48,7 +47,7 @@ def _sees_anything(scene: Scene) -> bool:
 
 
 def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
-    """Planes exactly, triangles and spheres by the boxes around them in the camera's axes."""
+    """Return True if parallel rays hit a plane, or the box in camera axes around a triangle or sphere."""
     axes = np.stack(camera.frame())
     wide_high, middle = np.array(camera.extent), np.array(camera.offset)
     centre, extent = scene.spheres[:, :, 3], np.linalg.norm(axes @ scene.spheres[:, :, :3], axis=2)
@@ -64,7 +63,7 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
         triangles = (part - camera.position) @ axes.T
         if is_within(triangles.min(axis=1), triangles.max(axis=1)):
             return True
-    # From the corners of the image: a plane is in front of one of them, or beside them all.
+    # A plane is visible if it is in front of at least one corner of the image.
     corners = camera.origins([[0, 0], [camera.resolution[0], 0], [0, camera.resolution[1]], camera.resolution])
     normal = scene.planes[:, :, 2]
     towards = normal @ axes[2]
@@ -73,44 +72,50 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
 
 
 def _sees_boxes(camera: Camera, stream: Stream) -> bool:
-    """Whether a box around a chunk reaches into the pyramid: what is in it is not asked for."""
+    """Return True if the box around any chunk intersects the pyramid. Chunks are not read."""
     unit, faces = box((0, 0, 0), (1, 1, 1))
     corners = stream.lower[:, None] + unit * (stream.upper - stream.lower)[:, None]
     return sees_triangles(camera, corners[:, faces].reshape(-1, 3, 3))
 
 
 def _sees_planes(camera: Camera, planes: Float64) -> bool:
-    """planes: (P, 3, 4). Of all rays of the pyramid, one of its edges goes the most towards a plane."""
+    """Return True if any plane (P, 3, 4) is visible.
+
+    Only the pyramid's edges are tested, because one of them approaches a plane most of all rays.
+    """
     normal = planes[:, :, 2]
     height = np.sum(normal * (camera.position - planes[:, :, 3]), axis=1)
     return bool(np.any(normal @ camera.corner_rays().T * height[:, None] < 0))
 
 
 def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
-    """spheres: (S, 3, 4). In the space where one is the unit sphere: is the pyramid nearer than 1 to the origin?"""
+    """Return True if any sphere (S, 3, 4) is visible.
+
+    A sphere is visible if the pyramid is nearer than 1 to the origin, in the space of the unit sphere.
+    """
     if not len(spheres):
         return False
     rays = camera.corner_rays()
     inward = np.cross(np.roll(rays, -1, axis=0), rays)
     inward *= np.sign(inward @ rays.mean(axis=0))[:, None]
     if np.all((spheres[:, :, 3] - camera.position) @ inward.T > 0, axis=1).any():
-        return True  # the centre of one; what follows is slow for a million
+        return True  # a centre is inside; the test below is slow for a million spheres
     inverse = np.linalg.inv(spheres[:, :, :3])
     apex = np.einsum("nij,nj->ni", inverse, camera.position - spheres[:, :, 3])
     edges = np.einsum("nij,kj->nki", inverse, rays)
     edges /= np.linalg.norm(edges, axis=2, keepdims=True)
     following = np.roll(edges, -1, axis=1)
-    # Out of each side; where the transform mirrors, the edges go around in the other sense.
+    # Outward normals of the sides. If the transform mirrors, the edges have the opposite order.
     normals = np.cross(following, edges)
     normals *= -np.sign(np.sum(normals[:, 0] * edges[:, 2], axis=1))[:, None, None]
     outside = np.einsum("nki,ni->nk", normals, -apex)
     inside = (outside <= 0).all(axis=1)
-    # Nearest to the origin is a point of an edge, or of the inside of a side.
+    # The nearest point to the origin is on an edge, or in the interior of a side.
     along = np.maximum(np.einsum("nki,ni->nk", edges, -apex), 0)
     on_edge = np.linalg.norm(apex[:, None] + along[:, :, None] * edges, axis=2).min(axis=1)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     height = np.einsum("nki,ni->nk", normals, apex)
-    foot = height[:, :, None] * normals - apex[:, None]  # from the apex
+    foot = height[:, :, None] * normals - apex[:, None]  # relative to the apex
     turn = np.cross(edges, following)
     past_one = np.sum(np.cross(edges, foot) * turn, axis=2) >= 0
     before_other = np.sum(np.cross(foot, following) * turn, axis=2) >= 0
@@ -119,20 +124,21 @@ def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
 
 
 def sees_triangles(camera: Camera, triangles: Float64) -> bool:
-    """triangles: (T, 3, 3). One reaches into the pyramid when an edge of it does, or an edge of the pyramid goes
-    through its inside.
+    """Return True if any triangle (T, 3, 3) is visible.
+
+    A triangle intersects the pyramid if an edge of it does, or if an edge of the pyramid passes through it.
     """
     return any(_sees_some(camera, part) for part in _chunks(triangles))
 
 
 def _are_many(scene: Scene) -> bool:
-    """Whether there are many triangles, most of which are of further instances of a mesh."""
+    """Return True if there are many triangles, mostly from repeated instances of meshes."""
     total = scene.shapes.total("triangle")
     return total > _MANY and total > 2 * sum(len(mesh.faces) for mesh in scene.shapes.meshes)
 
 
 def _triangles(scene: Scene) -> Iterator[Float64]:
-    """All of a scene, (n, 3, 3) at a time; of many not all are made."""
+    """Yield all triangles of a scene, (n, 3, 3) at a time. If there are many, they are not expanded all at once."""
     if not _are_many(scene):
         yield scene.triangles
     else:
@@ -141,10 +147,10 @@ def _triangles(scene: Scene) -> Iterator[Float64]:
 
 
 def _about(scene: Scene, index: int, point: Float64, margin: float = 0.0) -> Iterator[Float64]:
-    """A shape's triangles, some at a time.
+    """Yield a shape's triangles in chunks.
 
-    Of many, those of the instances in whose boxes, so much wider, a point is: then an instance is closed around it
-    alone, and no shape is by several.
+    If the scene has many, only instances are included whose box, widened by `margin`, contains the point. An
+    instance can then enclose the point alone, but several instances cannot enclose it together.
     """
     shape = scene.shapes[index]
     if not _are_many(scene):
@@ -167,11 +173,11 @@ def _sees_some(camera: Camera, triangles: Float64) -> bool:
     points = triangles - camera.position
     z = points @ forward
     x, y = points @ right - across * z, points @ up - above * z
-    # (T, 3 corners, 4 sides), above 0 inside; together they imply z >= 0
+    # (T, 3 corners, 4 sides), above 0 inside; together these imply z >= 0
     inside = np.stack([tan_right * z - x, tan_right * z + x, tan_up * z - y, tan_up * z + y], axis=2)
     if (inside > 0).all(axis=2).any():
         return True
-    near = ~np.any((inside < 0).all(axis=1), axis=1)  # the rest lie wholly beyond one side
+    near = ~np.any((inside < 0).all(axis=1), axis=1)  # the others are entirely outside one side
     if not near.any():
         return False
     start = inside[near]
@@ -186,7 +192,7 @@ def _sees_some(camera: Camera, triangles: Float64) -> bool:
 
 
 def _pierced(ray: Float64, points: Float64) -> NDArray[np.bool_]:
-    """(T,) bool: the ray from the origin goes through the triangle; Möller and Trumbore 1997."""
+    """Return (T,) bool: True if the ray from the origin passes through the triangle; Möller and Trumbore 1997."""
     origin, a, b = points[:, 0], points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     p = np.cross(ray, b)
     determinant = np.sum(a * p, axis=1)
@@ -199,7 +205,7 @@ def _pierced(ray: Float64, points: Float64) -> NDArray[np.bool_]:
 
 
 def touched_shape(scene: Scene) -> Shape | None:
-    """The first shape that the camera stands on: of planes, then of spheres, then of triangles."""
+    """Return the first shape that the camera touches: planes first, then spheres, then triangles."""
 
     def owner(primitive: Primitive, number: int) -> Shape:
         return scene.shapes[int(scene.shapes.primitive_shape(primitive)[number])]
@@ -208,7 +214,7 @@ def touched_shape(scene: Scene) -> Shape | None:
     margin = _TOUCHING * float(np.linalg.norm(upper - lower))
     eye = scene.camera.position
     height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
-    # Of planes alone the bounds say nothing; the view has a length.
+    # The bounds of a scene of planes only have no size, but the view has a length.
     view = _TOUCHING * float(np.linalg.norm(scene.camera.target - eye))
     if (hits := np.flatnonzero(height <= (margin or view))).size:
         return owner("plane", hits[0])
@@ -223,13 +229,14 @@ def touched_shape(scene: Scene) -> Shape | None:
 
 
 def _near_spheres(spheres: Float64, point: Float64, margin: float = 0.0) -> NDArray[np.bool_]:
-    """(S,) bool: the point is in the box around the sphere."""
+    """Return (S,) bool: True if the point is inside the box around the sphere."""
     return np.asarray((np.abs(point - spheres[:, :, 3]) <= sphere_extent(spheres) + margin).all(axis=1))
 
 
 def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
-    """(S,) how far the point is from each unit sphere's surface, negative inside, in the space where it is one, and
-    (S,) how fast that grows in world space.
+    """Return (S,) signed distances from each sphere's surface, and their (S,) gradients in world space.
+
+    Distances are in the space of the unit sphere, negative inside.
     """
     inverse = np.linalg.inv(spheres[:, :, :3])
     unit = np.einsum("nij,nj->ni", inverse, point - spheres[:, :, 3])
@@ -239,9 +246,9 @@ def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
 
 
 def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
-    """(number of shapes,) int: 1 for a shape that is closed around the point, fronts outward, -1 inward, else 0.
+    """Return (number of shapes,) int: 1 for a shape that encloses the point, fronts outward, -1 inward, else 0.
 
-    Of triangles it is the winding number.
+    For triangles this is the winding number.
     """
     around = np.zeros(len(scene.shapes), np.int64)
     about = np.flatnonzero(_near_spheres(scene.spheres, point))
@@ -255,13 +262,13 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
 
 
 def _shapes_about(scene: Scene, point: Float64, margin: float = 0.0) -> NDArray[np.intp]:
-    """The shapes of triangles whose boxes, so much wider, hold a point."""
+    """Return the triangle shapes whose boxes, widened by `margin`, contain a point."""
     lower, upper = scene.shapes.boxes
     return np.flatnonzero(((lower - margin <= point) & (upper + margin >= point)).all(axis=1))
 
 
 def winding_number(triangles: Float64, point: Float64) -> float:
-    """How often a surface of triangles (T, 3, 3) is around a point: the solid angle that it fills, over 4 pi.
+    """Return the winding number of triangles (T, 3, 3) around a point: their solid angle over 4 pi.
 
     A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
     """
@@ -269,7 +276,7 @@ def winding_number(triangles: Float64, point: Float64) -> float:
 
 
 def _solid_angle(corners: Float64) -> float:
-    """Of triangles (T, 3, 3) seen from the origin, their backs positive."""
+    """Return the solid angle of triangles (T, 3, 3) seen from the origin; backs count as positive."""
     a, b, c = np.moveaxis(corners, 1, 0)
     la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
     volume = np.sum(a * np.cross(b, c), axis=1)
@@ -278,7 +285,7 @@ def _solid_angle(corners: Float64) -> float:
 
 
 def _touched_triangles(corners: Float64, margin: float) -> NDArray[np.intp]:
-    """Which triangles (T, 3, 3) the origin lies on."""
+    """Return the indices of triangles (T, 3, 3) on which the origin lies."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     about = np.flatnonzero(((lower <= margin) & (upper >= -margin)).all(axis=1))
@@ -287,7 +294,7 @@ def _touched_triangles(corners: Float64, margin: float) -> NDArray[np.intp]:
     normals = np.cross(edges[:, 0], edges[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     height = np.abs(np.sum(corners[:, 0] * normals, axis=1))
-    # how far the origin lies within each edge
+    # distance of the origin inside each edge
     within = np.sum(np.cross(edges, -corners) * normals[:, None], axis=2)
     within /= np.maximum(np.linalg.norm(edges, axis=2), np.finfo(float).tiny)
     return np.asarray(about[(height <= margin) & (within >= -margin).all(axis=1)])

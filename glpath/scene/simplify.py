@@ -1,12 +1,12 @@
-"""Level of detail: a scene with fewer triangles, for what is seen indirectly [PB 6.1].
+"""Level of detail: a scene with fewer triangles, for indirectly visible surfaces [PB 6.1].
 
-Meshes are simplified by quadric error metrics (Garland & Heckbert 1997, by the library fast-simplification). Shapes
-that emit keep theirs, as light samples are drawn on them, and so do those with textures, colours of vertices or
-transparency, whose positions on the surface would be lost. Where too few triangles would be left to stay
-within a thousandth of the scene's diameter (99 of 100 vertices), more are.
+Meshes are simplified by quadric error metrics (Garland & Heckbert 1997, by the library fast-simplification).
+Emitting shapes are not simplified, because light samples are drawn on them. Shapes with textures, vertex colours or
+transparency are not, because surface positions would be lost. A mesh must stay within a thousandth of the scene's
+diameter (99 of 100 vertices); otherwise it keeps more triangles.
 
 Cost:     about 3 µs a triangle, once.
-Poor at:  leaves, grass, nets: what is left of them is another area.
+Poor at:  leaves, grass and nets, whose area changes.
 """
 
 from __future__ import annotations
@@ -21,22 +21,24 @@ from glpath.scene.appearance import has_colours
 from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 
-#: No mesh is left with fewer triangles.
+#: Minimum number of triangles of a simplified mesh.
 MIN_FACES = 64
-# Of the scene's diameter: how far a mesh may deviate.
+# Maximum deviation of a mesh, as a fraction of the scene's diameter.
 _MAX_DEVIATION = 1e-3
-# Of the library, 0 to 10: how willingly it gives up shape for fewer triangles; it has 7.
+# Aggressiveness of the library, 0 to 10: readiness to change the shape for fewer triangles; its default is 7.
 _AGGRESSION = 2
-# Vertices that the deviation is asked of, points of the simpler surface, and how many of these near each vertex.
+# Limits for the deviation: number of tested vertices, of points on the simpler surface, and of points near each
+# vertex.
 _ASKED, _POINTS, _NEAR = 20_000, 1 << 16, 12
 
 
 @dataclass(frozen=True)
 class Simplified:
-    """A simpler scene.
+    """Simplified scene.
 
-    scene     : its shapes are the others', one by one
-    deviations : of each shape, how far 99 of 100 vertices lie from its simpler surface at most, scene units
+    scene     : scene with the same shapes in the same order
+    deviations : for each shape, the distance in scene units within which 99 of 100 vertices lie of its simpler
+                 surface
     """
 
     scene: Scene
@@ -44,14 +46,14 @@ class Simplified:
 
     @property
     def deviation(self) -> float:
-        """The largest."""
+        """Largest deviation."""
         return max(self.deviations)
 
 
 def simplified(scene: Scene, share: float) -> Simplified:
-    """The scene with about that share of the triangles of its meshes, in (0, 1], or more, see above.
+    """Return the scene with about a fraction `share`, in (0, 1], of its meshes' triangles, or more, see above.
 
-    Raises UsageError where the library is missing.
+    Raises UsageError if the library is missing.
     """
     made: dict[tuple[Mesh, float], tuple[Mesh, float]] = {}
     shapes, deviations = [], []
@@ -79,7 +81,10 @@ def _can_be_simpler(scene: Scene, shape: Shape, mesh: Mesh) -> bool:
 
 
 def _near_enough(mesh: Mesh, share: float, max_deviation: float) -> tuple[Mesh, float]:
-    """The mesh with that share of its triangles, or with two, four ... times as many, until it deviates little."""
+    """Return the mesh with a fraction of its triangles, and its deviation.
+
+    The fraction is doubled until the deviation is small enough.
+    """
     while share < 1:
         simpler, deviation = _simpler(mesh, share)
         if deviation <= max_deviation:
@@ -89,7 +94,7 @@ def _near_enough(mesh: Mesh, share: float, max_deviation: float) -> tuple[Mesh, 
 
 
 def _simpler(mesh: Mesh, share: float) -> tuple[Mesh, float]:
-    """The mesh with fewer triangles, or itself, and by how much it deviates."""
+    """Return the mesh with fewer triangles, or the same mesh, and its deviation."""
     simplify = _library()
     whole = Mesh(mesh.vertices, mesh.faces).welded()
     centre = whole.vertices.mean(axis=0)
@@ -136,9 +141,10 @@ def _vertex_normals(mesh: Mesh) -> Float64:
 
 
 def _deviation(points: Float64, mesh: Mesh) -> float:
-    """How far points (N, 3), some of them where there are many, lie from the mesh, 99 of 100 of them at most.
+    """Return the distance from the mesh within which 99 % of points (N, 3) lie.
 
-    By the triangles of which points lie near, spread evenly over all: another may be nearer still.
+    If there are many points, only some are tested. A point is compared with triangles that have sample points
+    nearby, so its true distance may be smaller. The samples are spread evenly over all triangles.
     """
     from scipy.spatial import cKDTree  # slow to import
 
@@ -158,7 +164,7 @@ def _deviation(points: Float64, mesh: Mesh) -> float:
 
 
 def _distance(points: Float64, triangles: Float64) -> Float64:
-    """(N,): of points (N, 3) from triangles (N, 3, 3), one of each: from its inside, or from an edge."""
+    """Return the (N,) distance of each point (N, 3) from its triangle (N, 3, 3): from the interior or an edge."""
     best = np.full(len(points), np.inf)
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     inside = np.ones(len(points), np.bool_)
@@ -174,7 +180,7 @@ def _distance(points: Float64, triangles: Float64) -> Float64:
 
 
 def density_of(full: Scene, simpler: Scene, density: Float64) -> Float64:
-    """(T,) densities of light samples of the simpler scene's triangles from those of the full one's."""
+    """Return (T,) light sample densities for the simpler scene's triangles, copied from the full scene's."""
     found = np.zeros(len(simpler.triangles))
     for shape, before, after in zip(full.shapes, full.shapes.ranges, simpler.shapes.ranges, strict=True):
         if shape.emits and shape.primitive == "triangle":

@@ -1,10 +1,11 @@
-"""The sky, from horizon to zenith, or an environment map.
+"""Skies: a blend from horizon to zenith, or an environment map.
 
-Both answer the same: `radiance` seen in directions, its integral, and `directions` as dense as it is.
+Both classes have the same methods: `radiance` in directions, its integral, and `directions` drawn in proportion to
+the radiance.
 
 Source:   Pharr, Jakob & Humphreys 2023, Physically based rendering, 12.5, for light from a map. Here each texel is
-          a tent, of which bilinear filtering is the sum: directions drawn from the tents have the very density of
-          the filtered map, where pbrt's and Mitsuba's tables have nearly that.
+          a tent, and bilinear filtering is the sum of tents. Directions drawn from the tents have exactly the
+          density of the filtered map; tables of pbrt and Mitsuba have it only approximately.
 """
 
 from __future__ import annotations
@@ -23,23 +24,23 @@ from glpath.scene.sun import Sun
 
 Float64 = NDArray[np.float64]
 
-# A picture's sums have bits for so much more than `typical_radiance` (`glpath.gl.sums` has 2**24).
+# Largest ratio of radiance to `typical_radiance` that an image's sums have bits for (2**24 in `glpath.gl.sums`).
 _SUMS_HOLD = 2.0**20
-# What 32 bits can square; as in scene files.
+# Largest radiance whose square fits a 32-bit float, as in scene files.
 _LARGEST = 1e15
-# A row with so many times the power of the mean one has a sun.
+# Ratio of a row's power to the mean power above which the row counts as having a sun.
 _SUN = 4.0
-# Newton's steps from a first guess that is exact where the sine is constant.
+# Number of Newton steps; the first guess is exact if the sine is constant.
 _STEPS = 4
 
 
 @dataclass(frozen=True)
 class Sky:
-    """A sky: a blend from horizon (and below) to zenith by the sine of the elevation.
+    """Sky that blends from horizon (and below) to zenith by the sine of the elevation.
 
     zenith, horizon : (3,) float64 radiance, linear Rec. 709
     up              : (3,) float64 unit
-    assumed         : it stands in for light that a file does not have: pictures have it, what measures refuses it
+    assumed         : True if it substitutes for light that a file lacks: images use it, and measurements reject it
     """
 
     zenith: Float64
@@ -48,34 +49,36 @@ class Sky:
     assumed: bool = False
 
     def radiance(self, directions: ArrayLike) -> Float64:
-        """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3)."""
+        """Return the (..., 3) radiance in W sr^-1 m^-2 in unit directions (..., 3)."""
         height = np.clip(np.asarray(directions, np.float64) @ self.up, 0.0, 1.0)[..., None]
         return np.asarray(self.horizon + (self.zenith - self.horizon) * height)
 
     @property
     def mean_integral(self) -> float:
-        """The radiance, mean of the channels, over all directions: W m^-2."""
+        """Integral over all directions of the radiance, mean of the channels, in W m^-2."""
         return float(2 * np.pi * (self.horizon.mean() + 0.5 * (self.horizon + self.zenith).mean()))
 
     @property
     def max_radiance(self) -> float:
-        """The greatest of any channel."""
+        """Maximum radiance of any channel."""
         return float(max(self.zenith.max(), self.horizon.max()))
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright surfaces, as `glpath.lights.lighting.max_radiance` wants it."""
+        """Radiance of bright surfaces, as needed by `glpath.lights.lighting.max_radiance`."""
         return self.max_radiance
 
     def directions(self, u: Float64) -> Float64:
-        """(N, 3) unit, as dense as the radiance, from u (N, 3), of which the last two are used.
+        """Return (N, 3) unit directions with a density proportional to the radiance.
 
-        By the inverse of what lies below an elevation.
+        They are computed by inverting the integral below an elevation.
+
+        u : (N, 3) numbers in [0, 1), of which the last two are used
         """
         horizon, zenith = float(self.horizon.mean()), float(self.zenith.mean())
         below, above = horizon, 0.5 * (horizon + zenith)
         part = u[:, 1] * (below + above)
-        # horizon z + (zenith - horizon) z^2 / 2 = rest, in the form that cancels nothing
+        # Solution of horizon z + (zenith - horizon) z^2 / 2 = rest in a form without cancellation.
         rest = np.maximum(part - below, 0.0)
         root = horizon + np.sqrt(np.maximum(horizon**2 + 2 * (zenith - horizon) * rest, 0.0))
         z = np.where(part < below, part / max(below, 1e-30) - 1, 2 * rest / np.maximum(root, 1e-30))
@@ -88,27 +91,27 @@ class Sky:
 
 @dataclass(frozen=True, eq=False)
 class Environment:
-    """An environment map: the radiance of all directions as a picture, filtered bilinearly.
+    """Environment map: the radiance of all directions as an image, filtered bilinearly.
 
-    image    : (h, w, 3) float32 >= 0, equirectangular, linear Rec. 709; row 0 is up, the columns go once around, to
-               the right as seen from inside
-    up       : (3,) float64, of any length but zero
+    image    : (h, w, 3) float32 >= 0, equirectangular, linear Rec. 709. Row 0 is up; columns go once around, to the
+               right as seen from inside
+    up       : (3,) float64, any length but zero
     rotation : degrees, counter-clockwise seen from above
-    scale    : multiplies the image, which is then W sr^-1 m^-2
-    assumed  : as of `Sky`
-    sun      : a disc besides; neither the rotation nor the scale changes it
-    solar    : its watts are of the whole spectrum of the sun: they are not 179 lumens each
-    cut      : at the horizon: rows above it and rows below are not blended, of an even number of rows; of a sky and
-               a ground that are functions, whose edge a blend would darken by half of a row
+    scale    : factor that converts the image to W sr^-1 m^-2
+    assumed  : True if it substitutes for missing light, as for `Sky`
+    sun      : disc added to the map; rotation and scale do not change it
+    solar    : True if its watts are of the whole solar spectrum, so that a watt is not 179 lumens
+    cut      : True if rows above and below the horizon are not blended; needs an even number of rows. Meant for
+               analytic skies with a ground, whose edge a blend would darken by half a row
 
-    Without a rotation the middle of the picture lies along the axis that follows the one nearest to `up` in the
-    order x, y, z, x: with y up along +z, as in Mitsuba, with z up along +x, as in Blender. What three.js, and
-    Blender's exports, make of a map with y up, the middle along +x, is a rotation of 90.
+    Without a rotation, the centre of the image lies along the axis after the one nearest to `up`, in the order x,
+    y, z, x. With y up, that is +z, as in Mitsuba; with z up, +x, as in Blender. three.js, and Blender's exports
+    with y up, have the centre along +x, which is a rotation of 90.
 
     Cost:     16 bytes a texel on the device, 20 here.
-    Poor at:  suns much smaller than a texel, whose shadows are as soft as the texel is large: give it a `sun`.
+    Poor at:  suns much smaller than a texel, whose shadows are as soft as the texel is large: use `sun`.
 
-    Raises SceneError for values that are no radiance.
+    Raises SceneError for values that are not valid radiance.
     """
 
     image: NDArray[np.float32]
@@ -145,19 +148,19 @@ class Environment:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that changes the picture; see `glpath.scene.digest`."""
-        # A sky without a sun has the digest that it had before there were suns, and one that is not cut as well.
+        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
+        # `sun` and `cut` count only if they are set, so that older skies keep their digest.
         sun = () if self.sun is None else (self.sun,)
         return digest_of(self.image, self.up, self.rotation, self.scale, *sun, *(["cut"] if self.cut else []))
 
     @property
     def rows_above(self) -> int:
-        """Rows above the horizon of a map that is cut there; 0 of others."""
+        """Number of rows above the horizon of a cut map; 0 for other maps."""
         return self.image.shape[0] // 2 if self.cut else 0
 
     @cached_property
     def frame(self) -> Float64:
-        """(3, 3) rows: unit vectors to the middle of the picture, to the left of it, and up."""
+        """(3, 3), rows are unit vectors to the centre of the image, to its left, and up."""
         up = self.up / np.linalg.norm(self.up)
         after = np.eye(3)[(int(np.argmax(np.abs(up))) + 1) % 3]
         middle = after - up * (after @ up)
@@ -171,7 +174,10 @@ class Environment:
         ])  # fmt: skip
 
     def radiance(self, directions: ArrayLike) -> Float64:
-        """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3). `lights/sky.glsl` is the same for the GPU."""
+        """Return the (..., 3) radiance in unit directions (..., 3), W sr^-1 m^-2.
+
+        `lights/sky.glsl` is the same for the GPU.
+        """
         wi = np.asarray(directions, np.float64)
         x, y, z = np.moveaxis(wi.reshape(-1, 3) @ self.frame.T, 1, 0)
         height, width = self.image.shape[:2]
@@ -190,7 +196,7 @@ class Environment:
 
     @cached_property
     def integral(self) -> Float64:
-        """(3,) W m^-2, the radiance over all directions."""
+        """(3,) integral of the radiance over all directions, W m^-2."""
         rows = self.image.sum(axis=1, dtype=np.float64)
         masses = self._halves.mass.reshape(-1, 2).sum(axis=1)
         of_map = self.scale * (masses @ rows) * (2 * np.pi / self.image.shape[1])
@@ -198,36 +204,36 @@ class Environment:
 
     @cached_property
     def sun_share(self) -> float:
-        """Of `mean_integral`: so many of `directions` are within the sun."""
+        """Fraction of `mean_integral` from the sun, and fraction of `directions` inside it."""
         if self.sun is None or not self.mean_integral > 0:
             return 0.0
         return float(self.sun.integral.mean()) / self.mean_integral
 
     @property
     def mean_integral(self) -> float:
-        """The same, mean of the channels."""
+        """Integral of the radiance over all directions, mean of the channels, W m^-2."""
         return float(self.integral.mean())
 
     @cached_property
     def max_radiance(self) -> float:
-        """The greatest of any channel."""
+        """Maximum radiance of any channel."""
         of_map = self.scale * float(self.image.max())
         return of_map if self.sun is None else of_map + float(self.sun.radiance_of_disc.max())
 
     @property
     def typical_radiance(self) -> float:
-        """Of bright surfaces, as `glpath.lights.lighting.max_radiance` wants it.
+        """Radiance of bright surfaces, as needed by `glpath.lights.lighting.max_radiance`.
 
-        That of a white surface which all of the light falls on straight, where it is below that of the map: a small
-        sun is far above all that it lights.
+        It is that of a white surface that receives all light perpendicularly, if it is below the maximum of the
+        map. A small sun is far brighter than all surfaces that it lights.
         """
         white = float(self.integral.max()) / np.pi
         return max(min(self.max_radiance, white), self.max_radiance / _SUMS_HOLD)
 
     def directions(self, u: Float64) -> Float64:
-        """(N, 3) unit, as dense as the radiance, mean of the channels, from u (N, 3): the first chooses the row.
+        """Return (N, 3) unit directions with a density proportional to the radiance, mean of the channels.
 
-        The first numbers, `sun_share` of all, are of the sun.
+        u : (N, 3) numbers in [0, 1); the first one selects the row, or the sun if it is below `sun_share`
         """
         share = self.sun_share
         if self.sun is None or share == 0:
@@ -253,17 +259,17 @@ class Environment:
 
     @property
     def split(self) -> float:
-        """The first of `directions`' numbers that divides the map into two lights: suns and the rest, or halves."""
+        """Value of `directions`' first number that divides the map into two lights: suns and rest, or halves."""
         bright = self.sun_share or self._tables.bright
         return bright if 0 < bright < 1 else 0.5
 
     @property
     def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
-        """The tables of `directions` but for the sun, for shaders that do the same.
+        """Tables of `directions`, without the sun, for shaders that do the same.
 
-        Returns (2 h + 1,) the cumulated probability of halves of rows, (2 h,) which halves these are (the upper one
-        of row i is 2 i), (2 h,) the integral of each half's tent over the angle, sine included, in rows, and
-        (h, w + 1) the cumulated probability of each row's texels.
+        Returns (2 h + 1,) the cumulative probability of half rows; (2 h,) the numbers of these halves, 2 i for the
+        upper half of row i; (2 h,) the integral of each half's tent over the angle, sine included, in rows; and (h,
+        w + 1) the cumulative probability of each row's texels.
         """
         tables = self._tables
         return tables.rows, tables.order, self._halves.mass, tables.columns
@@ -281,19 +287,19 @@ class Environment:
         bright = power > _SUN * power.mean()
         order = np.argsort(~bright, kind="stable")
         rows = np.concatenate([[0.0], np.cumsum(power[order])])
-        # Rows without light are never chosen, but are divided.
+        # Rows without light are never chosen, but are divided by their sum.
         rows /= max(rows[-1], np.finfo(float).tiny)
         columns /= np.maximum(columns[:, -1:], np.finfo(float).tiny)
         return _Tables(order, rows, columns, float(rows[np.count_nonzero(bright)]))
 
 
 class _Tables(NamedTuple):
-    """Tables to draw directions by.
+    """Tables for drawing directions.
 
-    order   : (2 h,) numbers of the upper and lower halves of rows: those with a sun first
-    rows    : (2 h + 1,) their cumulated probability, in this order
-    columns : (h, w + 1) the cumulated probability of each row's texels
-    bright  : the probability of the rows with a sun
+    order   : (2 h,) numbers of the upper and lower halves of rows, those with a sun first
+    rows    : (2 h + 1,) cumulative probability of the halves in this order
+    columns : (h, w + 1) cumulative probability of each row's texels
+    bright  : probability of the rows with a sun
     """
 
     order: NDArray[np.intp]
@@ -303,9 +309,12 @@ class _Tables(NamedTuple):
 
 
 def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np.intp], Float64]:
-    """Entries of tables cdf (R, n + 1), each of its row (N,), by u (N,) in [0, 1), and what is left of u."""
+    """Return entries of tables cdf (R, n + 1), selected by u (N,) in [0, 1), and the remainder of u, rescaled.
+
+    row : (N,) table of each number
+    """
     low, high = np.zeros(len(u), np.intp), np.full(len(u), cdf.shape[1] - 1)
-    # The last entry whose table value is not above u. By halving, as each number has a row of its own.
+    # Find the last entry not above u, by bisection, because each number has its own table.
     for _ in range(int(cdf.shape[1] - 1).bit_length()):
         middle = (low + high) // 2
         below = cdf[row, middle] <= u
@@ -315,15 +324,15 @@ def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np
 
 
 class _Halves(NamedTuple):
-    """The upper and lower halves of the tents of h rows, as weights of the angle from up, sine included.
+    """Upper and lower halves of the tents of h rows, as weights of the angle from up, sine included.
 
-    A tent falls from its row's middle to those of the rows beside it; beyond the first and the last it is flat, and
-    at the horizon of a map that is cut there.
+    A tent falls linearly from its row's centre to the centres of the adjacent rows. It is flat beyond the first and
+    the last row's centre, and at the horizon of a map that is cut there.
 
-    foot : (2 h,) the angle at which the half begins: where it is 0, or, of a flat one, the pole or the horizon
-    sign : (2 h,) +1 or -1, in which sense it continues from there
-    flat : (2 h,) bool: as far as a pole
-    even : (2 h,) bool: flat as far as the horizon
+    foot : (2 h,) angle at which the half begins: its zero, or for a flat half the pole or the horizon
+    sign : (2 h,) +1 or -1, direction in which the half extends from there
+    flat : (2 h,) bool: True if it is flat up to a pole
+    even : (2 h,) bool: True if it is flat up to the horizon
     mass : (2 h,) its integral
     """
 
@@ -351,10 +360,10 @@ class _Halves(NamedTuple):
         return cls(foot, sign, flat, even, mass)
 
     def angles(self, half: NDArray[np.intp], u: Float64, step: float) -> Float64:
-        """(N,) angles from up in halves (N,), from u (N,) in [0, 1)."""
+        """Return (N,) angles from up inside halves (N,), from u (N,) in [0, 1)."""
         foot, sign = self.foot[half], self.sign[half]
         whole = self.mass[half] * step
-        # Newton's on the root of the share, which is nearly a straight line.
+        # Newton iteration on the root of the fraction, which is nearly linear.
         wanted = np.sqrt(u)
         w = wanted.copy()
         for _ in range(_STEPS):
@@ -368,7 +377,7 @@ class _Halves(NamedTuple):
 
 
 def _tent_mass(foot: Float64, sign: Float64, y: Float64) -> Float64:
-    """The integral of t sin(foot + sign t) for t from 0 to y; by series where the closed form cancels."""
+    """Return the integral of t sin(foot + sign t) for t from 0 to y, by series if the closed form cancels."""
     y2 = y * y
     small = y < 0.1
     even = np.where(small, y2 * (1 / 2 - y2 * (1 / 8 - y2 / 144)), np.cos(y) + y * np.sin(y) - 1)

@@ -1,4 +1,4 @@
-"""Skies that are functions, as environment maps: the directions of texels, and the light on open ground."""
+"""Environment maps of analytic skies: directions of texels, and irradiance of open ground."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from glpath.scene.sky import Environment, Sky
 
 Float64 = NDArray[np.float64]
 
-#: Rows and columns of the map of a sky.
+#: Rows and columns of a sky's map.
 SKY_SIZE = (256, 512)
-# Points of Gauss' quadrature between the middles of two rows, between which the map is linear.
+# Number of Gauss quadrature points between the centres of two rows, where the map is linear.
 _POINTS = 8
 
 
 def texel_directions(up: Float64, size: tuple[int, int] = SKY_SIZE) -> Float64:
-    """(h, w, 3) unit, of the middles of a map's texels, without a rotation."""
+    """Return the (h, w, 3) unit directions of a map's texel centres, without a rotation."""
     height, width = size
     rows = (np.arange(height) + 0.5) * (np.pi / height)
     turns = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
@@ -31,7 +31,7 @@ def open_ground(sky: Sky | Environment) -> Float64:
     up = sky.up / np.linalg.norm(sky.up)
     height, width = SKY_SIZE
     nodes, weights = np.polynomial.legendre.leggauss(height)
-    sine = 0.5 * (nodes + 1)  # of the elevation: of equal steps equal solid angles
+    sine = 0.5 * (nodes + 1)  # of the elevation: equal steps have equal solid angles
     level = texel_directions(up, (2, width))[0]
     level -= (level @ up)[:, None] * up
     level /= np.linalg.norm(level, axis=1, keepdims=True)
@@ -41,11 +41,15 @@ def open_ground(sky: Sky | Environment) -> Float64:
 
 
 def horizontal_irradiance(seen: Float64) -> float:
-    """Of a surface that faces up, by the upper half of a map of one channel (h, w), filtered as if it were cut."""
+    """Return the irradiance of a surface that faces up, from a one-channel map (h, w).
+
+    Only the upper half counts, filtered as if the map were cut at the horizon.
+    """
     step = np.pi / len(seen)
     above = seen[: len(seen) // 2].mean(axis=1)
     u, weight = np.polynomial.legendre.leggauss(_POINTS)
-    # From the zenith to the middle of the first row, from row to row, and from the last one to the horizon.
+    # Intervals from the zenith to the centre of the first row, from row to row, and from the last row to the
+    # horizon.
     ends = np.concatenate([[0.0], (np.arange(len(above)) + 0.5) * step, [np.pi / 2]])
     half = 0.5 * np.diff(ends)[:, None]
     angle = ends[:-1, None] + half * (1 + u)

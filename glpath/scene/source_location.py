@@ -1,4 +1,4 @@
-"""Where in which file something stands, so that an error can begin with it."""
+"""Locations in scene files, with which error messages begin."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _LONGEST = 60
 
 @dataclass(frozen=True)
 class SourceLocation:
-    """A file and the path in it, written as `rooms/hall.toml: shapes[3].material`.
+    """File and path inside the file, written as `rooms/hall.toml: shapes[3].material`.
 
-    source : the scene file, or what the scene is called when it comes from no file
-    path   : `shapes[3].material`; empty for the file as a whole
+    source : scene file, or the name of a scene that comes from no file
+    path   : for example `shapes[3].material`; empty for the file as a whole
     """
 
     source: str
@@ -28,33 +28,33 @@ class SourceLocation:
         return f"{self.source}: {self.path}" if self.path else f"{self.source}:"
 
     def field(self, name: str) -> SourceLocation:
-        """The location of a key of the table that stands here."""
+        """Return the location of a key in the table at this location."""
         key = name if _BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
         return type(self)(self.source, f"{self.path}.{key}" if self.path else key)
 
     def item(self, index: int) -> SourceLocation:
-        """The location of an element of the list that stands here, counted from 0."""
+        """Return the location of an element of the list at this location, counted from 0."""
         return type(self)(self.source, f"{self.path}[{index}]")
 
     def written(self, value: object) -> str:
-        """`value` as it is written here."""
+        """Return `value` in the syntax of the file."""
         return shown(value)
 
     def setting(self, value: object) -> str:
-        """`value` as it is given to what stands here: `up = [0, 1, 0]`."""
+        """Return an assignment of `value` to this key, such as `up = [0, 1, 0]`."""
         return f"{self.path.rpartition('.')[2]} = {self.written(value)}"
 
     def error(self, text: str, remedy: str = "") -> SceneError:
-        """An error here; `text` follows the location ("names vertex 9, but ...")."""
+        """Return an error at this location; `text` follows the location ("names vertex 9, but ...")."""
         return SceneError(f"{self} {text}", remedy)
 
     def wrong(self, found: object, allowed: str, remedy: str = "") -> SceneError:
-        """An error about the value that stands here: what was found and what is allowed."""
+        """Return an error about the value at this location, with the value found and the values allowed."""
         return self.error(f"is {self.written(found)}, but must be {allowed}.", remedy)
 
 
 class PythonLocation(SourceLocation):
-    """A location in a dictionary, written as Python has it: `scene["shapes"][3]["material"]`."""
+    """Location in a dictionary, written in Python syntax: `scene["shapes"][3]["material"]`."""
 
     def __str__(self) -> str:
         return f"{self.source}{self.path}"
@@ -64,12 +64,12 @@ class PythonLocation(SourceLocation):
 
 
 def coordinates(point: Iterable[float]) -> str:
-    """A point for people: six digits, or two decimals of what is far from the origin."""
+    """Return a point as text: six digits, or two decimals for points far from the origin."""
     return "[" + ", ".join(f"{x:.6g}" if abs(x) < 1e5 else f"{x:.2f}" for x in point) + "]"
 
 
 def shown(value: object) -> str:
-    """`value` as a scene file would write it, cut short when long."""
+    """Return `value` in the syntax of a scene file, shortened if it is long."""
     import numpy as np
 
     if isinstance(value, np.ndarray | np.generic):

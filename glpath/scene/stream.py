@@ -1,7 +1,7 @@
-"""Triangles that are never in memory all at once: they come chunk by chunk, as often as they are asked for.
+"""Streams of triangles that are never in memory all at once: each chunk is read again whenever it is needed.
 
-What is known of them without asking is little: how many there are in each chunk, and the boxes around them, so that
-chunks which a view cannot see are not asked for at all.
+Only the number of triangles and the box of each chunk are known in advance. Chunks outside a view are therefore not
+read at all.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """Triangles in chunks. Equal only to itself.
+    """Triangles in chunks. A stream is equal only to itself.
 
-    chunk  : of a chunk's number, its corners (F, 3, 3) float64 in world space, counter-clockwise seen from the
-             front; the same ones whenever it is asked
-    counts : (N,) int64, triangles of each chunk
+    chunk  : function from a chunk's number to its corners (F, 3, 3) float64 in world space, counter-clockwise seen
+             from the front; it returns the same corners on every call
+    counts : (N,) int64, number of triangles of each chunk
     lower, upper : (N, 3) float64, corners of the boxes around the chunks, world space
     digest : SHA-256 (hex) of all triangles
-    name   : how errors call it
+    name   : name in error messages
     """
 
     chunk: Callable[[int], Float64]
@@ -37,7 +37,10 @@ class Stream:
     name: str
 
     def triangles(self, number: int) -> Float64:
-        """(F, 3, 3) float64 corners of a chunk, world space. Raises SceneError where they are not as at first."""
+        """Return the (F, 3, 3) float64 corners of a chunk in world space.
+
+        Raises SceneError if their number has changed.
+        """
         found = self.chunk(number)
         if len(found) != self.counts[number]:
             raise SceneError(
@@ -48,12 +51,12 @@ class Stream:
         return found
 
     def __iter__(self) -> Iterator[Float64]:
-        """The triangles of chunk after chunk."""
+        """Yield the triangles of each chunk."""
         return map(self.triangles, range(len(self.counts)))
 
     @property
     def count(self) -> int:
-        """How many triangles there are."""
+        """Number of triangles."""
         return int(self.counts.sum())
 
     @property
@@ -63,13 +66,14 @@ class Stream:
 
 
 def triangles_in_budget(counts: NDArray[np.int64], budget: int, each: int, reading: int) -> int:
-    """How many triangles a part of the chunks of streams may have that is made ready for rays.
+    """Return the maximum number of triangles in a part of a stream that is prepared for rays at once.
 
-    counts  : (N,) of the chunks
-    budget  : MiB, for all of the part
-    each    : bytes of one of its triangles; reading: and more of each of the chunk that is read
+    counts  : (N,) number of triangles of each chunk
+    budget  : MiB for the whole part
+    each    : bytes per triangle of the part
+    reading : additional bytes per triangle of the chunk that is being read
 
-    Raises UsageError for a budget without room for the largest chunk.
+    Raises UsageError if the budget is too small for the largest chunk.
     """
     largest = int(counts.max())
     needed = (each + reading) * largest

@@ -1,8 +1,9 @@
-"""A neutral studio: the light of pictures of models that bring none.
+"""Neutral studio: light for images of models that bring no light.
 
-An environment map of large, soft lights in a grey room, all white: a key from the upper left, a fill from the
-right, and two rims from behind, before a backdrop that glass shows nearly as bright as the background is. A white,
-level ground has the radiance 1 in it, a white wall to the front nearly as much.
+The studio is an environment map of large, soft, white lights in a grey room. It has a key light from the upper
+left, a fill light from the right, and two rim lights from behind. The backdrop is such that glass in front of it
+appears nearly as bright as the background. A white, level ground has radiance 1, and a white wall facing the front
+nearly as much.
 """
 
 from __future__ import annotations
@@ -18,17 +19,19 @@ from glpath.scene.sky import Environment
 Float64 = NDArray[np.float64]
 
 _HEIGHT, _WIDTH = 64, 128
-# Radiance of the room straight below, at the horizon and straight above, beside that of the lights.
+# Radiance of the room straight down, at the horizon and straight up, relative to the lights.
 _FLOOR, _HORIZON, _ZENITH = 0.55, 0.24, 0.4
-# In diagonals of a model, how far below it the ground is.
+# Distance of the ground below a model, in diagonals of the model.
 _BELOW = 1e-4
-# Of the edge of a light, in degrees, in which it fades.
+# Width in degrees of a light's fading edge.
 _SOFT = 8.0
 
 
 class _Softbox(NamedTuple):
-    """azimuth, elevation : degrees, of its middle; azimuth 0 is where the front of a model looks to, +z, 90 is +x
-    wide, high : degrees
+    """Rectangular soft light of the studio.
+
+    azimuth, elevation : centre in degrees; azimuth 0 is +z, where the front of a model faces, and 90 is +x
+    wide, high : size in degrees
     """
 
     azimuth: float
@@ -56,22 +59,25 @@ def nearest_axis(up: Float64) -> Float64:
 
 
 def ground_below(lower: Float64, upper: Float64, axis: Float64) -> Float64:
-    """Return a (3,) point of the ground below a box, `axis` up: further below than rounding."""
+    """Return a (3,) point of the ground below a box, with `axis` up.
+
+    The distance to the box is larger than rounding errors.
+    """
     ground = np.where(axis > 0, lower, np.where(axis < 0, upper, 0.0))
     return np.asarray(ground - axis * _BELOW * float(np.linalg.norm(upper - lower)))
 
 
 def studio(up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Environment:
-    """The environment map; `assumed`, as it stands in for light that a file does not have.
+    """Return the environment map of the studio, marked as `assumed`, because it substitutes for missing light.
 
-    up : an axis. What faces the eye is the front of models, as of `glpath.scene.camera.upright_from_world`
+    up : an axis. The front of models faces the eye, as in `glpath.scene.camera.upright_from_world`
     """
     return _studio(up)
 
 
 @functools.cache
 def _studio(up: tuple[float, float, float]) -> Environment:
-    # With y up the middle of the map is +z, and what is left of it +x: see `Environment`.
+    # With y up, the centre of the map is +z, and +x is to its left: see `Environment`.
     theta = (np.arange(_HEIGHT) + 0.5)[:, None] * (np.pi / _HEIGHT)
     phi = (0.5 - (np.arange(_WIDTH) + 0.5) / _WIDTH)[None, :] * (2 * np.pi)
     elevation = 90.0 - np.degrees(theta) + np.zeros_like(phi)
@@ -83,14 +89,14 @@ def _studio(up: tuple[float, float, float]) -> Environment:
         _HORIZON + (_ZENITH - _HORIZON) * _smooth(height),
     )
     for box in _LIGHTS:
-        # Degrees across are as wide at any elevation.
+        # Horizontal degrees are scaled, so that their width is the same at any elevation.
         across = ((azimuth - box.azimuth + 180.0) % 360.0 - 180.0) * np.cos(np.radians(elevation))
         inside = _edge(np.abs(across), 0.5 * box.wide) * _edge(np.abs(elevation - box.elevation), 0.5 * box.high)
         light = light + inside * (box.radiance - light)
     area = np.sin(theta) * (np.pi / _HEIGHT) * (2 * np.pi / _WIDTH)
     white = float((light * np.maximum(height, 0.0) * area).sum()) / np.pi
     image = np.repeat((light / white)[..., None], 3, axis=2).astype(np.float32)
-    # The middle of a map is along +x where z is up.
+    # The centre of a map is along +x if z is up.
     return Environment(image, np.array(up), rotation=-90.0 if abs(up[2]) > 0 else 0.0, assumed=True)
 
 
@@ -99,5 +105,5 @@ def _smooth(t: Float64) -> Float64:
 
 
 def _edge(apart: Float64, half: float) -> Float64:
-    """1 within, 0 beyond `half` degrees, smooth between."""
+    """Return 1 inside `half` degrees and 0 outside, with a smooth transition."""
     return _smooth(np.clip((half - apart) / _SOFT + 0.5, 0.0, 1.0))

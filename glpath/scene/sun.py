@@ -1,11 +1,12 @@
-"""The sun's disc: light from a small part of the sky, of the same radiance all over it.
+"""Disc of the sun: a small part of the sky with uniform radiance.
 
-The disc is part of a sky (`glpath.scene.sky.Environment`), beside its map and not a texel of it. So eyes, mirrors
-and panes see it, and light samples are drawn within it, as dense as its share of the sky's light.
+The disc belongs to a sky (`glpath.scene.sky.Environment`), but is separate from the texels of its map. Eyes,
+mirrors and thin dielectrics see it. Light samples are drawn inside it with a density proportional to its fraction
+of the sky's light.
 
-Cost:     a comparison for each ray that sees the sky.
-Poor at:  caustics: light of the sun that a mirror or solid glass throws on a diffuse surface is found by few paths.
-Source:   0.533 degrees is the mean diameter as Radiance's gendaylit has it.
+Cost:     a comparison for each ray that reaches the sky.
+Poor at:  caustics: few paths find sunlight that a mirror or solid glass sends to a diffuse surface.
+Source:   0.533 degrees is the mean diameter, as in Radiance's gendaylit.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ from glpath.scene.geometry import perpendicular
 
 Float64 = NDArray[np.float64]
 
-#: Degrees, seen from the earth.
+#: Diameter of the sun in degrees, seen from the earth.
 SUN_DIAMETER = 0.533
 
 
 @dataclass(frozen=True, eq=False)
 class Sun:
-    """A disc in the sky.
+    """Disc in the sky.
 
-    direction  : (3,) float64 unit, towards its middle
-    irradiance : (3,) float64 >= 0, linear Rec. 709, of a surface that faces it: W m^-2, or lx where photometric
+    direction  : (3,) float64 unit, towards its centre
+    irradiance : (3,) float64 >= 0, linear Rec. 709, of a surface that faces it: W m^-2, or lx in photometric scenes
     diameter   : degrees, above 0 and below 180
 
     Raises SceneError for other values.
@@ -52,38 +53,41 @@ class Sun:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that changes the picture; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
         return digest_of(self.direction, self.irradiance, self.diameter)
 
     @property
     def square_chord(self) -> float:
-        """Of the chord from middle to rim, on the unit sphere: exact in 32 bits, where a cosine is not."""
+        """Squared chord from centre to rim on the unit sphere: accurate in 32 bits, unlike the cosine."""
         return float(4 * np.sin(np.radians(self.diameter) / 4) ** 2)
 
     @property
     def solid_angle(self) -> float:
-        """Steradians."""
+        """Solid angle in steradians."""
         return float(np.pi * self.square_chord)
 
     @property
     def radiance_of_disc(self) -> Float64:
-        """(3,) W sr^-1 m^-2, or cd m^-2."""
+        """(3,) radiance, W sr^-1 m^-2 or cd m^-2."""
         return np.asarray(self.irradiance / (np.pi * np.sin(np.radians(self.diameter) / 2) ** 2))
 
     @property
     def integral(self) -> Float64:
-        """(3,) W m^-2, the radiance over all directions."""
+        """(3,) integral of the radiance over all directions, W m^-2."""
         return self.radiance_of_disc * self.solid_angle
 
     def radiance(self, directions: ArrayLike) -> Float64:
-        """(..., 3) W sr^-1 m^-2 seen in unit directions (..., 3). `lights/sky.glsl` is the same for the GPU."""
+        """Return the (..., 3) radiance in unit directions (..., 3). `lights/sky.glsl` is the same for the GPU.
+
+        The unit is W sr^-1 m^-2.
+        """
         apart = np.asarray(directions, np.float64) - self.direction
         inside = np.einsum("...i,...i->...", apart, apart) < self.square_chord
         return np.asarray(inside[..., None] * self.radiance_of_disc)
 
     def directions(self, u: Float64) -> Float64:
-        """(N, 3) unit, uniform over the disc, from u (N, 2) in [0, 1)."""
-        below = 0.5 * self.square_chord * u[:, 0]  # 1 less the cosine
+        """Return (N, 3) unit directions, uniform over the disc, from u (N, 2) in [0, 1)."""
+        below = 0.5 * self.square_chord * u[:, 0]  # 1 - cosine
         r, phi = np.sqrt(below * (2 - below)), 2 * np.pi * u[:, 1]
         x = perpendicular(self.direction)
         y = np.cross(self.direction, x)

@@ -1,7 +1,7 @@
-"""Quads, boxes and spheres as meshes, and texture coordinates for meshes without.
+"""Quads, boxes and spheres as meshes, and texture coordinates for meshes that have none.
 
-Where it says `(vertices, faces)` these are (V, 3) float64 and (F, 3) int32, counter-clockwise seen from the front,
-vertices shared, so that neighbouring triangles meet without a gap.
+`(vertices, faces)` are (V, 3) float64 and (F, 3) int32, counter-clockwise seen from the front. Vertices are shared,
+so that adjacent triangles touch without a gap.
 """
 
 from __future__ import annotations
@@ -16,20 +16,21 @@ from glpath.errors import warn_at
 from glpath.scene.model import Float64, Int32, Mesh, placed
 from glpath.scene.source_location import SourceLocation
 
-# Height over longest edge below which a triangle has no area: corners are 32 bit numbers on the GPU.
+# Ratio of height to longest edge below which a triangle counts as having no area: the GPU stores corners in 32
+# bits.
 FLAT = 1e-7
 
-# The six faces of a cube by corner number; its bits 0, 1 and 2 stand for the upper end of x, y and z.
+# Faces of a cube by corner number; bits 0, 1 and 2 of a corner number select the upper end of x, y and z.
 _CUBE_FACES = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
 
 
 def quad(corners: ArrayLike) -> tuple[Float64, Int32]:
-    """Two triangles. corners: (4, 3), scene units."""
+    """Return two triangles for the corners (4, 3), scene units."""
     return np.array(corners, np.float64), _halves([(0, 1, 2, 3)])
 
 
 def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int32]:
-    """Twelve triangles, fronts outward. lower, upper: (3,), scene units."""
+    """Return twelve triangles of a box, fronts outward; `lower` and `upper` are (3,), scene units."""
     corner = np.arange(8)
     at_upper = np.stack([corner & 1, corner >> 1 & 1, corner >> 2 & 1], axis=1)
     vertices = np.where(at_upper == 1, np.asarray(upper, np.float64), np.asarray(lower, np.float64))
@@ -37,30 +38,30 @@ def box(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Int32]:
 
 
 def _halves(quads: ArrayLike) -> Int32:
-    """(2 N, 3) triangles of convex quads (N, 4)."""
+    """Return the (2 N, 3) triangles of convex quads (N, 4)."""
     return np.array(quads, np.int32)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
 def quad_mesh(corners: ArrayLike) -> Mesh:
-    """`quad` with the texture coordinates (0, 0), (1, 0), (1, 1) and (0, 1) at its corners."""
+    """Return `quad` as a mesh with texture coordinates (0, 0), (1, 0), (1, 1) and (0, 1) at its corners."""
     return Mesh(*quad(corners), uv=np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64))
 
 
 def box_mesh(lower: ArrayLike, upper: ArrayLike) -> Mesh:
-    """`box` with texture coordinates, and so with four vertices for each face."""
+    """Return `box` as a mesh with texture coordinates, and therefore four vertices for each face."""
     vertices, faces = box(lower, upper)
     return Mesh.of_triangles(vertices[faces], box_uv()).welded()
 
 
 @cache
 def box_uv() -> Float64:
-    """(12, 3, 2) texture coordinates of `box`, 0 to 1 on every face. Not to be written to.
+    """Return the (12, 3, 2) texture coordinates of `box`, 0 to 1 on every face. Read-only.
 
-    Seen from the front, u goes to the right and v up: along y on the four sides. The top and the bottom are those
-    of a box that is tilted about the x axis until one sees them.
+    Seen from the front, u goes to the right and v up; on the four sides v goes along y. The top and bottom faces
+    are oriented as if the box were tilted about the x axis until they are visible.
     """
     at_upper, faces = box((0, 0, 0), (1, 1, 1))
-    # Per face of _CUBE_FACES, the directions of u and v.
+    # Directions of u and v for each face of _CUBE_FACES.
     directions = (("-x", "y"), ("x", "y"), ("x", "z"), ("x", "-z"), ("z", "y"), ("-z", "y"))
     uv = np.empty((6, 2, 3, 2))
     corners = at_upper[faces].reshape(6, 2, 3, 3)
@@ -72,10 +73,10 @@ def box_uv() -> Float64:
 
 
 def projected_uv(corners: Float64) -> Float64:
-    """(T, 3, 2) texture coordinates for triangles (T, 3, 3) that have none.
+    """Return (T, 3, 2) texture coordinates for triangles (T, 3, 3) that have none.
 
-    Each triangle is seen along the axis nearest to its normal, with u and v along the other two as on a box. The
-    box around all triangles starts at 0, and its longest side is 1.
+    Each triangle is projected along the axis nearest to its normal, with u and v along the other two axes, as on a
+    box. The box around all triangles starts at 0, and its longest side is 1.
     """
     if not len(corners):
         return np.zeros((0, 3, 2))
@@ -87,7 +88,7 @@ def projected_uv(corners: Float64) -> Float64:
 
 
 def subdivide(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
-    """Each triangle split in four at the middles of its edges; two triangles share the vertex on their edge."""
+    """Return the mesh with each triangle split in four at its edges' midpoints, which adjacent triangles share."""
     edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, which = np.unique(edges, axis=0, return_inverse=True)
     middle = len(vertices) + which.reshape(-1, 3).astype(np.int32)
@@ -98,9 +99,10 @@ def subdivide(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
 
 
 def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64, Int32]:
-    """An icosphere of 20 * 4^subdivisions triangles, vertices on the sphere, fronts outward.
+    """Return an icosphere of 20 * 4^subdivisions triangles, with vertices on the sphere and fronts outward.
 
-    The triangles lie inside the sphere: at 4 subdivisions their area is 0.12 % and their volume 0.22 % short.
+    The triangles lie inside the sphere. With 4 subdivisions, their area is 0.12 % too small, and their volume 0.22
+    %.
     """
     unit = unit_sphere(subdivisions)
     return np.asarray(center, np.float64) + radius * unit.vertices, unit.faces
@@ -108,10 +110,10 @@ def sphere(center: ArrayLike, radius: float, subdivisions: int) -> tuple[Float64
 
 @lru_cache(maxsize=4)
 def unit_sphere(subdivisions: int, with_uv: bool = False) -> Mesh:
-    """The icosphere of radius 1 about the origin, with the sphere's normals. One mesh for all who ask for it.
+    """Return the icosphere of radius 1 around the origin, with the sphere's normals. All callers share one mesh.
 
-    with_uv : with the texture coordinates of `Scene.spheres`; then its triangles share no vertices, as u jumps by 1
-              along a meridian
+    with_uv : True to add the texture coordinates of `Scene.spheres`. Its triangles then share no vertices, because
+              u jumps by 1 along a meridian
     """
     golden = (1 + np.sqrt(5)) / 2
     rectangle = np.array([(0, s, t * golden) for s in (-1, 1) for t in (-1, 1)])
@@ -129,9 +131,12 @@ def unit_sphere(subdivisions: int, with_uv: bool = False) -> Mesh:
 
 
 def _sphere_uv(corners: Float64) -> Float64:
-    """(T, 3, 2) texture coordinates of triangles (T, 3, 3) of the unit sphere, u without a jump within any."""
+    """Return (T, 3, 2) texture coordinates of triangles (T, 3, 3) of the unit sphere.
+
+    No triangle has a jump of u in its interior.
+    """
     u = np.arctan2(corners[..., 1], corners[..., 0]) / (2 * np.pi) % 1.0
-    # A pole lies on every meridian: on that of the rest of its triangle.
+    # A pole lies on every meridian; use the meridian of the rest of its triangle.
     pole = np.hypot(corners[..., 0], corners[..., 1]) < 1e-9
     u -= np.round(u - np.where(pole[:, 0], u[:, 1], u[:, 0])[:, None])
     others = np.where(pole, np.nan, u)
@@ -140,7 +145,7 @@ def _sphere_uv(corners: Float64) -> Float64:
 
 
 def _icosahedron_faces(vertices: Float64) -> Int32:
-    """The 20 triples of mutually nearest vertices, turned outward. vertices: (12, 3), unit length."""
+    """Return the 20 triples of mutually nearest vertices, facing outward; vertices are (12, 3), unit length."""
     near = vertices @ vertices.T > 0.4  # neighbours are 63.4 degrees apart: cosine 0.447; the next ones -0.447
     triples = [
         (i, j, k)
@@ -156,16 +161,16 @@ def _icosahedron_faces(vertices: Float64) -> Int32:
 
 
 def with_projected_uv(mesh: Mesh) -> Mesh:
-    """`mesh` with the texture coordinates of `projected_uv`; vertices are split where two triangles differ."""
+    """Return `mesh` with the texture coordinates of `projected_uv`; vertices are split where these differ."""
     apart = mesh.unshared()
     uv = projected_uv(mesh.vertices[mesh.faces])
     return replace(apart, uv=uv.reshape(-1, 2)).welded()
 
 
 def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceLocation) -> Mesh:
-    """`mesh` without the triangles that have no area in the world, which a SceneWarning counts.
+    """Return `mesh` without triangles that have no area in the world. A SceneWarning reports their number.
 
-    Raises SceneError when none has. `name` and `location` are the shape's.
+    Raises SceneError if no triangle has an area. `name` and `location` are those of the shape.
     """
     flat = without_area(placed(mesh.vertices, world_from_mesh)[mesh.faces])
     if not flat.any():
@@ -186,7 +191,7 @@ def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceL
 
 
 def without_area(corners: Float64) -> NDArray[np.bool_]:
-    """(T,) bool: which of the triangles (T, 3, 3) have no area."""
+    """Return (T,) bool: True for triangles (T, 3, 3) without an area."""
     edges = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= FLAT * longest**2)

@@ -1,4 +1,4 @@
-"""A scene for engines that trace paths, which know triangles alone, and every kind of light."""
+"""Scenes for path tracing engines, which support only triangles, but every kind of light."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
 
-# Some ten gigabytes on the device; so many are a mistake.
+# Maximum number of triangles, about ten gigabytes on the device; more are probably a mistake.
 MAX_TRIANGLES = 2**27
 
 _LISTED = 3
 
 
 def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True) -> Scene:
-    """The scene in triangles only, in the order of its shapes, relative to its `origin` (`Scene.centred`).
+    """Return the scene in triangles only, in the order of its shapes, relative to its `origin` (`Scene.centred`).
 
-    It is `scene` itself where that has no spheres and is near the origin.
+    It returns `scene` itself if that has no spheres and is near the origin. Spheres become icospheres with their
+    `subdivisions`.
 
-    streams : are streamed triangles known, too?
-    centred : False leaves it where it is, for who works in float64
+    streams : True if the engine supports streamed triangles
+    centred : False keeps the coordinates, for callers that use float64
 
-    Spheres become icospheres of their `subdivisions`. Raises SceneError for what no path can
-    meet: planes, and streams where all triangles are kept in memory. Warns with SceneWarning of triangles
-    without area.
+    Raises SceneError for shapes that paths cannot hit: planes, and streams if all triangles must be in memory.
+    Issues a SceneWarning for triangles without area.
     """
     _check_known(scene)
     if streams:
@@ -47,12 +47,15 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
         else shape
         for index, shape in enumerate(scene.shapes)
     ]
-    # Decided for the spheres: triangles have a slightly smaller box.
+    # The origin was chosen for the spheres; their triangles have a slightly smaller box.
     return replace(scene, shapes=Shapes(shapes), centred_by=scene.origin if centred else scene.centred_by)
 
 
 def _moving(shape: Shape, opened: float, textured: bool, location: SourceLocation) -> Shape:
-    """`_tessellated`, of a shape that moves as well; opened: when the shutter does."""
+    """Return `_tessellated` for a shape that may move.
+
+    opened : time when the shutter opens
+    """
     if shape.motion is None:
         return _tessellated(shape, textured, location)
     made = _tessellated(replace(shape, world_from_object=shape.motion.placed, motion=None), textured, location)
@@ -61,18 +64,18 @@ def _moving(shape: Shape, opened: float, textured: bool, location: SourceLocatio
 
 
 def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shape:
-    """The shape with instances of the one icosphere instead of spheres."""
+    """Return the shape with instances of a shared icosphere instead of spheres."""
     mesh, matrices = unit_sphere(shape.subdivisions, with_uv=textured), shape.world_from_object
     if (np.linalg.det(matrices[:, :, :3]) < 0).all():
-        # Turned back, so that a room of a sphere has the triangles of the ball, wound in reverse.
+        # Winding is reversed twice, so that a sphere seen from inside has the triangles of one seen from outside.
         mesh, matrices = mesh.turned(), turned(matrices)
         if mesh.uv is not None:
-            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # the longitude is reversed, too
+            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # longitude is reversed too
     instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
     alone = Shapes((instances,))
     if not any(without_area(part).any() for part in alone.triangles_of(0)):
         return instances
-    # An ellipsoid so flat that some of its triangles are lost: they are not the same in every instance.
+    # A very flat ellipsoid has triangles without area, and not the same ones in every instance.
     whole = Mesh(
         alone.vertices, alone.faces, uv=alone.vertex_uv if textured else None, normals=alone.vertex_normals
     )
@@ -82,12 +85,12 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
 
 
 def turned(world_from_unit: Float64) -> Float64:
-    """Spheres (..., 3, 4) with their fronts on the other side; longitude is reversed."""
+    """Return spheres (..., 3, 4) with fronts and backs exchanged; longitude is reversed."""
     return np.asarray(world_from_unit * [1.0, -1.0, 1.0, 1.0])
 
 
 def check_resident(scene: Scene) -> None:
-    """Raise SceneError for streams, whose triangles are never in memory all at once."""
+    """Raise SceneError if the scene has streams, because their triangles are never in memory all at once."""
     _check_resident(
         scene,
         "scans alone can render: rays, a BVH and radiosity need them all in memory",
@@ -96,7 +99,7 @@ def check_resident(scene: Scene) -> None:
 
 
 def check_streamable(scene: Scene) -> None:
-    """Raise SceneError for what streams cannot be together with, in engines that know them."""
+    """Raise SceneError if streams are combined with features that engines with streaming do not support."""
     if scene.moving_shapes:
         _check_resident(scene, "cannot be where other shapes move", "Close the shutter, or hold them in memory.")
     elif scene.camera.projection == "panorama":
@@ -104,9 +107,9 @@ def check_streamable(scene: Scene) -> None:
 
 
 def check_unmirrored(scene: Scene, max_depth: int) -> None:
-    """Raise SceneError for reflections of streamed triangles, in engines whose reflections are rays.
+    """Raise SceneError if reflections may show streamed triangles, for engines that cast rays for reflections.
 
-    max_depth : of the paths; 1 is direct light only
+    max_depth : maximum depth of paths; 1 is direct light only
     """
     used = [scene.materials[index] for index in sorted({shape.material for shape in scene.shapes})]
     mirrors = [material.name for material in used if material.has_lobes]
@@ -120,7 +123,7 @@ def check_unmirrored(scene: Scene, max_depth: int) -> None:
 
 
 def check_simplifiable(scene: Scene) -> None:
-    """The same, where meshes are to be simplified."""
+    """Raise SceneError for streams, and for moving shapes, if meshes are to be simplified."""
     remedy = "Leave out bounce_lod."
     _check_resident(scene, "bounce_lod cannot simplify: it wants them all in memory", remedy)
     if scene.moving_shapes:
@@ -155,7 +158,7 @@ def _check_known(scene: Scene) -> None:
 
 
 def _check_number(scene: Scene) -> None:
-    """Before any is made: a few thousand spheres can be more triangles than fit into memory."""
+    """Raise SceneError before spheres are tessellated if their triangles would not fit into memory."""
     count = scene.shapes.total("triangle")
     for shape in scene.shapes:
         if shape.primitive == "sphere":
