@@ -537,7 +537,7 @@ class _Gathering(Plan):
     ) -> tuple[PathSetEngine, PathSetEngine] | None:
         solution = self.solution
         if solution is None or self.proxies is not None:
-            return None  # no BVH has streamed triangles
+            return None  # a BVH excludes streamed triangles
         width, height = sensor.resolution
         gather = GatherSettings(
             lookup_depth=self.settings.lookup_depth,

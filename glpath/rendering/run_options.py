@@ -36,7 +36,7 @@ class Workers(Protocol):
 
 
 class RunKeywords(TypedDict, total=False):
-    """The fields of `RunOptions` as keyword arguments."""
+    """Fields of `RunOptions` as keyword arguments."""
 
     backend: str
     device: int | None
