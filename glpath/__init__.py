@@ -4,7 +4,7 @@
     film = glpath.render("cornell-box", spp=64)
     film.save("cornell-box.png")
 
-`import glpath` loads nothing; each name brings what it needs when it is first used.
+`import glpath` loads no other module; each name imports its modules when it is first used.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 
     __version__: str
 
-# Where each public name lives. `render` lives in `rendering`: a module `glpath.render` would replace the
-# function in this package whenever somebody imports from it.
+# Module of each public name. `render` is in `rendering`, because a module `glpath.render` would replace the
+# function in this package as soon as it is imported.
 _HOME = {
     "ContextError": "errors",
     "DaylightCoefficients": "daylight.coefficients",
@@ -177,4 +177,4 @@ def _version() -> str:
     try:
         return version("glpath")
     except PackageNotFoundError:
-        return "0+unknown"  # run from a checkout that is not installed
+        return "0+unknown"  # run from a checkout without installation

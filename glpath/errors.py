@@ -1,6 +1,6 @@
-"""What a user can cause, as errors that say where, what was found, what is allowed and what to do.
+"""Errors that a user can cause; their texts give the location, the value found, allowed values and a remedy.
 
-Everything derives from `GlpathError`; the command line prints its text as one block without a traceback.
+All errors derive from `GlpathError`. The command line prints the text as one block without a traceback.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
 
 
 class GlpathError(Exception):
-    """A mistake in the input or the machine, explained to the person who can mend it.
+    """Error in the input or the machine, explained to the user who can correct it.
 
     Parameters
     ----------
-    message : what was found and what is allowed; its first words name the location
-    remedy  : what to do about it; printed on lines of its own, indented
+    message : value found and values allowed; the first words name the location
+    remedy  : advice, printed on separate, indented lines
     """
 
     def __init__(self, message: str, remedy: str = "") -> None:
@@ -42,10 +42,10 @@ class GlpathError(Exception):
 
 
 def kept_in(exception: str, name: str, use: str) -> str:
-    """What the text of an interruption ends with: how to get at what was done until then.
+    """Return the end of an interruption's text, which explains how to access the unfinished result.
 
-    exception, name : its class, and the attribute that holds it
-    use             : the call that takes it
+    exception, name : class of the exception, and its attribute with the result
+    use             : call that resumes from the result
     """
     return (
         f".\n  What was done is in the exception's `{name}`, which {use} takes:\n"
@@ -55,37 +55,37 @@ def kept_in(exception: str, name: str, use: str) -> str:
 
 
 class SceneError(GlpathError):
-    """A scene file or a scene value that cannot be rendered."""
+    """Error for a scene file or a scene value that cannot be rendered."""
 
 
 class ContextError(GlpathError):
-    """No usable OpenGL context, or one used where it must not be."""
+    """Error if no OpenGL context is usable, or if a context is used where it must not be."""
 
 
 class ShaderError(GlpathError):
-    """A shader that does not compile or link; the message names its file and line."""
+    """Error for a shader that does not compile or link; the message names its file and line."""
 
 
 class ImageError(GlpathError):
-    """A picture, a film or a solution whose file cannot be read or written, or a picture that can't be compared."""
+    """Error for a file of an image, film or solution that cannot be read, written or compared."""
 
 
 class UsageError(GlpathError):
-    """Options that contradict each other or are out of range (exit code 2)."""
+    """Error for options that contradict each other or are out of range (exit code 2)."""
 
 
 class TimeLimitError(GlpathError):
-    """The time limit was over before there was a result."""
+    """Error if the time limit was over before a result existed."""
 
 
 class SceneWarning(UserWarning):
-    """A scene that renders, but hardly as meant (no light, nothing in view, a degenerate triangle)."""
+    """Warning about a scene that is not rendered as intended (no light, nothing in view, a degenerate triangle)."""
 
 
 class StrictError(GlpathError):
-    """A warning that `strict` takes for an error.
+    """Error raised for a warning if `strict` is set.
 
-    result : the result that the warnings are about; None if the warning came before there was one
+    result : result to which the warnings apply; None if the warning came before a result existed
     """
 
     result: Any = None
@@ -93,17 +93,17 @@ class StrictError(GlpathError):
 
 @dataclass
 class WarningScope:
-    """Warnings of one call or one command.
+    """Handling of warnings in one call or command.
 
-    strict : takes warnings for errors
-    late   : warnings about a result, which is to be saved before they become an error
+    strict : True to raise warnings as errors
+    late   : warnings about a result, which is saved before they are raised
     """
 
     strict: bool = False
     late: list[str] = field(default_factory=list)
 
     def raise_late(self, result: Any = None) -> None:
-        """Raise StrictError for warnings about a result, which is then in the error's `result`."""
+        """Raise StrictError for the late warnings, with the result in the error's `result`."""
         if self.strict and self.late:
             first, *others = self.late
             more = f" {len(others)} more warnings came after it." if others else ""
@@ -119,10 +119,10 @@ _scope: ContextVar[WarningScope | None] = ContextVar("warnings", default=None)
 
 @contextmanager
 def warning_scope(strict: bool) -> Iterator[WarningScope]:
-    """Take warnings for errors within the block, if `strict`.
+    """Context in which warnings are raised as errors, if `strict`.
 
-    Then `warn` raises StrictError, or notes a late warning for `raise_late`. Within another block nothing begins
-    anew: the outer block becomes strict, and gets the late warnings.
+    Then `warn` raises StrictError, or records a late warning for `raise_late`. A nested block makes the outer block
+    strict, and the outer block gets the late warnings.
     """
     outer = _scope.get()
     if outer is not None:
@@ -137,14 +137,14 @@ def warning_scope(strict: bool) -> Iterator[WarningScope]:
 
 
 def current_warnings() -> WarningScope:
-    """Return the scope of the call or command that runs, or an empty one."""
+    """Return the scope of the current call or command, or an empty scope."""
     return _scope.get() or WarningScope()
 
 
 def warn(text: str, late: bool = False) -> None:
-    """Warn `SceneWarning`, of the line that called glpath, however deep the reason is found.
+    """Warn `SceneWarning` at the line that called glpath, from any depth of calls.
 
-    late : the warning is about a result that exists, which `strict` must not lose
+    late : True if the warning is about an existing result, which `strict` must not lose
 
     Raises StrictError within a strict `warning_scope`, unless the warning is late or filtered out.
     """
@@ -157,7 +157,7 @@ def warn(text: str, late: bool = False) -> None:
         if is_shown and not late:
             raise StrictError(text, "strict takes this warning for an error.")
         scope.late += [text] * is_shown
-    with suppress(SceneWarning) if scope.strict else nullcontext():  # `late` has what a filter makes an error
+    with suppress(SceneWarning) if scope.strict else nullcontext():  # a filter may raise it; `late` has it
         warnings.warn(SceneWarning(text), stacklevel=level)
 
 
@@ -171,13 +171,13 @@ def _is_shown(text: str, level: int) -> bool:
     return bool(shown)
 
 
-#: Warnings that wait for others of the same cause, as (location, count, text) by cause; None if none are to wait.
+#: Location and count of each delayed warning, by text within cause; None outside of `one_warning_per_cause`.
 # By cause: location and count of each warning, by its text.
 _waiting: ContextVar[dict[str, dict[str, tuple[str, int]]] | None] = ContextVar("_waiting", default=None)
 
 
 def warn_at(location: str, counts: Mapping[str, int], text: str) -> None:
-    """Warn as `warn`, or within `one_warning_per_cause` once for all locations with the same cause.
+    """Warn as `warn`; within `one_warning_per_cause`, give one warning for all locations with the same cause.
 
     counts : numbers by cause, such as "triangles without area were dropped"
     """
@@ -201,7 +201,7 @@ def one_warning_per_cause() -> Iterator[None]:
         yield
     finally:
         _waiting.reset(token)
-    texts: dict[str, None] = {}  # a text of several causes comes once
+    texts: dict[str, None] = {}  # a text of several causes is given once
     for cause, found in waiting.items():
         if len(found) == 1:
             texts |= dict.fromkeys(found)
@@ -216,7 +216,7 @@ def one_warning_per_cause() -> Iterator[None]:
 
 
 def _is_ours(file: str) -> bool:
-    """Of this package; or of Python's own library, by whose context managers and threads it calls itself."""
+    """Return True for a file of this package or of the standard library, which calls back into this package."""
     if file.startswith(_PACKAGE):
         return True
     return file.startswith(_LIBRARY) and "-packages" not in file

@@ -1,4 +1,4 @@
-"""Daylight coefficients computed: rays of all sensors along all directions; then what is reflected."""
+"""Computation of daylight coefficients: rays of all sensors along all directions, then reflected light."""
 
 from __future__ import annotations
 
@@ -51,27 +51,29 @@ Float64 = NDArray[np.float64]
 Words = NDArray[np.uint32]
 Shares = NDArray[np.float16]
 
-#: Directions of a patch at most.
+#: Maximum number of directions per patch.
 MAX_SAMPLES = 256
-#: Rays into the sky by default, of all sensors together: some seconds.
+#: Default number of rays into the sky, of all sensors together; they take some seconds.
 DEFAULT_RAYS = 100_000_000
-#: Directions of a patch for the light on elements, whose errors are small beside those of sensors, as each sensor
-#: sees many of them.
+#: Number of directions per sky patch for direct light on elements. A few are enough because errors of elements
+#: average out: each sensor sees many of them.
 ELEMENT_SAMPLES = 4
-#: And of the ground, which is one patch.
+#: Number of directions to the ground, which is one patch, for direct light on elements.
 ELEMENT_GROUND = 512
-#: What can be asked for: elements of the surfaces, and rays from each.
+#: Maximum values of the options `elements` and `gather_rays`.
 MAX_ELEMENTS, MAX_GATHER_RAYS = 10**7, 10**7
-#: How many times as many elements there are if the bias with `DEFAULT_ELEMENTS` is too large.
+#: Factor on the number of elements if the bias with `DEFAULT_ELEMENTS` is too large.
 REFINED = 4
 
 
 @dataclass(frozen=True)
 class DaylightProgress:
-    """stage : what is done
-    done, total : directions, of all sensors together; of the stage "stream" its chunks, of "shards" these
-    sensors  : how many
-    elapsed_s : since the call
+    """Progress of a computation of daylight coefficients.
+
+    stage     : work that is being done
+    done, total : number of directions, all sensors together; chunks in stage "stream", shards in stage "shards"
+    sensors   : number of sensors
+    elapsed_s : time since the call, seconds
     """
 
     stage: str
@@ -107,51 +109,52 @@ def daylight_coefficients(
     device: int | None = None,
     require_gpu: bool = False,
 ) -> DaylightCoefficients:
-    """What each patch of the sky, the ground and the sun in each of its positions give to sensors.
+    """Compute the light at sensors from each sky patch, from the ground and from each sun position.
 
-    Windows of thin glass let through what their material says, of surfaces with an opacity a share, at random.
-    Reflected light is that of a radiosity solution, to which all surfaces are diffuse, gathered by rays of
-    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light alone, with a SceneWarning
-    where max_depth does not say so; one pass over the stream serves all sensors and directions.
+    Thin glass transmits the fraction that its material defines. Surfaces with an opacity transmit rays at random.
+    Reflected light comes from a radiosity solution, which takes all surfaces as diffuse, and is gathered by rays of
+    each sensor; see `glpath.daylight.bounces`. A scene with a stream has direct light only, with a SceneWarning
+    unless max_depth is 1. One pass over the stream serves all sensors and directions.
 
     Parameters
     ----------
-    scene       : what `load_scene` takes; its camera and its light are of no meaning
-    points      : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
-    normals     : (N, 3), or (3,) for all, of any length but zero; may be left out for spheres
-    subdivision : of the sky: 1, 2 or 4 for 145, 577 or 2,305 patches
-    samples     : directions into each patch: 1, its centre, or an even number; the error is estimated from 4 on. By
-                  default as many as a hundred million rays of all sensors allow, from 4 to 64
-    latitude    : degrees, positive in the north, for positions of the sun; None for none
-    suns        : positions of the sun at most
-    receiver    : "plane", "cylinder" (whose axis the normal is) or "sphere": see `glpath.daylight.receivers`
-    max_depth   : surfaces and the sensor that light meets, at most: 1 is direct light; None for all there are
-    elements    : of the surfaces, about; a triangle has one at least. None for 2,000, or for 8,000 if the bias with
-                  those is too large
-    gather_rays : of each sensor, for reflected light
-    geometry_budget : MiB for streamed triangles, on the device and off it
-    up, north   : (3,); by default the up of the scene, and y where z is up, -z where y is
-    seed        : of the directions in the patches
-    shard       : (k, n), the k-th of n shards from 1: a range of the sensors, which `merged` puts together with the
-                  others (`glpath.daylight.merging`): the same bits as of all at once
-    resume      : a file that keeps what is done, word by word, of a stream every half minute, and from which
-                  another call with the same sensors and directions resumes. It is removed in the end. With a
-                  cluster it is a folder of shards
-    cluster     : workers that share the sensors (`glpath.jobs.cluster.Cluster`): the same bits
+    scene       : any source that `load_scene` accepts; its camera and light are ignored
+    points      : (N, 3), scene units, free in space or on surfaces, which do not shadow their own points
+    normals     : (N, 3), or (3,) for all, of any nonzero length; optional for spheres
+    subdivision : subdivision of the sky: 1, 2 or 4 for 145, 577 or 2,305 patches
+    samples     : number of directions per patch: 1, its centre, or an even number; errors are estimated from 4 on.
+                  The default is from 4 to 64, for up to a hundred million rays of all sensors
+    latitude    : latitude for positions of the sun, degrees, positive in the north; None: no suns
+    suns        : maximum number of sun positions
+    receiver    : "plane", "cylinder" (the normal is its axis) or "sphere"; see `glpath.daylight.receivers`
+    max_depth   : maximum number of surfaces that light meets, including the sensor: 1 is direct light; None: no
+                  limit
+    elements    : approximate number of surface elements; a triangle has at least one. None: 2,000, or 8,000 if the
+                  bias with 2,000 is too large
+    gather_rays : number of rays per sensor for reflected light
+    geometry_budget : memory budget for streamed triangles, on the device and on the host, MiB
+    up, north   : (3,); default: the scene's up, and north along y if z is up, along -z if y is up
+    seed        : seed of the directions in the patches and of all other random numbers
+    shard       : (k, n), the k-th of n shards from 1: a range of the sensors. `glpath.daylight.merging` merges all
+                  shards into a result that is bit-identical to one computation
+    resume      : checkpoint file, from which another call with the same sensors and directions resumes. It is
+                  written after each word of directions, or every half minute with a stream, and removed at the end.
+                  With a cluster it is a folder of shards
+    cluster     : workers that share the sensors (`glpath.jobs.cluster.Cluster`); the result is bit-identical
     on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
 
     The bias of reflected light is measured under a sky and a ground of radiance 1 (`indirect.bias`). A SceneWarning
-    says if it is above 1 % of the light in the mean, or 3 % in a block of sensors.
+    is given if it exceeds 1 % of the light in the mean, or 3 % in a block of sensors.
 
-    Raises UsageError for options and points that are none; SceneError for a scene that no ray can be traced in;
-    ImageError for a file to resume from that is of other work. KeyboardInterrupt comes between two words or parts.
+    Raises UsageError for invalid options and points, SceneError for a scene in which no ray can be traced, and
+    ImageError if the checkpoint belongs to other work. KeyboardInterrupt is raised between two words or parts.
 
-    Cost:     0.05 to 0.2 microseconds of a core for each sensor and direction; memory of 4 bytes for each sensor
-              and word of 32 directions. Reflected light: some seconds for the solution, a microsecond for each ray
-              of a sensor, and 8 bytes for each element that a sensor sees. A stream: a microsecond of a core for
-              each triangle, once, and rays through each part of it that they may meet.
-    Poor at:  patches that are seen through small openings: take more samples of each.
+    Cost:     0.05 to 0.2 microseconds of a core for each sensor and direction; 4 bytes for each sensor and word of
+              32 directions. Reflected light: some seconds for the solution, a microsecond per gather ray, and 8
+              bytes for each element that a sensor sees. Stream: a microsecond of a core for each triangle, once,
+              and rays through each part that they may meet.
+    Poor at:  patches seen through small openings, which need more samples.
 
     >>> found = daylight_coefficients("cornell-box", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], samples=2)
     >>> found.sky().shape
@@ -167,7 +170,7 @@ def daylight_coefficients(
         ("seed", seed, 0, 2**63 - 1),
     )
     for name, value, low, high in of_counts:
-        if value is not None:  # a default that depends on the scene
+        if value is not None:  # None: a default that depends on the scene
             check_count(name, value, low, high)
     is_whole = isinstance(samples, int)
     if not (samples is None or (is_whole and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES)))):
@@ -290,7 +293,7 @@ def daylight_coefficients(
             scene_in_triangles = path_traceable(loaded.still())
             shift = scene_in_triangles.origin - loaded.origin
             few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
-            # All shards look at the same sensors, so that they agree on the elements.
+            # All shards measure the bias at the same sensors, so that they choose the same number of elements.
             watched = every_sensor[0] - shift, every_sensor[1], receiver
             sides, reflections, bias = _reflecting(scene_in_triangles, elements, max_depth, watched, seed, flag)
 
@@ -318,9 +321,10 @@ def _reflecting(
     seed: int,
     flag: Flag,
 ) -> tuple[ReflectingSides, Reflections, Bias]:
-    """Return elements of a scene in triangles, how they reflect, and the bias of that at receivers.
+    """Return elements of a triangulated scene, their reflections, and the bias of these at receivers.
 
-    elements : their number, or None for one that makes the bias small. Warns SceneWarning if it is too large
+    elements : number of elements; None: a number that makes the bias small. Warns SceneWarning if the bias is too
+               large
     """
     for factor in (1, REFINED):
         sides = ReflectingSides(scene, DEFAULT_ELEMENTS * factor if elements is None else elements, seed)
@@ -342,7 +346,10 @@ def _reflecting(
 
 @dataclass(frozen=True, eq=False)
 class _Shared:
-    """directions, column, weight : (D, 3), (D,) and (D,), as of `DaylightCoefficients`"""
+    """Directions that all sensors share.
+
+    directions, column, weight : (D, 3), (D,) and (D,) arrays, as in `DaylightCoefficients`
+    """
 
     directions: Float64
     column: NDArray[np.intp]
@@ -350,7 +357,7 @@ class _Shared:
 
     @property
     def columns(self) -> int:
-        """Of ground, patches and suns."""
+        """Number of columns of ground, patches and suns."""
         return int(self.column[-1]) + 1
 
     @classmethod
@@ -363,7 +370,7 @@ class _Shared:
         suns: Float64,
         ground: int | None = None,
     ) -> _Shared:
-        """Of the ground, the sky and the suns (S, 3)."""
+        """Return directions to the ground, the sky patches and the suns (S, 3)."""
         sky = patches.directions(compass, samples, seed, ground)
         return cls(
             np.concatenate([sky.directions, suns]),
@@ -373,7 +380,7 @@ class _Shared:
 
 
 def default_samples(sensors: int, patches: int) -> int:
-    """Directions of a patch for so many sensors: as many as `DEFAULT_RAYS` allow, 4, 8, 16, 32 or 64."""
+    """Return the default directions per patch: 4, 8, 16, 32 or 64, as many as `DEFAULT_RAYS` allow."""
     allowed = DEFAULT_RAYS / max(1, sensors * patches)
     return next((count for count in (64, 32, 16, 8) if count <= allowed), 4)
 
@@ -386,7 +393,7 @@ def _words(
     report: Callable[[int], None],
     flag: Flag,
 ) -> tuple[Words, Shares | None]:
-    """Words (W, N) and shares (W, 32, N), one after the other; report is called with the directions done."""
+    """Return visibility words (W, N) and transmittances (W, 32, N), or None if nothing transmits."""
     words = -(-len(directions) // WORD)
     found = np.empty((words, rays.count), np.uint32)
     shares = np.zeros((words, WORD, rays.count), np.float16) if rays.transmits else None
@@ -418,7 +425,7 @@ def _words_of_pass(
     report: Callable[[int], None],
     flag: Flag,
 ) -> tuple[Words, Shares | None]:
-    """As `_words`, in one pass over a stream; report is called with the chunks done."""
+    """Return words and transmittances as `_words`, from one pass over a stream."""
     done, found, shares = 0, None, None
     if kept is not None:
         done, found = kept.read(key, (-(-len(directions) // WORD), rays.count))
@@ -440,12 +447,13 @@ def _words_of_pass(
 def _irradiance(
     gl: moderngl.Context, scene: Scene, sides: ReflectingSides, like: _Shared, flag: Flag
 ) -> Iterator[NDArray[np.float32]]:
-    """(R,) float32 of the sides, straight from sky and sun, for each column of `like` in turn."""
+    """Yield the direct irradiance (R,) float32 of the sides for each column of `like` in turn."""
     if not len(sides):
         return
     shift = path_traceable(scene.still()).origin - scene.origin
     normals = sides.normals.astype(np.float32)
-    # Direction by direction, so that neither words nor shares of all are kept. Those of a column are neighbours.
+    # Add direction by direction, which avoids storing all words and transmittances. Directions of a column are
+    # adjacent.
     of_column = np.zeros(len(sides), np.float32)
     with PointVisibility(gl, scene, sides.points + shift, sides.normals) as rays:
         for word, seen in enumerate(rays.see_out(like.directions)):
@@ -465,7 +473,7 @@ def _irradiance(
 
 
 def _key(scene: str, points: Float64, normals: Float64, directions: Float64, receiver: str) -> str:
-    """SHA-256 (hex) of all that the words follow from."""
+    """Return the SHA-256 (hex) of all inputs of the visibility words."""
     digest = hashlib.sha256(f"{scene} {receiver}".encode())
     for array in (points, normals, directions):
         digest.update(np.ascontiguousarray(array, "<f8").tobytes())

@@ -1,7 +1,8 @@
-"""What rays from points first meet of a scene's elements: the weights by which those light the points.
+"""First hits of rays from points with a scene's elements, and the weights of the elements' radiosity at the points.
 
-Rays go by the cosine from a plane, all around from a cylinder or a sphere, in strata of batches. Glass mirrors them
-and lets them through, what is partly opaque lets them pass, both stochastically, as in the radiosity solver.
+Rays of a plane have a cosine density; rays of a cylinder or sphere are uniform over all directions. They are
+stratified in batches. Glass reflects or transmits rays at random, and partly opaque surfaces transmit them at
+random, as in the radiosity solver.
 
 Cost:     about a microsecond of a core for each ray.
 """
@@ -25,11 +26,11 @@ from glpath.system.machine import core_count
 
 Float64 = NDArray[np.float64]
 
-#: Parts of the rays of a point, by whose spread errors are estimated.
+#: Number of batches of a point's rays; the spread between batches gives the error estimate.
 BATCHES = 8
-# Strata of a batch, and surfaces of glass that a ray passes, one behind the other.
+# Number of azimuth strata in a batch, and maximum number of glass surfaces that a ray passes in a row.
 _TURNS, _MAX_THROUGH = 16, 64
-# Rays of a block of points: 16 MiB, and some more for the matrix of their shares.
+# Maximum number of rays in a block of points: 16 MiB, and more for their weight matrix.
 _BLOCK = 1 << 21
 
 
@@ -37,8 +38,8 @@ class Hits(NamedTuple):
     """Sides that the rays of n points hit, and the weights of the rays.
 
     first  : index of the first point
-    side   : (n, R) int32, twice the number of the element and 1 at its back; -1 where the ray leaves the scene
-    weight : (n, R) float32: the mean of weight times the radiosity of the sides is the irradiance of a point
+    side   : (n, R) int32, twice the number of the element, plus 1 for its back; -1 if the ray leaves the scene
+    weight : (n, R) float32; a point's irradiance is the mean of weight times radiosity of the side
     """
 
     first: int
@@ -47,7 +48,7 @@ class Hits(NamedTuple):
 
 
 def ray_count(rays: int) -> int:
-    """So many rays in strata, or a few more."""
+    """Return `rays` rounded up to a whole number of strata."""
     step = BATCHES * _TURNS
     return step * max(1, -(-rays // step))
 
@@ -61,16 +62,16 @@ def cast_hits(
     seed: int,
     numbers: NDArray[np.int64] | int = 0,
 ) -> Iterator[Hits]:
-    """Yield what the rays of points meet, block by block; the same whatever the threads.
+    """Yield the hits of the points' rays, block by block; the result does not depend on the number of threads.
 
-    points  : (N, 3) off the surfaces that they lie on; axes (N, 3) unit, normals of planes
-    rays    : of each point, as `ray_count` says
-    numbers : (N,) of the points, which random numbers follow from; or that of the first, if they follow each other
+    points  : (N, 3), lifted off their surfaces; axes (N, 3) unit, the normals for planes
+    rays    : number of rays per point, rounded up by `ray_count`
+    numbers : (N,) indices of the points, which seed random numbers; or the first index of consecutive points
     """
     if isinstance(numbers, int):
         numbers = np.arange(numbers, numbers + len(points))
     count = ray_count(rays)
-    step = 4 * max(1, _BLOCK // count // 4)  # a multiple of 4, so that the points of a side stay together
+    step = 4 * max(1, _BLOCK // count // 4)  # multiple of 4, which keeps the points of a side together
     threads = core_count()
     kind = RECEIVERS.index(receiver)
     with ThreadPoolExecutor(threads) as pool:
@@ -93,7 +94,14 @@ def cast_hits(
 
 
 class Shooting(NamedTuple):
-    """points (n, 3), axes (n, 3), numbers (n,) that their random numbers follow from, kind of receiver, seed"""
+    """Receivers whose rays are traced.
+
+    points  : (n, 3), lifted off their surfaces
+    axes    : (n, 3) unit; normals of planes
+    numbers : (n,) indices of the points, which seed random numbers
+    kind    : index in `RECEIVERS`
+    seed    : seed of all rays
+    """
 
     points: Float64
     axes: Float64

@@ -1,10 +1,11 @@
-"""The skies of a year's hours as radiances of patches, and its suns as irradiances of positions of the sun.
+"""Skies of a year's hours as radiances of sky patches, and suns as irradiances of sun positions.
 
-Each hour has the sky of Perez' all-weather model, with the diffuse irradiance that the weather file says: the sum
-over the patches gives it exactly to open ground. Its sun is seen where the nearest position is.
+Each hour has the sky of Perez' all-weather model, scaled to the diffuse irradiance of the weather file. The sum
+over the patches gives open ground exactly that irradiance. The visibility of the sun is that of the nearest sun
+position.
 
 Cost:     a second for a year.
-Poor at:  the edges of shadows, which the sun's positions blur, by as much as these are apart.
+Poor at:  edges of shadows, which are inaccurate by about the distance between sun positions.
 Source:   Bourgeois, Reinhart & Ward 2008, Standard daylight coefficient model for dynamic daylighting simulations.
 """
 
@@ -23,28 +24,28 @@ from glpath.io.weather import Weather
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: W m^-2 of the sun's whole spectrum, or lx.
+#: Irradiance in W m^-2 of the sun's whole spectrum, or illuminance in lx.
 Quantity = Literal["irradiance", "illuminance"]
 
-# Directions of each patch that its radiance is the mean of; few where the patches are small.
+# Number of directions over which a patch's radiance is averaged, by subdivision; small patches need few.
 _SAMPLES = {1: 16, 2: 4, 4: 1}
-# Hours at once: of 2,336 directions 10 MB in floats.
+# Number of hours in a block: 10 MB of floats for 2,336 directions.
 _HOURS = 512
 
 
 @dataclass(frozen=True, eq=False)
 class HourlySkies:
-    """Of L hours that are lit.
+    """Skies and suns of the L hours with light.
 
-    hours     : (L,) int, their numbers in the year
-    shape     : (P, L) float32, radiance of the patches for a diffuse irradiance of one; 0 of the ground
-    to_sun    : (L, 3) float64, unit
-    position  : (L,) int, that the sun is nearest to
-    sine      : (L,) float64, of the sun's altitude
-    diffuse   : (L,) float64, W m^-2 of a horizontal surface by the sky alone
-    direct    : (L,) float64, W m^-2 of a surface that faces the sun
-    sky_efficacy, sun_efficacy : (L,) float64, lm W^-1
-    ground    : albedo of what lies below the horizon
+    hours     : (L,) int, indices of the hours in the year
+    shape     : (P, L) float32, radiance of the patches for a diffuse horizontal irradiance of 1; 0 for the ground
+    to_sun    : (L, 3) float64, unit vectors to the sun
+    position  : (L,) int, index of the sun position nearest to the sun
+    sine      : (L,) float64, sine of the sun's altitude
+    diffuse   : (L,) float64, diffuse horizontal irradiance by the sky alone, W m^-2
+    direct    : (L,) float64, direct normal irradiance, W m^-2
+    sky_efficacy, sun_efficacy : (L,) float64, luminous efficacies, lm W^-1
+    ground    : albedo of the ground below the horizon
     """
 
     hours: NDArray[np.intp]
@@ -63,7 +64,7 @@ class HourlySkies:
 
     @classmethod
     def of(cls, weather: Weather, coefficients: DaylightCoefficients, ground: float) -> HourlySkies:
-        """For the patches and positions of `coefficients`."""
+        """Return the skies of a weather file for the patches and sun positions of `coefficients`."""
         altitude, azimuth = weather.sun
         lit = np.flatnonzero((altitude > 0) & (weather.direct_normal + weather.diffuse_horizontal > 0))
         sine = np.sin(np.radians(altitude[lit]))
@@ -82,25 +83,25 @@ class HourlySkies:
         )
 
     def sky(self, quantity: Quantity) -> Float32:
-        """(P, L) float32: of the ground and the patches, per steradian; open ground has `diffuse` of all."""
+        """Return (P, L) float32 radiance or luminance of ground and patches."""
         diffuse = self.diffuse * (self.sky_efficacy if quantity == "illuminance" else 1.0)
         found = self.shape * diffuse.astype(np.float32)
         found[0] = self.ground / np.pi * (diffuse + self.sun(quantity) * self.sine)
         return np.asarray(found, np.float32)
 
     def sun(self, quantity: Quantity) -> Float64:
-        """(L,) float64, of a surface that faces the sun."""
+        """Return (L,) float64 irradiance or illuminance of a surface that faces the sun."""
         return self.direct * self.sun_efficacy if quantity == "illuminance" else self.direct
 
 
 def nearest(directions: Float64, positions: Float64) -> NDArray[np.intp]:
-    """(N,): the position that each direction is nearest to; both (..., 3), unit."""
+    """Return the index (N,) of the position nearest to each direction; both are unit vectors (..., 3)."""
     parts = [np.argmax(directions[i : i + 4096] @ positions.T, axis=1) for i in range(0, len(directions), 4096)]
     return np.concatenate(parts) if parts else np.zeros(0, np.intp)
 
 
 def horizontal_weights(patches: SkyPatches) -> Float64:
-    """(P,): irradiance of open ground for unit radiance of each patch; 0 of the ground."""
+    """Return (P,) irradiance of open ground for unit radiance of each patch; 0 for the ground."""
     azimuth_from, azimuth_to, low, high = patches.bounds.T
     found = 0.5 * (azimuth_to - azimuth_from) * (high**2 - low**2)
     found[0] = 0.0
@@ -108,7 +109,7 @@ def horizontal_weights(patches: SkyPatches) -> Float64:
 
 
 def _shape(weather: Weather, lit: NDArray[np.intp], to_sun: Float64, coefficients: DaylightCoefficients) -> Float32:
-    """(P, L)"""
+    """Return the `shape` (P, L) of the skies in the hours with light."""
     patches = coefficients.patches
     into = patches.directions(coefficients.compass, _SAMPLES[patches.subdivision])
     of_sky = into.patch > 0

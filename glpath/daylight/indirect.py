@@ -1,4 +1,4 @@
-"""What reflections give to sensors under each patch of the sky and each sun: two matrices, whose product it is."""
+"""Reflected light at sensors for each patch of the sky and each sun, stored as two factors of a matrix."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from glpath.system.npz import Arrays
 
 Float32 = NDArray[np.float32]
 
-# Floats of some columns: 32 MiB.
+# Maximum number of floats in a block of columns (32 MiB).
 _COLUMNS = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
 class Indirect:
-    """What reflections give to N sensors, as a product: (weights @ radiosity).
+    """Irradiance of N sensors by reflected light: the matrix product (weights @ radiosity).
 
-    weights   : scipy.sparse.csr_array (N, R) float32, or the identity where the rows themselves are smaller
-    radiosity : (R, C) float32, of the sides for each column: ground, patches and suns
-    errors    : (N,) float32, standard errors of the sums of the columns of ground and sky, by the sensors' rays
-    bias      : of the light under a sky and a ground of radiance 1, by the size of the elements; None if unknown
+    weights   : scipy.sparse.csr_array (N, R) float32; the identity if the product's rows take less memory
+    radiosity : (R, C) float32, radiosity of the sides for each column: ground, patches and suns
+    errors    : (N,) float32, standard errors of the sums over columns of ground and sky, from the sensors' rays
+    bias      : bias of the light under a sky and a ground of radiance 1, caused by element size; None if unknown
     """
 
     weights: Any
@@ -33,10 +33,10 @@ class Indirect:
     bias: Bias | None = None
 
     def rows(self, which: NDArray[np.intp], columns: slice) -> Float32:
-        """(n, c) float32."""
+        """Return (n, c) float32 irradiance of some sensors for some columns."""
         weights, radiosity = self.weights[which], self.radiosity[:, columns]
         found = np.empty((weights.shape[0], radiosity.shape[1]), np.float32)
-        # Some columns at a time, as a product copies what is not contiguous.
+        # Multiply in blocks of columns, because the product copies arrays that are not contiguous.
         step = max(1, _COLUMNS // max(1, len(radiosity)))
         for begin in range(0, radiosity.shape[1], step):
             some = slice(begin, begin + step)
@@ -44,7 +44,7 @@ class Indirect:
         return found
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """As a file keeps them; `read` reads them."""
+        """Return the arrays to store in a file; `read` is the inverse."""
         w = self.weights.tocsr()
         return {
             "radiosity": self.radiosity,
@@ -56,7 +56,7 @@ class Indirect:
 
     @classmethod
     def read(cls, arrays: Arrays, sensors: int) -> Indirect:
-        """Raises ValueError for what `arrays` has not written."""
+        """Read arrays that `arrays` returned. Raises ValueError for inconsistent arrays."""
         from scipy import sparse
 
         radiosity = arrays.read("radiosity", "f", (None, None))

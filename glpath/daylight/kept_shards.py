@@ -1,4 +1,4 @@
-"""Shards of a computation that are done, in a folder, from which another call resumes."""
+"""Folder with the finished shards of a computation, from which another call resumes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _NAME = re.compile(r"([0-9]+)-of-([0-9]+)\.npz")
 
 
 class KeptShards:
-    """The folder.
+    """Folder with the finished shards of a computation.
 
-    work  : as of `Shard`, which shards of another computation do not have
-    count : of shards; where some are kept, so many as these are of
+    work  : identifier of the computation, as in `Shard`; shards of another computation have a different one
+    count : number of shards; if the folder already has shards, the number in their names replaces it
 
-    Raises ImageError for a path that is no folder.
+    Raises ImageError if the path is not a folder.
     """
 
     def __init__(self, folder: Path, work: str, count: int) -> None:
@@ -35,11 +35,11 @@ class KeptShards:
             if match is not None:
                 number, count = map(int, match.groups())
                 self._files[number] = path
-        #: Of shards.
+        #: Number of shards of the computation.
         self.count = count
 
     def read(self) -> dict[int, DaylightCoefficients]:
-        """Those that are done, by their numbers. Raises ImageError for shards of another computation."""
+        """Return the finished shards by number. Raises ImageError for shards of another computation."""
         found = {}
         for number, path in self._files.items():
             part = DaylightCoefficients.load(path)
@@ -52,10 +52,10 @@ class KeptShards:
         return found
 
     def keep(self, number: int, part: DaylightCoefficients) -> None:
-        """Write one. Raises ImageError."""
+        """Write a finished shard. Raises ImageError if the file cannot be written."""
         self._folder.mkdir(parents=True, exist_ok=True)
         part.save(self._folder / f"{number}-of-{self.count}.npz")
 
     def remove(self) -> None:
-        """All is done."""
+        """Delete the folder after the whole computation."""
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -1,9 +1,10 @@
-"""Words of visibility on disk while they are found, so that little is lost of what is computed.
+"""Checkpoints of visibility words, so that a killed process loses little work.
 
-Word by word each is appended as it comes: the file is a line that names the work, then records of equal size, in
-order: a word for each point, and the shares of its 32 directions where glass has some. What a killed process has
-left of a record is cut off. Words that become final all at once, in a pass over a stream, are written anew from
-time to time, with the number of chunks that they have seen. Within a `with` block no other process has the file.
+Without a stream, each word is appended when it is found. The file has a line that identifies the work, then records
+of equal size in order. A record has a word for each point, and the transmittances of its 32 directions if the scene
+has thin glass. An incomplete last record is cut off. With a stream, words become final only at the end of the pass.
+They are rewritten at intervals, with the number of chunks already traced. Within a `with` block, the file is locked
+against other processes.
 """
 
 from __future__ import annotations
@@ -21,26 +22,26 @@ from glpath.system.files import reason_of, whole_file
 
 _HEAD = "glpath daylight 1 {}\n"
 _STREAM_HEAD = "glpath daylight stream 1 {}\n"
-#: Seconds between two writes of a pass over a stream.
+#: Interval between checkpoints of a pass over a stream, seconds.
 _PASS_SECONDS = 30.0
 
 
 class KeptWords(CheckpointFile):
-    """The file of one computation."""
+    """Checkpoint file of a computation without streams."""
 
     holder = "daylight coefficients that resume from it"
     work = "the computation"
 
     def read(self, key: str, points: int, transmits: bool) -> list[Seen]:
-        """What there is of the work that `key` (SHA-256, hex) names, and begin to append; [] where there is none.
+        """Return the words stored for the work with hash `key` (SHA-256, hex); create the file if it is missing.
 
-        Raises ImageError for a file of other work, and where it cannot be written.
+        Raises ImageError if the file belongs to other work or cannot be written.
         """
         head = _HEAD.format(key).encode()
         size = points * (4 + (2 * WORD if transmits else 0))
         try:
             if not self.found():
-                with open(self.path, "xb") as file:  # never through a link that leads to nothing yet
+                with open(self.path, "xb") as file:  # "x" does not follow a dangling link
                     file.write(head)
                 return []
             with open(self.path, "r+b") as file:
@@ -54,7 +55,7 @@ class KeptWords(CheckpointFile):
         return found
 
     def append(self, seen: Seen) -> None:
-        """Add a record. Raises ImageError where the disk has no room."""
+        """Append a record. Raises ImageError if it cannot be written."""
         try:
             with open(self.path, "ab") as file:
                 file.write(np.ascontiguousarray(seen.word, "<u4").tobytes())
@@ -65,9 +66,9 @@ class KeptWords(CheckpointFile):
 
 
 class KeptPass(CheckpointFile):
-    """The file of one pass over a stream.
+    """Checkpoint file of one pass over a stream.
 
-    done : chunks that the words in the file have seen
+    done : number of chunks that the words in the file include
     """
 
     holder = KeptWords.holder
@@ -75,12 +76,13 @@ class KeptPass(CheckpointFile):
 
     @classmethod
     def of(cls, path: Path) -> KeptPass:
-        """One that is written every half minute."""
+        """Return a checkpoint that is due every half minute."""
         return cls(path, seconds=_PASS_SECONDS)
 
     def read(self, key: str, shape: tuple[int, int]) -> tuple[int, NDArray[np.uint32] | None]:
-        """How many chunks the words (W, N) of the work that `key` (SHA-256, hex) names have seen, and these words;
-        0 and None where there are none.
+        """Return the number of chunks already traced and the words (W, N) so far; 0 and None without a file.
+
+        key : SHA-256 (hex) of the work
 
         Raises ImageError for a file of other work.
         """
@@ -101,7 +103,7 @@ class KeptPass(CheckpointFile):
         return done, np.frombuffer(content, "<u4").reshape(shape).astype(np.uint32)
 
     def keep(self, done: int, words: NDArray[np.uint32]) -> None:
-        """Write it now."""
+        """Write the file now."""
 
         def save(path: Path) -> None:
             with whole_file(path) as part, open(part, "wb") as file:
@@ -126,5 +128,5 @@ def _record(content: bytes, points: int, transmits: bool) -> Seen:
 
 
 def kept_beside(out: Path) -> Path:
-    """Where the words of an output are kept."""
+    """Return the path of an output's checkpoint."""
     return out.with_name(out.name + ".part")

@@ -1,9 +1,9 @@
-"""Daylight coefficients of shards, computed anywhere, put together: each sensor once.
+"""Merging of daylight coefficients: shards of one computation become one file, with each sensor once.
 
     found = merge_coefficients([Path("a.npz"), Path("b.npz")])
 
-They may come in any order. All of them together have the bits of one uninterrupted computation where they come from
-one kind of device. A file that is named twice, and a copy of one, count once.
+The files may be given in any order. The merged result is bit-identical to one uninterrupted computation if all
+devices are of one kind. A file that is given twice, and a copy of a file, count once.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from glpath.system.npz import open_npz
 
 
 def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, list[Path]]:
-    """The coefficients of all shards, and the files that counted once with another.
+    """Return the merged coefficients, and the files that were ignored because they repeat another file.
 
-    Shards that lie side by side, but are not all of them, are a larger shard. Raises UsageError, which names the
-    files, for shards of another computation, for such that share sensors, and where sensors between them are
-    missing; ImageError for a file that is no coefficients.
+    Adjacent shards that do not cover all sensors give a larger shard. Raises UsageError with the names of the files
+    if shards belong to different computations, if they share sensors, or if sensors between them are missing.
+    Raises ImageError for a file without daylight coefficients.
     """
     found: dict[Path, DaylightCoefficients] = {}
     repeated: list[Path] = []
@@ -70,7 +70,7 @@ def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, lis
 
 
 def is_coefficients(path: Path) -> bool:
-    """Whether a file has daylight coefficients, and not a film. Raises ImageError for one that is no .npz."""
+    """Return True if an .npz file holds daylight coefficients, not a film. Raises ImageError for other files."""
     with open_npz(
         path, "film or daylight coefficients", "Name .npz of `glpath render` or `glpath daylight`."
     ) as of:
@@ -87,7 +87,7 @@ def _alike(one: DaylightCoefficients, other: DaylightCoefficients) -> bool:
 
 
 def _difference(one: DaylightCoefficients, other: DaylightCoefficients) -> str:
-    """What is seen of it."""
+    """Return a text with the options that differ between shards of two computations."""
     names = ("receiver", "subdivision", "samples", "latitude")
     seen = [
         f"{name} is {getattr(one, name)}, not {getattr(other, name)}"
@@ -100,7 +100,7 @@ def _difference(one: DaylightCoefficients, other: DaylightCoefficients) -> str:
 
 
 def together(parts: list[DaylightCoefficients]) -> DaylightCoefficients:
-    """Shards of one computation, in the order of their sensors and side by side, as one."""
+    """Merge adjacent shards of one computation, given in the order of their sensors."""
     first = parts[0]
     assert first.shard is not None, "checked before"
     count = sum(map(len, parts))
@@ -128,6 +128,7 @@ def _reflected(parts: list[Indirect]) -> Indirect | None:
     if all(np.array_equal(part.radiosity, radiosity) for part in parts[1:]):
         weights = sparse.vstack([part.weights for part in parts], format="csr")
         return Indirect(weights, radiosity, errors, parts[0].bias)
-    # Rows, as some have them already, or machines differ in their last bits.
+    # The parts do not share one radiosity matrix: some hold rows, or machines differ in their last bits. Store
+    # rows.
     rows: Any = np.concatenate([np.asarray(part.weights @ part.radiosity, np.float32) for part in parts])
     return Indirect(sparse.eye_array(len(rows), dtype=np.float32, format="csr"), rows, errors, parts[0].bias)

@@ -1,7 +1,8 @@
-"""What small receivers make of light from a direction: irradiance for unit radiance and solid angle.
+"""Response of small receivers to light from a direction: irradiance for unit radiance and solid angle.
 
-A plane has the cosine of the angle to its normal, on one side. A cylinder has the mean over all directions across
-its axis, the sine of the angle to it over pi; a sphere the mean over all directions, a quarter (EN 12464-1).
+The response of a plane is the cosine of the angle to its normal, on one side. For a cylinder it is the mean over
+planes around its axis: the sine of the angle to the axis over pi. For a sphere it is the mean over planes in all
+directions, a quarter (EN 12464-1).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ RECEIVERS: tuple[Receiver, ...] = get_args(Receiver)
 
 
 def response(receiver: Receiver, normals: Float64, directions: Float64) -> NDArray[np.float32]:
-    """(N, D) float32, of normals (N, 3), a cylinder's axes, and directions (D, 3), all unit."""
+    """Return responses (N, D) float32 to unit directions (D, 3); unit normals (N, 3) are the axes of cylinders."""
     if receiver == "sphere":
         return np.full((len(normals), len(directions)), 0.25, np.float32)
     cosine = normals.astype(np.float32) @ directions.astype(np.float32).T

@@ -1,4 +1,4 @@
-"""Which of the sensors of a computation a shard has."""
+"""Range of sensors that belongs to a shard of a computation."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from glpath.errors import UsageError
 
 @dataclass(frozen=True)
 class Shard:
-    """A range of sensors, from the first on.
+    """Consecutive sensors of a computation.
 
-    first : number of its first sensor
-    total : sensors of the whole computation
-    work  : SHA-256 (hex) of all that its numbers follow from: scene, all sensors, directions, settings
+    first : index of the first sensor
+    total : number of sensors of the whole computation
+    work  : SHA-256 (hex) of all inputs of the computation: scene, all sensors, directions, settings
     """
 
     first: int
@@ -22,7 +22,7 @@ class Shard:
 
 
 def shard_range(shard: object, sensors: int) -> tuple[int, int]:
-    """The first sensor of shard (k, n), from 1, and the one after its last. Raises UsageError."""
+    """Return the first sensor of shard (k, n), k from 1, and one past its last. Raises UsageError."""
     match shard:
         case (int(k), int(n)) if 1 <= k <= n:
             pass

@@ -1,7 +1,8 @@
-"""Patches of the sky: Tregenza's 145, and Reinhart's subdivisions of them into 577 and 2,305.
+"""Patches of the sky: Tregenza's 145 patches, and Reinhart's subdivisions into 577 and 2,305 patches.
 
-Rows run around from north over east, from the horizon up; the last patch is a cap around the zenith. Patch 0 is the
-ground, the whole lower half. That is the order of Radiance's `reinsrc.cal` with MF:1, 2, 4, so matrices fit.
+Rows follow each other from the horizon up, and each runs from north over east. The last patch is a cap around the
+zenith. Patch 0 is the ground, the whole lower hemisphere. Radiance's `reinsrc.cal` has the same order with MF:1, 2,
+4, so matrices are compatible.
 
 Source:   Tregenza 1987, Subdivision of the sky hemisphere for luminance measurements; Reinhart & Walkenhorst 2001,
           Validation of dynamic RADIANCE-based daylight simulations for a test office.
@@ -20,24 +21,24 @@ from glpath.errors import UsageError
 
 Float64 = NDArray[np.float64]
 
-#: Patches in each of Tregenza's rows below the cap.
+#: Number of patches in each of Tregenza's rows below the cap.
 _ROWS = (30, 30, 24, 24, 18, 12, 6)
-#: Subdivisions, and how many patches the sky has with each.
+#: Number of sky patches for each subdivision.
 SUBDIVISIONS = {1: 145, 2: 577, 4: 2305}
-#: Directions into the ground for each that a patch of the sky has.
+#: Number of ground directions per direction of a sky patch.
 _GROUND = 16
-# A lattice of two dimensions without an end, whose points are even from the first on (Roberts 2018).
+# Generator of an infinite two-dimensional lattice, whose first n points are even for any n (Roberts 2018).
 _LATTICE = (0.7548776662466927, 0.5698402909980532)
 
 
 @dataclass(frozen=True)
 class Directions:
-    """Directions into patches.
+    """Unit directions that sample the patches.
 
-    directions : (D, 3) unit, those of a patch side by side
-    patch      : (D,) int, its number
-    weight     : (D,) steradians that each stands for
-    samples    : directions of a patch of the sky; the ground has 16 times as many
+    directions : (D, 3) unit vectors; directions of one patch are adjacent
+    patch      : (D,) int, number of the patch of each direction
+    weight     : (D,) solid angle of each direction, steradians
+    samples    : number of directions per sky patch; the ground has 16 times as many by default
     """
 
     directions: Float64
@@ -48,7 +49,10 @@ class Directions:
 
 @dataclass(frozen=True)
 class SkyPatches:
-    """subdivision : 1, 2 or 4; see `SUBDIVISIONS`. Raises UsageError for others."""
+    """Patches of the ground and the sky.
+
+    subdivision : 1, 2 or 4; see `SUBDIVISIONS`. Raises UsageError for others.
+    """
 
     subdivision: int = 1
 
@@ -58,12 +62,12 @@ class SkyPatches:
             raise UsageError(f"subdivision {self.subdivision!r} of the sky: allowed are {allowed}.")
 
     def __len__(self) -> int:
-        """With the ground."""
+        """Return the number of patches, including the ground."""
         return 1 + SUBDIVISIONS[self.subdivision]
 
     @cached_property
     def bounds(self) -> Float64:
-        """(P, 4): azimuths from and to, radians, and sines of the altitude from and to; the first is the ground."""
+        """Bounds (P, 4) of patches: azimuths from and to, radians, and sines of altitudes from and to."""
         m = self.subdivision
         height = np.pi / 2 / (len(_ROWS) * m + 0.5)
         found = [[0.0, 2 * np.pi, -1.0, 0.0]]
@@ -77,19 +81,19 @@ class SkyPatches:
 
     @cached_property
     def solid_angles(self) -> Float64:
-        """(P,) steradians; of the ground 2 pi."""
+        """Solid angles (P,) of the patches, steradians; the ground has 2 pi."""
         azimuth_from, azimuth_to, low, high = self.bounds.T
         return np.asarray((azimuth_to - azimuth_from) * (high - low))
 
     def centres(self, compass: Compass) -> Float64:
-        """(P, 3) unit: the middle of each patch; the nadir for the ground, the zenith for the cap."""
+        """Return (P, 3) unit directions to the patch centres; nadir for the ground, zenith for the cap."""
         azimuth_from, azimuth_to, low, high = self.bounds.T
         altitude = 0.5 * (np.arcsin(low) + np.arcsin(high))
         altitude[0], altitude[-1] = -np.pi / 2, np.pi / 2
         return compass.directions(0.5 * (azimuth_from + azimuth_to), np.sin(altitude))
 
     def containing(self, directions: Float64, compass: Compass) -> NDArray[np.intp]:
-        """(N,): the patch that each direction (N, 3), unit, of a scene lies in."""
+        """Return the patch (N,) that contains each unit direction (N, 3) of the scene."""
         east, north, up = (directions @ compass.world_from_sky).T
         rows = len(_ROWS) * self.subdivision
         height = np.pi / 2 / (rows + 0.5)
@@ -104,13 +108,13 @@ class SkyPatches:
     def directions(
         self, compass: Compass, samples: int = 4, seed: int = 0, ground: int | None = None
     ) -> Directions:
-        """Directions into all patches, uniform over each.
+        """Return directions that sample all patches, uniform over each patch.
 
-        samples : of each patch: 1, its centre, or an even number: pairs that are each other's mirror image in the
-                  patch, so that a cosine's slope over it is no error
-        ground  : of the ground, even; by default 16 times as many
+        samples : number of directions per patch: 1, its centre, or an even number of mirror-image pairs. A pair
+                  integrates a linear function over the patch without error
+        ground  : number of ground directions, even; default: 16 times as many as a patch
 
-        Pairs are points of a lattice, shifted at random in each patch.
+        Pairs are lattice points, shifted at random in each patch.
         """
         below = self._in(compass, np.zeros(1, np.intp), ground or _GROUND * max(samples, 2), seed)
         sky = np.arange(1, len(self))
@@ -131,7 +135,7 @@ class SkyPatches:
         )
 
     def _in(self, compass: Compass, which: NDArray[np.intp], samples: int, seed: int) -> Float64:
-        """(len(which) * samples, 3): pairs of mirror images, one after the other."""
+        """Return (len(which) * samples, 3) unit directions in some patches; pairs of mirror images are adjacent."""
         random = np.random.default_rng([seed, samples, len(which)])
         shift = random.random((len(which), 1, 2))
         point = (shift + np.arange(1, samples // 2 + 1)[None, :, None] * np.array(_LATTICE)) % 1.0

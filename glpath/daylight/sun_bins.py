@@ -1,9 +1,9 @@
-"""Positions that stand for the sun's through the year, along its band at a latitude.
+"""Sun positions that represent all positions of the sun in a year at a latitude.
 
-The band is a rectangle of hour angles and declinations. Its bins are squares of it, as large as a limit of their
-number makes them; those below the horizon are left out, but where the sun may be up in a part of them.
+The sun's band is a rectangle of hour angles and declinations. It is divided into square bins, as small as their
+maximum number allows. Bins that lie wholly below the horizon are left out.
 
-Poor at:  weather of a few days, whose suns are fewer than the bins.
+Poor at:  weather of a few days, which has fewer suns than there are bins.
 Source:   Cooper 1969, The absorption of radiation in solar stills, for the obliquity; McNeil 2013, The five-phase
           method, for suns in bins.
 """
@@ -20,16 +20,18 @@ from glpath.errors import UsageError
 
 Float64 = NDArray[np.float64]
 
-#: Degrees that the sun is north or south of the equator at most.
+#: Maximum declination of the sun, degrees.
 OBLIQUITY = 23.45
-#: Bins at most.
+#: Default maximum number of bins.
 MAX_BINS = 600
 
 
 @dataclass(frozen=True)
 class SunBins:
-    """directions : (S, 3) unit, of the scene, all above the horizon
-    spacing    : degrees from a bin to the next, about
+    """Sun positions at a latitude.
+
+    directions : (S, 3) unit vectors of the scene, all above the horizon
+    spacing    : approximate angle between neighbouring bins, degrees
     latitude   : degrees, positive in the north
     """
 
@@ -39,12 +41,13 @@ class SunBins:
 
     @classmethod
     def of(cls, latitude: float, compass: Compass, count: int = MAX_BINS) -> SunBins:
-        """At most `count` bins. Raises UsageError for a latitude that is none, and a count below 1."""
+        """Return at most `count` bins. Raises UsageError for an invalid latitude and a count below 1."""
         if not -90.0 <= latitude <= 90.0:
             raise UsageError(f"latitude {latitude:g}: must be from -90 to 90 degrees, positive in the north.")
         if not 1 <= count <= 100_000:
             raise UsageError(f"{count} bins of the sun: must be from 1 to 100,000.")
-        # By bisection over the rows of declinations; a single bin is what is left in the end.
+        # Bisect the number of rows of declinations. If even one row has too many bins, some of them are chosen
+        # below.
         low, high = 1, 1
         while len(_bins(latitude, high)[0]) <= count:
             low, high = high, 2 * high
@@ -52,13 +55,13 @@ class SunBins:
             middle = (low + high) // 2
             low, high = (middle, high) if len(_bins(latitude, middle)[0]) <= count else (low, middle)
         azimuth, sine = _bins(latitude, low)
-        if len(azimuth) > count:  # fewer than a row
+        if len(azimuth) > count:  # one row has more bins than that
             chosen = np.unique(np.linspace(0, len(azimuth) - 1, count).round().astype(int))
             azimuth, sine = azimuth[chosen], sine[chosen]
         return cls(compass.directions(azimuth, sine), 2.0 * OBLIQUITY / low, latitude)
 
     def nearest(self, directions: ArrayLike) -> NDArray[np.intp]:
-        """(N,): the bin that each direction (N, 3), unit, falls into."""
+        """Return the index (N,) of the bin nearest to each unit direction (N, 3)."""
         found = np.asarray(directions, np.float64)
         return np.concatenate(
             [
@@ -70,7 +73,7 @@ class SunBins:
 
 
 def sun_angles(latitude: float, declination: ArrayLike, hour_angle: ArrayLike) -> tuple[Float64, Float64]:
-    """Azimuths from north over east, radians, and sines of the altitude; all angles given in radians.
+    """Return azimuths from north over east, and sines of the altitude; all angles are in radians.
 
     hour_angle : 0 at noon, positive in the afternoon
     """
@@ -82,12 +85,12 @@ def sun_angles(latitude: float, declination: ArrayLike, hour_angle: ArrayLike) -
 
 
 def _bins(latitude: float, rows: int) -> tuple[Float64, Float64]:
-    """Azimuths and sines of the altitude of the bins that `rows` of declinations make."""
+    """Return azimuths and sines of the altitude of the bins for a number of rows of declinations."""
     step = 2.0 * np.radians(OBLIQUITY) / rows
     declination = -np.radians(OBLIQUITY) + step * (np.arange(rows) + 0.5)
     columns = max(4, round(2.0 * np.pi / step))
     hour = 2.0 * np.pi * (np.arange(columns) + 0.5) / columns - np.pi
     azimuth, sine = sun_angles(np.radians(latitude), declination[:, None], hour)
-    # A bin whose middle has set may still have its edge above the horizon.
+    # A bin with its centre below the horizon may still have an edge above it.
     up = sine > -np.sin(0.5 * step)
     return azimuth[up], np.maximum(sine[up], np.sin(0.05 * step))

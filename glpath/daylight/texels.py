@@ -1,10 +1,10 @@
-"""Texels: the surfaces of a scene in small faces, each a sensor, so that what they receive is shown on the model.
+"""Division of a scene's surfaces into texels: small faces, each a sensor, which show results on the model.
 
-Two triangles that make a parallelogram, as walls and roofs are, become a grid of cells. Other triangles are halved
-across their longest edge until no edge is longer than a texel. A sensor is the middle of its texel, and faces as
-the front of its surface does: backs have none.
+Two triangles that form a parallelogram, such as a wall or roof, become a grid of cells. Other triangles are
+bisected at their longest edge until no edge is longer than a texel. A sensor lies at the centre of its texel, on
+the front of the surface. Backs have no sensors.
 
-Cost:     128 bytes a texel, and what a sensor costs.
+Cost:     128 bytes per texel, and the cost of a sensor.
 Poor at:  surfaces whose fronts look inwards; light that changes within a texel.
 Source:   Rivara 1984, bisection of longest edges, which keeps angles from becoming small.
 """
@@ -32,7 +32,7 @@ from glpath.scene.triangulate import path_traceable
 
 Float64 = NDArray[np.float64]
 
-#: At most.
+#: Maximum number of texels.
 MAX_TEXELS = 4_000_000
 
 
@@ -40,9 +40,9 @@ MAX_TEXELS = 4_000_000
 class Texels:
     """Faces of a scene's surfaces.
 
-    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; a triangle's last twice
-    shape       : (N,) int32, which of the scene's shapes
-    shape_names : of all its shapes
+    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; a triangle repeats its last
+    shape       : (N,) int32, index of the shape in the scene
+    shape_names : names of all shapes of the scene
     """
 
     corners: Float64
@@ -57,35 +57,35 @@ class Texels:
 
     @classmethod
     def joined(cls, parts: Sequence[Texels]) -> Texels:
-        """Texels of one scene, one behind the other."""
+        """Return the texels of all parts, which belong to one scene, in order."""
         corners = np.concatenate([part.corners for part in parts])
         return cls(corners, np.concatenate([part.shape for part in parts]), parts[0].shape_names)
 
     @cached_property
     def points(self) -> Float64:
-        """(N, 3) their middles."""
+        """Centres (N, 3) of the texels."""
         of_three, of_four = self.corners[:, :3].mean(axis=1), self.corners.mean(axis=1)
         return np.asarray(np.where(self._triangular[:, None], of_three, of_four))
 
     @cached_property
     def normals(self) -> Float64:
-        """(N, 3) unit, of their fronts."""
+        """Unit normals (N, 3) of the fronts."""
         across = self._across
         return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
 
     @cached_property
     def areas(self) -> Float64:
-        """(N,) scene units squared."""
+        """Areas (N,) in scene units squared."""
         return np.asarray(np.linalg.norm(self._across, axis=1) * np.where(self._triangular, 0.5, 1.0))
 
     def mean(self, values: ArrayLike) -> Float64:
-        """Of values (N, ...) of the texels, each by its area."""
+        """Return the area-weighted mean of values (N, ...) of the texels."""
         return np.asarray(np.average(np.asarray(values, np.float64), axis=0, weights=self.areas))
 
     def to_vtk(self, values: Mapping[str, ArrayLike]) -> VtkMesh:
-        """The texels with values on them, each (N,) or (N, k) by name: `.save("city.vtp")`, `.to_pyvista()`.
+        """Return a mesh of the texels with values (N,) or (N, k) by name: `.save("city.vtp")`, `.to_pyvista()`.
 
-        Their areas and the numbers of their shapes are there, too. Raises UsageError for values of another number.
+        Areas and shape indices of the texels are added. Raises UsageError if an array of values has another length.
         """
         data: dict[str, Any] = {name: np.asarray(each) for name, each in values.items()}
         about = {"area": self.areas, "shape": self.shape}
@@ -96,8 +96,8 @@ class Texels:
     ) -> None:
         """Write the texels in false colours of values (N,) as .glb, with a camera that shows all of them.
 
-        quantity, unit : what the values are, which the file says, as it has no legend
-        up             : (3,) of the scene, an axis; glTF's is y
+        quantity, unit : name and unit of the values, stored in the file because it has no legend
+        up             : (3,) up axis of the scene; glTF's up is y
 
         Raises UsageError for another suffix or number of values, ImageError, and GlpathError without matplotlib.
         """
@@ -108,7 +108,7 @@ class Texels:
         write_facets(facets, np.asarray(up, np.float64), target)
 
     def arrays(self) -> dict[str, Any]:
-        """For a file: what `read` takes."""
+        """Return the arrays to store in a file; `read` is the inverse."""
         return {
             "texel_corners": self.corners,
             "texel_shape": self.shape,
@@ -117,7 +117,7 @@ class Texels:
 
     @classmethod
     def read(cls, arrays: Any, count: int) -> Texels:
-        """Of arrays that `glpath.system.npz` reads."""
+        """Read texels from arrays of a file opened with `glpath.system.npz`."""
         return cls(
             arrays.read("texel_corners", "f", (count, 4, 3)),
             arrays.read("texel_shape", "i", (count,)).astype(np.int32),
@@ -130,22 +130,22 @@ class Texels:
 
     @cached_property
     def _across(self) -> Float64:
-        """(N, 3): the cross product of the edges from the first corner, as long as a parallelogram is large."""
+        """Cross product (N, 3) of the edges at the first corner; its length is the area of the parallelogram."""
         a, b, d = self.corners[:, 0], self.corners[:, 1], self.corners[:, 3]
         return np.asarray(np.cross(b - a, d - a))
 
 
 def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None = None) -> Texels:
-    """The surfaces of a scene in texels.
+    """Return the surfaces of a scene, divided into texels.
 
     Parameters
     ----------
-    scene  : what `load_scene` takes
-    size   : scene units: edges of a texel are that long or shorter
-    shapes : names of shapes, with * for any letters, such as "roof*"; by default all shapes
+    scene  : any source that `load_scene` accepts
+    size   : maximum edge length of a texel, scene units
+    shapes : names of shapes, with * for any letters, such as "roof*"; None: all shapes
 
-    Raises UsageError for a size that is none, for too many texels and for names that no shape has; SceneError for
-    what has no triangles in memory: endless planes and streams.
+    Raises UsageError for an invalid size, too many texels, and names that no shape has. Raises SceneError if no
+    triangles are in memory, as with infinite planes and streams.
 
     >>> found = texels("cornell-box", 100)
     >>> found.points.shape == found.normals.shape == (len(found), 3)
@@ -164,7 +164,7 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     corners, four, shape, areas = corners[areas > 0], four[areas > 0], shape[areas > 0], areas[areas > 0]
     if not len(corners):
         raise SceneError(f"{loaded.source or loaded.name}: has no triangles to be texels.")
-    # The area of each is that of a square of that size at most, or of a triangle with such sides.
+    # A texel's area is at most that of a square or equilateral triangle with sides of that size.
     fewest = (areas / np.where(four, 1.0, 0.25 * np.sqrt(3.0))).sum() / size**2
     if fewest > MAX_TEXELS:
         raise UsageError(
@@ -178,7 +178,7 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
 
 
 def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool_]:
-    """(S,) of the scene's shapes. Raises UsageError."""
+    """Return (S,) bool, True for the chosen shapes. Raises UsageError if no shape has a given name."""
     names = [each.name for each in scene.shapes]
     if shapes is None:
         return np.ones(len(names), np.bool_)
@@ -195,7 +195,7 @@ def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool
 
 
 def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
-    """(N, 4, 3) cells of parallelograms (P, 3, 3): a corner, the next ones on either side; and their shapes."""
+    """Return cells (N, 4, 3) of parallelograms (P, 3, 3: a corner and its neighbours), and their shapes."""
     lengths = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)
     counts = np.maximum(np.ceil(lengths / size - 1e-9), 1).astype(np.int64)
     parent = np.repeat(np.arange(len(corners)), counts.prod(axis=1))
@@ -211,7 +211,7 @@ def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Flo
 
 
 def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
-    """(N, 4, 3) pieces of triangles (T, 3, 3), no edge of which is longer than `size`, and their shapes."""
+    """Return pieces (N, 4, 3) of triangles (T, 3, 3) with edges of at most `size`, and their shapes."""
     done: list[Float64] = []
     of: list[NDArray[np.int32]] = []
     while len(triangles):
@@ -224,7 +224,7 @@ def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[
             raise UsageError(
                 f"texels: of size {size:g} there are more than {MAX_TEXELS:,}.", "Take larger ones, or some shapes."
             )
-        # The longest edge from the first corner to the second.
+        # Rotate the corners so that the longest edge joins the first two.
         turn = (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3
         a, b, c = np.take_along_axis(triangles, turn[:, :, None], axis=1).swapaxes(0, 1)
         middle = 0.5 * (a + b)

@@ -1,13 +1,13 @@
-"""Which points see out of a scene along directions that all of them share, direction after direction.
+"""Visibility of the surroundings from many points, along directions that all points share.
 
-By rays, through one BVH where the triangles are in memory, as these are sooner there than scans however many points
-and triangles there are (`python -m benchmarks bench parallel-rays`). Through one BVH after the other where some are
-streamed: all directions are asked of a part of the triangles while that is in memory, so one pass over the stream
-is all. Points need no surface of their own: they are lifted along their normals by the rounding of the scene's
-coordinates.
+If all triangles are in memory, rays are traced through one BVH. That is faster than scan conversion for any number
+of points and triangles (`python -m benchmarks bench parallel-rays`). Streamed triangles are loaded part by part,
+each with its own BVH. All directions are traced through a part while it is in memory, so one pass over the stream
+is enough. Points need not lie on a surface. They are lifted along their normals by the rounding error of the
+scene's coordinates.
 
-Cost:     0.05 to 0.2 microseconds of a core for each point and direction; of a stream that for each part that a ray
-          may meet, and a microsecond of a core for each triangle.
+Cost:     0.05 to 0.2 microseconds of a core for each point and direction. With a stream, the same for each part
+          that a ray may meet, and a microsecond of a core for each triangle.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ Float64 = NDArray[np.float64]
 
 __all__ = ["visible"]
 
-#: MiB for streamed triangles.
+#: Default memory budget for streamed triangles, MiB.
 GEOMETRY_BUDGET = 256
-# Of `visible`: bytes of the words that one pass over a stream finds.
+# Maximum size of the visibility words that `visible` computes in one pass over a stream, bytes.
 _OF_A_PASS = 1 << 26
 
 
 class PointVisibility(Owner):
-    """Points of a scene on the device.
+    """Tracer of visibility rays from points of a scene, on the device.
 
-    gl       : the context
-    scene    : any that paths can be traced in, also such with streams
+    gl       : OpenGL context
+    scene    : any scene in which paths can be traced, including scenes with streams
     points   : (N, 3), normals (N, 3) unit
-    receiver : directions behind a "plane" are not asked; all are, of the others
-    budget   : MiB for streamed triangles
-    first    : number of the first point, which random numbers of blended surfaces follow from
+    receiver : a "plane" traces no directions behind it; the other kinds trace all directions
+    budget   : memory budget for streamed triangles, MiB
+    first    : number of the first point; random numbers at blended surfaces depend on it
 
-    transmits : there are thin dielectrics, whose share of the light is found, too
-    chunks    : of streamed triangles; 0 where there are none, and then words come one after the other
+    transmits : True if the scene has thin dielectrics, whose transmittance is found, too
+    chunks    : number of chunks of streamed triangles; 0 without streams, and then words are found one by one
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class PointVisibility(Owner):
             self._streamed = StreamedRays(gl, device, positions, self._far)
 
     def see_out(self, directions: Float64, number: int = 0) -> Iterator[Seen]:
-        """What the points see of each word of 32 directions (D, 3), unit, word by word; number: of the first."""
+        """Yield the visibility along each word of 32 unit directions (D, 3); `number` is that of the first one."""
         if not self.chunks:
             yield from self._rays.see_out(directions, number)
             return
@@ -109,7 +109,7 @@ class PointVisibility(Owner):
     def see_out_of_resident(
         self, directions: Float64, number: int = 0
     ) -> tuple[NDArray[np.uint32], NDArray[np.float16] | None]:
-        """Words (W, N) and shares (W, 32, N) of directions (D, 3), as if nothing were streamed."""
+        """Return words (W, N) and transmittances (W, 32, N) of directions (D, 3), ignoring streamed triangles."""
         words = np.empty((-(-len(directions) // WORD), self.count), np.uint32)
         shares = np.empty((len(words), WORD, self.count), np.float16) if self.transmits else None
         for k, seen in enumerate(self._rays.see_out(directions, number)):
@@ -119,18 +119,22 @@ class PointVisibility(Owner):
         return words, shares
 
     def pass_over(self, directions: Float64, words: NDArray[np.uint32], first: int = 0) -> Iterator[int]:
-        """Clear those bits of words (W, N) whose rays a streamed triangle blocks, from a chunk on, part by part:
-        how many chunks are done after each."""
-        return_memory()  # or what preparing the points took stays beside the budget
+        """Clear the bits of words (W, N) whose rays a streamed triangle blocks.
+
+        first : number of the chunk to start from
+
+        Yields the number of finished chunks after each part.
+        """
+        return_memory()  # otherwise memory from the preparation of points would add to the budget
         for part in self._parts(self._gl, self._far, first):
             self._streamed.narrow(part.bvh, part.lower, part.upper, directions, words)
             done = part.done
-            del part  # or it would be there while the next one is built
+            del part  # frees its memory before the next part is built
             yield done
 
 
 def masked(shares: NDArray[np.float16], word: NDArray[np.uint32]) -> NDArray[np.float16]:
-    """Shares (32, N), without those of directions whose bit in the word (N,) is cleared."""
+    """Return transmittances (32, N), set to 0 for directions whose bit in the word (N,) is cleared."""
     bits = word >> np.arange(WORD, dtype=np.uint32)[:, None] & np.uint32(1)
     return np.where(bits != 0, shares, np.float16(0))
 
@@ -144,16 +148,16 @@ def visible(
     receiver: Receiver = "plane",
     geometry_budget: int = GEOMETRY_BUDGET,
 ) -> Iterator[NDArray[np.bool_]]:
-    """Of each direction in turn, which points see out of the scene along it: (N,) bool.
+    """Yield for each direction a (N,) bool array: True for points from which a ray leaves the scene.
 
-    scene      : what `load_scene` takes; it needs neither camera nor light
+    scene      : any source that `load_scene` accepts; it needs neither camera nor light
     points     : (N, 3), on surfaces or free in space; normals (N, 3), or (3,) for all
     directions : (D, 3), of any length but zero
     receiver   : a "plane" sees nothing behind it; "cylinder" and "sphere" see all around
-    geometry_budget : MiB for triangles of a stream
+    geometry_budget : memory budget for triangles of a stream, MiB
 
-    Memory is that of the points and of 32 directions, or of as many as a pass over a stream finds in 64 MiB. What
-    thin glass lets through in part is seen.
+    Memory holds the points and 32 directions; with a stream, as many directions as fit in 64 MiB. Points see
+    through thin glass, even if it transmits only a part of the light.
     """
     positions, facing = checked_points(points, normals, "visible")
     _, toward = checked_points(directions, directions, "visible: directions")

@@ -1,4 +1,4 @@
-"""A year of daylight: what weather makes of daylight coefficients, hour by hour, and what is counted of it.
+"""Annual daylight: hourly light from daylight coefficients and weather, and its summaries.
 
     light of the hours = coefficients @ skies of the hours
 
@@ -27,36 +27,37 @@ from glpath.system.frames import data_set, package
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: Hours of a day in which rooms are occupied: from the first on, until the last [LM-83].
+#: Start and end of the time in which rooms are occupied, hours of the day [LM-83].
 OCCUPIED = (8, 18)
 #: Albedo of the ground around the scene.
 GROUND = 0.2
-#: Bytes of hours in a file, beyond which it has the summaries alone.
+#: Maximum size of hourly values in a file, bytes; a longer year can be saved as summaries only.
 MAX_HOURS = 2 << 30
-# Floats of a block: 64 MiB.
+# Number of floats in a block of rows (64 MiB).
 _BLOCK = 1 << 24
-# Degrees that the coefficients' latitude may be off the weather's.
+# Maximum difference between the latitudes of coefficients and weather, degrees.
 _LATITUDE = 2.5
 _WATTS_PER_KILOWATT = 1000.0
-# The WMO's sunshine: W m^-2 of a surface that faces the sun.
+# WMO threshold of sunshine: direct normal irradiance, W m^-2.
 _SUNSHINE = 120.0
 
 
 @dataclass(frozen=True, eq=False)
 class DaylightYear:
-    """Of N sensors in the H hours of `weather`. Shares are of 0 to 1.
+    """Daylight of N sensors in the H hours of `weather`. Fractions are from 0 to 1.
 
-    coefficients : of the sensors
-    weather      : of the site
-    blinds       : of each group of blinds, coefficients of the same sensors with that group closed; () without
-    skies        : of the hours that are lit
-    occupied     : (H,) bool, hours that autonomy and the like count
-    threshold    : lx of daylight autonomy
-    closed       : (G, H) bool, a group is closed, as more than 2 % of the sensors are in sunlight through it
-    autonomy     : (N,) float64, share of the occupied hours with `threshold` lx or more
-    useful       : (N, 4) float64, shares of the occupied hours below 100 lx, to 300, to 3000, and above
-    mean         : (N,) float64, lx, of the occupied hours
-    sunlight_hours : (N,) float64, occupied hours of 1000 lx or more straight from the sun, blinds open
+    coefficients : coefficients of the sensors
+    weather      : weather of the site
+    blinds       : coefficients of the same sensors with one group of blinds closed, for each group; () without
+    skies        : skies of the hours with light
+    occupied     : (H,) bool, True for hours that count for autonomy and the other summaries
+    threshold    : illuminance threshold of daylight autonomy, lx
+    closed       : (G, H) bool, True if a group is closed because sunlight through it reaches over 2 % of the
+                   sensors
+    autonomy     : (N,) float64, fraction of the occupied hours with `threshold` lx or more
+    useful       : (N, 4) float64, fractions of the occupied hours below 100 lx, to 300, to 3000, and above
+    mean         : (N,) float64, mean illuminance of the occupied hours, lx
+    sunlight_hours : (N,) float64, occupied hours with 1000 lx or more of direct sunlight, blinds open
     sun_hours    : (N, 12) float64, hours of each month in which the sun shines onto the sensor, blinds open
     irradiation  : (N, 12) float64, kWh per square metre in each month, the sun's whole spectrum, blinds open
     """
@@ -80,23 +81,27 @@ class DaylightYear:
 
     @property
     def sda(self) -> float | None:
-        """sDA of LM-83, 300 lx and half of the time by default: the share of the sensors whose daylight autonomy is
-        half or more. None without blinds, as LM-83 has it with blinds that are operated."""
+        """Spatial daylight autonomy (sDA) of LM-83; None without blinds, because LM-83 requires operated blinds.
+
+        It is the fraction of sensors whose daylight autonomy is half or more; the default threshold is 300 lx.
+        """
         return metrics.spatial_autonomy(self.autonomy) if self.blinds else None
 
     @property
     def autonomous_share(self) -> float:
-        """As `sda`, whether there are blinds or not."""
+        """Fraction of sensors whose daylight autonomy is half or more, with or without blinds."""
         return metrics.spatial_autonomy(self.autonomy)
 
     @property
     def ase(self) -> float:
-        """ASE of LM-83: the share of the sensors with more than 250 occupied hours of 1000 lx or more by the sun
-        alone, blinds open."""
+        """Annual sunlight exposure (ASE) of LM-83, a fraction of the sensors.
+
+        It counts sensors with more than 250 occupied hours of 1000 lx or more of direct sunlight, blinds open.
+        """
         return metrics.sunlight_exposure(self.sunlight_hours)
 
     def light(self, rows: slice = slice(None), quantity: Quantity = "illuminance") -> Float32:
-        """(n, H) float32: of some sensors in all hours, lx; or W m^-2, of "irradiance". With blinds as they are."""
+        """Return (n, H) float32 light of some sensors in all hours, lx or W m^-2, with blinds as in `closed`."""
         of = range(len(self))[rows]
         found = np.zeros((len(of), len(self.weather.times)), np.float32)
         for first, last in blocks(len(of), len(self.skies)):
@@ -105,9 +110,9 @@ class DaylightYear:
         return found
 
     def to_xarray(self, hours: bool = True) -> Any:
-        """An `xarray.Dataset`: summaries of sensors, and with `hours` the illuminance of each in each hour.
+        """Return an `xarray.Dataset` with summaries of the sensors, and if `hours`, their hourly illuminance.
 
-        Raises GlpathError where xarray is missing.
+        Raises GlpathError if xarray is missing.
         """
         sensor = ("sensor",)
         points, normals = self.coefficients.points, self.coefficients.normals
@@ -134,7 +139,7 @@ class DaylightYear:
         return data_set(variables, coordinates, self.attributes())
 
     def attributes(self) -> dict[str, Any]:
-        """What goes for all sensors, by the names that files have."""
+        """Return values that hold for all sensors, by their names in files."""
         found: dict[str, Any] = {
             "site": self.weather.site,
             "weather": Path(self.weather.source).name,
@@ -156,13 +161,13 @@ class DaylightYear:
         return found
 
     def of_sensors(self) -> Iterator[tuple[str, Float64, str]]:
-        """Name, values (N,) and unit of each summary of the year."""
+        """Yield name, values (N,) and unit of each annual summary."""
         for name, (dims, values, unit, _) in self._summaries().items():
             if dims == ("sensor",):
                 yield name, values, "" if unit == "1" else unit
 
     def columns(self) -> dict[str, Float64]:
-        """Of a table with a row for each sensor, (N,) each: what `.csv` has."""
+        """Return the columns (N,) of the `.csv` table, which has one row per sensor."""
         points, normals = self.coefficients.points, self.coefficients.normals
         found: dict[str, Float64] = {axis: points[:, i] for i, axis in enumerate("xyz")}
         found |= {f"n{axis}": normals[:, i] for i, axis in enumerate("xyz")}
@@ -175,9 +180,10 @@ class DaylightYear:
     def save(self, path: str | Path, hours: bool = True) -> None:
         """Write .nc (netCDF of `to_xarray`) or .csv (`columns`).
 
-        hours : the illuminance of each hour as well, in .nc
+        hours : True to include hourly illuminance in .nc
 
-        Raises UsageError for another suffix, and for more hours than 2 GiB; ImageError where it cannot be written.
+        Raises UsageError for another suffix, or if hourly values exceed 2 GiB. Raises ImageError if the file cannot
+        be written.
         """
         suffix = check_suffix(path)
         if suffix == ".csv":
@@ -188,7 +194,7 @@ class DaylightYear:
             return
         check_hours(path, len(self), len(self.weather.times), hours)
         found = self.to_xarray(hours)
-        # netCDF 3 has neither.
+        # netCDF 3 has no bool type.
         found = found.assign({name: found[name].astype(np.int8) for name in ("blinds_closed", "occupied")})
         with whole_file(path) as part:
             found.to_netcdf(part, engine="scipy", format="NETCDF3_64BIT")
@@ -227,24 +233,25 @@ def daylight_year(
     threshold: float = metrics.AUTONOMY,
     ground: float = GROUND,
 ) -> DaylightYear:
-    """The year of sensors in the weather of a site.
+    """Return a year of daylight of sensors, from daylight coefficients and the weather of a site.
 
     Parameters
     ----------
-    coefficients : with positions of the sun of the weather's latitude
-    weather      : an EPW or TMY3 file, or what `glpath.io.weather.read_weather` has read
-    blinds       : coefficients of the same sensors with blinds closed, which are in hours in which more than 2 % of
-                   the sensors have 1000 lx or more straight from the sun, as LM-83 has it. Of several groups of
-                   windows those with each group's blinds closed alone: a group goes by the sun that it keeps away
-    occupied     : hours of the day that count, from and to, local standard time
-    threshold    : lx of daylight autonomy
-    ground       : albedo of the ground around the scene, whose light comes from below the horizon
+    coefficients : daylight coefficients with sun positions for the weather's latitude
+    weather      : an EPW or TMY3 file, or a result of `glpath.io.weather.read_weather`
+    blinds       : coefficients of the same sensors with blinds closed; for several groups of windows, one for each
+                   group with only its blinds closed. Blinds close if more than 2 % of the sensors have 1000 lx or
+                   more of direct sunlight [LM-83]. A group responds to the sunlight that it blocks
+    occupied     : start and end of the hours that count, hours of the day in local standard time
+    threshold    : illuminance threshold of daylight autonomy, lx
+    ground       : albedo of the ground around the scene, which reflects light from below the horizon
 
-    Raises UsageError for coefficients without suns, of another latitude, or of other sensors with blinds;
-    SceneError for weather that is none; GlpathError where pvlib is missing.
+    Raises UsageError for coefficients without suns or of another latitude, or if those with blinds have other
+    sensors. Raises SceneError for invalid weather files, and GlpathError if pvlib is missing.
 
     Cost:     some seconds for a thousand sensors: a product of sensors, patches and lit hours, and of each group.
-    Poor at:  light that comes in by one group's windows and out by another's: what groups take away adds up.
+    Poor at:  light that enters and leaves through windows of different groups, because the reductions by groups are
+              summed.
     Source:   McNeil & Lee 2013; IES LM-83-12.
     """
     first, last = occupied
@@ -268,7 +275,7 @@ def daylight_year(
         sunlit = np.zeros(len(skies))
         for part in _parts(count, len(skies)):
             sunlight = _sunlight(coefficients, skies, part)
-            if len(groups) > 1:  # what comes through these windows
+            if len(groups) > 1:  # sunlight through the windows of this group
                 sunlight -= _sunlight(group, skies, part)
             sunlit += (part.stop - part.start) * metrics.sunlit_share(sunlight)
         is_closed[skies.hours] = metrics.blinds_closed(sunlit / count)
@@ -292,7 +299,7 @@ def daylight_year(
 
 
 def check_suffix(path: str | Path) -> str:
-    """Of a file of a year. Raises UsageError for another; GlpathError where its package is missing."""
+    """Return the suffix of an output file. Raises UsageError for others, GlpathError if a package is missing."""
     suffix = Path(path).suffix.lower()
     if suffix not in (".nc", ".csv"):
         raise UsageError(
@@ -305,7 +312,7 @@ def check_suffix(path: str | Path) -> str:
 
 
 def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> None:
-    """Raises UsageError where hours are more than a file takes."""
+    """Raise UsageError if hourly values are wanted but too large for a file."""
     need = 4 * sensors * hours
     if wanted and need > MAX_HOURS:
         raise UsageError(
@@ -315,7 +322,7 @@ def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> Non
 
 
 def blocks(count: int, width: int) -> Iterator[tuple[int, int]]:
-    """Rows from and to, so many of `width` floats that memory stays small."""
+    """Yield first and last row of blocks of rows; a block has at most _BLOCK floats, `width` in each row."""
     step = max(1, _BLOCK // max(1, width))
     for first in range(0, count, step):
         yield first, min(first + step, count)
@@ -328,7 +335,7 @@ def _parts(count: int, width: int) -> Iterator[slice]:
 def _check_alike(
     coefficients: DaylightCoefficients, weather: Weather, groups: tuple[DaylightCoefficients, ...]
 ) -> None:
-    """Raises UsageError."""
+    """Raise UsageError if coefficients, weather and blinds do not fit together."""
     if not len(coefficients.suns):
         raise UsageError(
             "daylight_year: the coefficients have no positions of the sun.",
@@ -356,7 +363,7 @@ def _check_alike(
 
 
 def _light(year: DaylightYear, part: slice, quantity: Quantity) -> Float32:
-    """(n, L): of the lit hours, with blinds as they are."""
+    """Return light (n, L) of some sensors in the hours with light, with blinds as in `year.closed`."""
     skies, closed = year.skies, year.closed[:, year.skies.hours]
     sky, sun = skies.sky(quantity), skies.sun(quantity).astype(np.float32)
 
@@ -387,19 +394,22 @@ def _product(
 
 
 def _direct(of: DaylightCoefficients, part: slice, position: NDArray[np.intp], to_sun: Float64) -> Float32:
-    """(n, L): what sensors get of the sun. A position says whether it is seen; angles are the sun's own."""
+    """Return (n, L) light of some sensors for unit irradiance of the sun.
+
+    Visibility is that of the nearest stored sun position; the cosine is that of the actual direction.
+    """
     found = of.sunlight(part)[:, position]
     found *= response(of.receiver, of.normals[part], to_sun)
     return found
 
 
 def _sunlight(of: DaylightCoefficients, skies: HourlySkies, part: slice) -> Float32:
-    """(n, L) lx straight from the sun."""
+    """Return (n, L) illuminance of some sensors by direct sunlight, lx."""
     return _direct(of, part, skies.position, skies.to_sun) * skies.sun("illuminance").astype(np.float32)
 
 
 def _count(year: DaylightYear) -> None:
-    """Fill in the summaries."""
+    """Fill the arrays of summaries of a year."""
     skies, of = year.skies, year.coefficients
     counted = year.occupied[skies.hours]
     hours = int(year.occupied.sum())
@@ -411,7 +421,7 @@ def _count(year: DaylightYear) -> None:
     np.add.at(suns, (skies.position, month), skies.direct.astype(np.float32))
     shining = (skies.direct >= _SUNSHINE).astype(np.float32)
     for part in _parts(len(of), len(skies)):
-        # Hours after dark have no light, and count.
+        # Occupied hours without light count as hours of 0 lx.
         lux = np.pad(_light(year, part, "illuminance")[:, counted], ((0, 0), (0, dark)))
         year.autonomy[part] = metrics.daylight_autonomy(lux, year.threshold)
         year.useful[part] = metrics.useful_daylight(lux)

@@ -1,8 +1,8 @@
-"""Renders that survive, and that many share: checkpoints, a watchdog, shards, clusters; over `glpath.rendering`.
+"""Robust and distributed renders on top of `glpath.rendering`: checkpoints, a watchdog, shards, clusters.
 
-checkpoint  the film on disk while it grows, and how a render resumes from it
-shards      films of ranges of path sets, merged once each
-watchdog    notices a device or a solver that hangs
-cluster     one render by the workers of a cluster: `connection` has these, `worker` is what they run, `chunks` says
-            which path sets to hand out next
+checkpoint  film on disk while it is rendered, from which a render resumes
+shards      merging of films of ranges of path sets, each counted once
+watchdog    detection of a device or solver that hangs
+cluster one render by the workers of a cluster; `connection` manages the workers, `worker` is the code that they
+run, `chunks` decides which path sets are handed out next
 """

@@ -1,14 +1,14 @@
-"""A film on disk while it grows, so that whatever ends the process loses no more than what came after.
+"""Checkpoint of a film on disk during a render, so that little is lost if the process ends.
 
     with Checkpoint("a.checkpoint.npz", seconds=60) as checkpoint:
         film = glpath.render(scene, spp=4096, film=checkpoint.load(), on_step=checkpoint)
 
-The file is a film like any other (`Film.load`), of sums and counts: a render that resumes from it is bit-identical
-to an uninterrupted one, on one device. There is a whole file at any moment, and within the block no other process
-has it (`glpath.system.checkpoint`).
+The file is an ordinary film (`Film.load`) of sums and counts, so a resumed render is bit-identical to an
+uninterrupted one on the same device. A complete file exists at any time, and within the block it is locked against
+other processes (`glpath.system.checkpoint`).
 
-Cost:     a write of 24 bytes per pixel and batch, 50 MB for 512 x 512, each time; rendering waits for it.
-Poor at:  two processes with one checkpoint without the block: each replaces the other's.
+Cost:     24 bytes written per pixel and batch, 50 MB for 512 x 512, for each checkpoint; rendering waits for it.
+Poor at:  two processes with one checkpoint outside of the block, because each replaces the other's.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ log = logging.getLogger("glpath")
 
 @dataclass
 class Checkpoint(CheckpointFile):
-    """Where the film goes, and how often. To be called with the film after every step.
+    """Checkpoint of a render; it is called with the film after every step.
 
-    steps : path sets
-    film  : that it was called with last
+    steps : number of path sets between two checkpoints; None: not by path sets
+    film  : film of the last call
     """
 
     holder = "a render that resumes from it"
@@ -40,7 +40,7 @@ class Checkpoint(CheckpointFile):
     film: Film | None = None
 
     def load(self) -> Film | None:
-        """The film to resume from; None where there is none yet. Raises ImageError for a file that is no film."""
+        """Return the film to resume from, or None without a file. Raises ImageError for other files."""
         if not self.found():
             return None
         film = Film.load(self.path)
@@ -48,13 +48,13 @@ class Checkpoint(CheckpointFile):
         return film
 
     def __call__(self, film: Film) -> None:
-        """Write the film if it is time for that."""
+        """Write the film if a checkpoint is due."""
         self.film = film
         if self.due(film.path_sets):
             self.write(film)
 
     def write(self, film: Film) -> bool:
-        """Write it now; whether that went well."""
+        """Write the film now, and return True on success."""
         if well := self.written_by(film.save, film.path_sets):
             text = "checkpoint: %s path sets in %s, written in %.2f s"
             log.info(text, film.path_sets, self.path, self.took)
@@ -62,10 +62,12 @@ class Checkpoint(CheckpointFile):
 
 
 def checkpoint_path(outputs: Sequence[Path], films: bool = True) -> Path:
-    """Where the checkpoint of a render is: the first output that is a film, a.npz; or else, beside the first one,
-    a.checkpoint.npz for a.png. Raises UsageError where no output is a file.
+    """Return the path of a render's checkpoint. Raises UsageError if no output is a file.
 
-    films : outputs that end in .npz are films
+    films : True if outputs that end in .npz are films
+
+    It is the first output that is a film, a.npz; otherwise a file beside the first output, a.checkpoint.npz for
+    a.png.
     """
     files = [path for path in outputs if not is_stream(path)]
     if not files:

@@ -1,13 +1,13 @@
-"""Which path sets to hand out next, and how many at once: for workers whose speed nobody knows beforehand.
+"""Scheduler of path sets for workers of unknown speed, which decides on the next chunk and its size.
 
-Plain numbers, no processes. A chunk is a range of path sets inside a job; films of chunks add up to the job's, bit
-for bit, however they were cut.
+It contains only numbers, no processes. A chunk is a range of path sets of a job. Films of chunks merge into the
+job's film, bit for bit, for any division.
 
-Chunks are as long as `seconds` of a worker's time, by what the ones before took; near the end they shrink, so that
-workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987). A chunk that failed is handed out
-again, until it has been tried `ATTEMPTS` times; then it is set aside, and the others continue. The last time it is
-alone, after all others: chunks on the same worker as one that ends it are not to blame. What is still out when
-nothing is left to hand out may be given a second time (`straggler`): the first result counts.
+A chunk should take `seconds` of a worker's time, estimated from earlier chunks. Near the end chunks shrink, so that
+workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987). A failed chunk is handed out again,
+up to `ATTEMPTS` times; then it is set aside, and the others continue. Its last attempt is made alone, after all
+others, because a chunk may fail only since another one ended its worker. When nothing is left to hand out, a late
+chunk may be given to a second worker (`straggler`), and the first result counts.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from glpath.errors import GlpathError
 from glpath.film.batches import BLOCK, blocks
 from glpath.film.film import Film
 
-#: How often a chunk is tried before it is set aside.
+#: Maximum number of attempts for a chunk.
 ATTEMPTS = 3
-# A chunk that is out for so many times the usual is a straggler.
+# Factor on the usual time of a chunk after which it is a straggler.
 _LATE = 2.0
-# Of what is left, a chunk has at most this share for each worker.
+# Maximum size of a chunk, as a fraction of the remaining path sets per worker.
 _SHARE = 0.5
 
 Range = tuple[int, int]
 
 
 class ChunksFailedError(GlpathError):
-    """Some path sets could not be rendered by any worker. `film` holds all others."""
+    """Error for path sets that no worker could render; `film` holds all others."""
 
     def __init__(self, message: str, remedy: str, film: Film) -> None:
         super().__init__(message, remedy)
@@ -42,12 +42,12 @@ class ChunksFailedError(GlpathError):
 
 @dataclass(eq=False)
 class Chunk:
-    """Path sets that are handed out together.
+    """Range of path sets that is handed out together.
 
     path_sets : (start, stop), half-open
-    attempts  : how often it was handed out because the time before had failed
-    copies    : that are out now
-    since     : `time.monotonic()` when it was handed out last
+    attempts  : number of failed attempts
+    copies    : number of workers that have the chunk now
+    since     : `time.monotonic()` of the last handing out
     """
 
     path_sets: Range
@@ -57,19 +57,19 @@ class Chunk:
 
     @property
     def count(self) -> int:
-        """How many path sets."""
+        """Number of path sets."""
         return self.path_sets[1] - self.path_sets[0]
 
 
 @dataclass
 class Chunks:
-    """What of a job is still to be handed out, is out, and has failed.
+    """Path sets of a job that are not yet handed out, chunks that are handed out, and failed chunks.
 
     missing : ranges of path sets to render, in order
-    seconds : that a chunk should take, or more, where merging would be late with so many workers
-    cut_at  : whether a chunk has to end at this path set count, counted from the beginning of the job: where a stop
-              rule looks at the film
-    held    : path sets that there are already, which count for `cut_at`
+    seconds : minimum time of a chunk, which is raised if merging cannot keep up with many workers
+    cut_at  : function that returns True if a chunk must end at this number of path sets of the job, because a stop
+              rule checks the film there
+    held    : number of finished path sets at the start, which count for `cut_at`
     """
 
     missing: Iterable[Range]
@@ -92,11 +92,11 @@ class Chunks:
 
     @property
     def left(self) -> int:
-        """Path sets that were never handed out."""
+        """Number of path sets that were never handed out."""
         return sum(stop - start for start, stop in self._left)
 
     def next(self, workers: int) -> Chunk | None:
-        """The next one to hand out; None where there is none."""
+        """Return the next chunk to hand out; None if there is none."""
         if self._again:
             chunk = self._again.popleft()
         elif self._left:
@@ -111,23 +111,23 @@ class Chunks:
         return chunk
 
     def take_cost(self, seconds: float) -> None:
-        """What it cost the one process that all films come to, to have one of them merged."""
+        """Record the seconds that merging one film took in the process that collects all films."""
         self._costs = [*self._costs[-15:], seconds]
 
     def _size(self, workers: int) -> int:
         if not self._seconds_each:
             return BLOCK
-        # The more workers, the longer chunks: merging shall take half of its time at most.
+        # Chunks are longer with more workers, so that merging takes at most half of this process's time.
         cost = statistics.median(self._costs) if self._costs else 0.0
         fitting = max(self.seconds, 2.0 * workers * cost) / max(statistics.median(self._seconds_each), 1e-9)
         fair = self.left * _SHARE / max(workers, 1)
         size = int(max(1.0, min(fitting, fair, 1e9)))
-        # Whole blocks where they fit, as each is a batch of the film, which has to travel.
+        # Use whole blocks if possible, because each block is a batch of the film to transfer.
         return size // BLOCK * BLOCK if size >= BLOCK else 1 << (size.bit_length() - 1)
 
     def _cut(self, size: int) -> Range:
         start, stop = self._left.popleft()
-        # To the end of a block: of this one, for less than one.
+        # End at the end of a block, or within the present block if the size is smaller.
         whole = (start + size) // BLOCK * BLOCK
         end = min(stop, whole if whole > start else start + size)
         for _, upto in blocks(start, end):
@@ -140,7 +140,7 @@ class Chunks:
         return start, end
 
     def done(self, chunk: Chunk, seconds: float) -> bool:
-        """A copy of it is there, and took its worker so long; whether it is the first."""
+        """Record a finished copy of a chunk and its time. Returns True if it is the first copy."""
         if chunk not in self.out:
             return False
         self.out.remove(chunk)
@@ -149,7 +149,7 @@ class Chunks:
         return True
 
     def fail(self, chunk: Chunk) -> None:
-        """A copy of it has failed, or was lost with its worker."""
+        """Record that a copy of a chunk failed or was lost with its worker."""
         chunk.copies -= 1
         if chunk not in self.out or chunk.copies > 0:
             return
@@ -161,7 +161,7 @@ class Chunks:
             (self._suspects if chunk.attempts == ATTEMPTS - 1 else self._again).append(chunk)
 
     def straggler(self) -> Chunk | None:
-        """One to hand out a second time, as it is late and nothing else is left; None where there is none."""
+        """Return a late chunk to hand out again if nothing else is left; None if there is none."""
         if self._left or self._again or self._suspects or not self.out or not self._took:
             return None
         late = _LATE * max(statistics.median(self._took), 1.0)
@@ -174,5 +174,5 @@ class Chunks:
 
     @property
     def over(self) -> bool:
-        """Whether nothing is to be handed out, and nothing is out."""
+        """True if nothing is left to hand out and no chunk is handed out."""
         return not (self.out or self._left or self._again or self._suspects)

@@ -1,18 +1,18 @@
-"""One render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
+"""Render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
 
     with Cluster("local:4") as cluster:                    # or "tls://scheduler:8786": `connection`
         film = glpath.render("cornell-box", spp=4096, cluster=cluster)
 
-The film has the bits of the render by one process, where all devices are of one kind. The scene and a radiosity
-solution go to each worker once, path sets in chunks of some seconds (`chunks`), whose films are merged as they
-come. A worker that is lost costs the chunks that it had, which others render again; a chunk that fails everywhere
-is reported at the end, with a film of all others.
+The film is bit-identical to that of one process if all devices are of one kind. The scene and a radiosity solution
+are sent to each worker once. Path sets are sent in chunks of some seconds (`chunks`), and their films are merged as
+they arrive. If a worker is lost, others render its chunks again. A chunk that fails everywhere is reported at the
+end, with a film of all others.
 
-Cost:     a start of Python, a context and the shaders for each worker; a film's sums for each chunk over the
-          network, 24 bytes a pixel and batch of path sets.
-Poor at:  short renders: a worker takes seconds to start. Several workers on one machine without a graphics card:
-          llvmpipe uses all cores already. They gain where its vertex stage, which has one thread, takes longest.
-          Several workers on one graphics card.
+Cost:     start of Python, a context and shaders for each worker; network transfer of a film's sums for each chunk,
+          24 bytes per pixel and batch of path sets.
+Poor at:  short renders, because a worker takes seconds to start; several workers on one graphics card; several
+          workers on a machine without a graphics card, because llvmpipe already uses all cores. Those gain only if
+          its single-threaded vertex stage takes longest.
 """
 
 from __future__ import annotations
@@ -51,26 +51,26 @@ from glpath.system.heartbeat import heartbeat
 
 log = logging.getLogger("glpath")
 
-#: Seconds that a chunk should take: long beside what it costs to hand it out, short beside a loss.
+#: Target time of a chunk, seconds: long compared with the cost of sending it, short compared with its loss.
 CHUNK_SECONDS = 5.0
-# For each worker: one that it renders, and one that waits there, so that it need not wait itself.
+# Number of chunks at each worker: one that it renders and one that waits, so that the worker does not wait.
 _AHEAD = 2
-# How often what happens is looked at, and how often who is there.
+# Polling intervals of results and of the list of workers, seconds.
 _TICK_S, _LOOK_AROUND_S = 0.25, 2.0
-# How long a film may take to come, and how many come at once.
+# Maximum time to transfer a film, seconds, and number of parallel transfers.
 _GATHER_S, _GATHERERS = 60.0, 4
-# A scheduler notices late who has died: so long nothing is handed to a worker that was lost with a chunk, as that
-# would count as a try of what never began there.
+# Time for which a lost worker gets no chunks, seconds. The scheduler notices a dead worker late, and a chunk sent
+# there would count as a failed attempt.
 _SHUN_S = 10.0
-# How long to wait for the first worker before a warning that there is none.
+# Time without any worker after which a warning is given, seconds.
 _SILENCE_S = 10.0
 
 
 class Cluster(Connection):
-    """Workers that render: the `cluster` of `glpath.render`, `render_frames`, `irradiance` and `lightmap`.
+    """Cluster of workers, the `cluster` of `glpath.render`, `render_frames`, `irradiance` and `lightmap`.
 
-    address, dashboard, errors : as of `Connection`
-    chunk_seconds : that a chunk of path sets should take a worker
+    address, dashboard, errors : as in `Connection`
+    chunk_seconds : target time of a chunk of path sets on a worker, seconds
     """
 
     def __init__(self, address: str, dashboard: bool = False, chunk_seconds: float = CHUNK_SECONDS) -> None:
@@ -80,18 +80,19 @@ class Cluster(Connection):
         super().__init__(address, dashboard)
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """The film of a job, by all workers: what `cluster=` of `glpath.rendering.run` comes to.
+        """Render a job by all workers; `glpath.rendering.run` calls it for `cluster=`.
 
-        `on_step` is called when chunks have been merged. `film.metadata.elapsed_s` and `time_limit` are by this
-        clock; `statistics["worker_s"]` adds up the workers' seconds. By `noise` or `clean` it ends at the same
-        path set as the render by one process.
+        `on_step` is called when chunks have been merged. `film.metadata.elapsed_s` and `time_limit` are measured in
+        this process; `statistics["worker_s"]` is the sum of the workers' times. With `noise` or `clean` the render
+        ends at the same path set as one process.
 
         Raises
         ------
-        what `glpath.rendering.run` raises; ChunksFailedError, with all else in its film, where path sets fail on
-        several workers; ContextError where the scheduler is gone: the film of the last `on_step` has what was
-        merged
-        RenderInterrupted : on Ctrl-C, with what was merged
+        ChunksFailedError : if path sets fail on several workers; its film has all other path sets
+        ContextError : if the scheduler is gone; the film of the last `on_step` has all merged path sets
+        RenderInterrupted : on Ctrl-C, with the film of all merged path sets
+
+        Other errors are those of `glpath.rendering.run`.
         """
         plan = checked_plan(job, scene).resumed(options.film)
         clock = begin(job, plan, scene, options, None, prepared=False)
@@ -116,7 +117,7 @@ class Cluster(Connection):
 def _with_small_bias(
     plan: Plan, job: RenderJob, scene: Scene, traced: Scene, options: RunOptions, clock: Clock
 ) -> Plan:
-    """Return the prepared plan, or another if its bias is too large: measured here, once for all workers."""
+    """Return the prepared plan, or another if its bias is too large; measured here once for all workers."""
     if clock.film.metadata.statistics.keys() & {BIAS_PROBE, REJECTED_GATHER} or not plan.settings.biased:
         return plan
     sensor = sensor_in(traced, job.sensor, scene).reduced(SIDE)
@@ -145,7 +146,7 @@ def _with_small_bias(
 
 @dataclass(frozen=True)
 class _Task:
-    """A chunk that a worker has, by its address."""
+    """Chunk with the address of the worker that has it."""
 
     chunk: Chunk
     worker: str
@@ -153,7 +154,7 @@ class _Task:
 
 @dataclass
 class _Render:
-    """One render on a cluster, from the first chunk to the last."""
+    """State of one render on a cluster, from the first chunk to the last."""
 
     cluster: Cluster
     shared: Shared
@@ -162,17 +163,17 @@ class _Render:
     _events: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
     _gatherers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(_GATHERERS, "gather"))
     _running: dict[Any, _Task] = field(default_factory=dict)
-    _warned: set[str] = field(default_factory=set)  # texts of workers
-    _parts: dict[int, Film] = field(default_factory=dict)  # that wait for others before them
-    _order: list[int] = field(default_factory=list)  # first path sets of what was handed out and not merged
-    _reasons: dict[int, str] = field(default_factory=dict)  # by the first path set of what has failed
+    _warned: set[str] = field(default_factory=set)  # texts of workers' warnings already given
+    _parts: dict[int, Film] = field(default_factory=dict)  # results that wait for earlier chunks
+    _order: list[int] = field(default_factory=list)  # first path sets of chunks that are handed out, but not merged
+    _reasons: dict[int, str] = field(default_factory=dict)  # reasons of failures by first path set
     _workers: list[str] = field(default_factory=list)
-    _dead: dict[str, float] = field(default_factory=dict)  # when each was lost
+    _dead: dict[str, float] = field(default_factory=dict)  # time at which each worker was lost
     _number: int = 0
-    _merging: float = 0.0  # seconds that the last film took
+    _merging: float = 0.0  # seconds to merge the last film
 
     def run(self) -> None:
-        """Fill the clock's film. Raises what `Cluster.render` raises."""
+        """Fill the clock's film. Raises the errors of `Cluster.render`."""
         film = self.clock.film
         chunks = Chunks(
             missing(self.shared.job.path_sets, film.ranges),
@@ -195,7 +196,7 @@ class _Render:
             raise self._failed(chunks)
 
     def _fill(self, chunks: Chunks, interrupted: Any) -> str:
-        """The rule that ended it; "" where path sets failed."""
+        """Hand out chunks and merge films; return the rule that ended the render, or "" if path sets failed."""
         last_look = -_LOOK_AROUND_S
         alone_since = time.monotonic()
         warned = False
@@ -213,7 +214,7 @@ class _Render:
                 log.warning("cluster %s: no worker is there; waiting for one", self.cluster.address)
                 warned = True
             if not self._workers:
-                heartbeat.beat()  # a cluster may take its time; that is no hang
+                heartbeat.beat()  # waiting for workers does not count as hanging
             self._hand_out(chunks)
             if chunks.over:
                 self._merge(list(self._parts))
@@ -235,7 +236,7 @@ class _Render:
         return self.clock.ended(at_block) if film.path_sets else ""
 
     def _hand_out(self, chunks: Chunks) -> None:
-        """To each worker one more than it renders. A late one once more, to a worker that has nothing else."""
+        """Give each worker a chunk to render and one in reserve. Give a late chunk also to an idle worker."""
         load = Counter(task.worker for task in self._running.values())
         for waiting in range(_AHEAD):
             for worker in self._workers:
@@ -263,7 +264,7 @@ class _Render:
         future.add_done_callback(lambda done: self._gatherers.submit(self._gather, done))
 
     def _gather(self, future: Any) -> None:
-        """Bring a result here, in a thread: a worker that hangs with it keeps nobody but that."""
+        """Transfer a result in a thread, so that a hanging worker blocks only that thread."""
         began, found = time.perf_counter(), None
         try:
             if future.status == "finished":
@@ -273,7 +274,7 @@ class _Render:
         self._events.put((future, found, time.perf_counter() - began))
 
     def _take(self, chunks: Chunks) -> None:
-        """Take what has come in; wait a tick for it."""
+        """Process all results that have arrived, after waiting a tick for the first."""
         with contextlib.suppress(queue.Empty):
             self._take_one(chunks, *self._events.get(timeout=_TICK_S))
             while True:
@@ -281,12 +282,12 @@ class _Render:
 
     def _take_one(self, chunks: Chunks, future: Any, found: Part | Exception | None, took: float) -> None:
         task = self._running.pop(future, None)
-        if task is None:  # of a chunk that another copy was first with, or of a worker that was given up
+        if task is None:  # another copy was first, or the worker was given up
             return
         heartbeat.beat()
         if found is None:
             self._lost(chunks, task, future)
-        elif isinstance(found, Exception):  # its worker was lost with it
+        elif isinstance(found, Exception):  # the transfer failed, for example because the worker was lost
             self._fail(chunks, task, found)
         elif chunks.done(task.chunk, found.seconds):
             self._count("gather_s", took)
@@ -301,7 +302,7 @@ class _Render:
                     warn(text, late=True)
 
     def _ready(self) -> list[int]:
-        """What to merge now: the next one where a rule looks at the film after each, else all that is there."""
+        """Return the chunks to merge now: only the next one if a rule checks the film, otherwise all."""
         if self.clock.options.noise is None and self.clock.options.clean is None:
             return list(self._parts)
         return [first] if self._order and (first := min(self._order)) in self._parts else []
@@ -327,8 +328,8 @@ class _Render:
         with contextlib.suppress(Exception):
             error = future.exception(timeout=_GATHER_S)
         if isinstance(error, GlpathError) and not isinstance(error, ContextError):
-            raise error  # the same everywhere
-        if type(error).__name__ == "KilledWorker":  # says much of Dask, and nothing more
+            raise error  # it would fail on all workers
+        if type(error).__name__ == "KilledWorker":  # its long text only describes Dask
             error = None
         if error is None:
             self._dead[task.worker] = time.monotonic()
@@ -336,9 +337,9 @@ class _Render:
         self._fail(chunks, task, error)
 
     def _look_around(self, chunks: Chunks) -> None:
-        """Who is there now; what was at others is handed out again."""
+        """Update the list of workers, and hand out the chunks of lost workers again."""
         if not self.cluster.connected:
-            return  # a call would wait until Dask gives up
+            return  # a call would wait for Dask's long timeout
         try:
             recent = time.monotonic() - _SHUN_S
             self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]
@@ -358,7 +359,7 @@ class _Render:
     def _fail(self, chunks: Chunks, task: _Task, error: BaseException | None) -> None:
         start, stop = task.chunk.path_sets
         lines = [f"the worker {task.worker} was lost"]
-        if error is not None:  # one without words says by its kind what it is: a TimeoutError
+        if error is not None:  # an error without a text is described by its type
             lines = str(error).splitlines() or [type(error).__name__]
         log.warning("path sets %d to %d: %s", start, stop - 1, "\n".join(lines))
         self._reasons[start] = lines[0]
@@ -374,14 +375,14 @@ class _Render:
         self.clock.finish(self, rule)
 
     def statistics(self) -> dict[str, object]:
-        """As an engine's."""
+        """Return the statistics of workers and merging, as an engine does."""
         return self._counts
 
     def _cancel(self) -> None:
         with quiet(), contextlib.suppress(Exception):
             self.cluster.client.cancel(list(self._running), force=True)
         self._running.clear()
-        # Nobody waits for it, as a worker may hang.
+        # Do not wait for it, because a worker may hang.
         self._gatherers.submit(self.cluster.forget, self.shared)
         self._gatherers.shutdown(wait=False)
 

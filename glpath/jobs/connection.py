@@ -1,11 +1,11 @@
-"""The workers of a cluster (Dask distributed): processes of this machine, or those of a scheduler, also by TLS.
+"""Connection to the workers of a cluster (Dask distributed): local processes, or those of a scheduler, also by TLS.
 
-Trust:    a Dask scheduler runs whatever code a client sends it, on all workers, and a client unpickles what workers
-          send. So all parts of a cluster trust each other fully, and anybody who can connect to one is that user
-          on every machine. Processes of this machine therefore listen on the loopback interface alone. They speak
-          TLS with a key that is made for this cluster, kept in memory, and gone with it: another user of the
-          machine cannot connect. Without TLS a warning is printed: anybody who reaches its port can run code.
-Cost:     seconds to start a process of this machine, with a context and shaders of its own.
+Trust:    a Dask scheduler runs any code that a client sends on all workers, and a client unpickles data from
+          workers. So all parts of a cluster trust each other fully, and anybody who can connect acts as that user
+          on every machine. Therefore local processes listen only on the loopback interface. They use TLS with a
+          temporary key that is kept only in memory, so other users of the machine cannot connect. Without TLS a
+          warning is printed, because anybody who reaches the port can run code.
+Cost:     seconds to start a local process, with its own context and shaders.
 """
 
 from __future__ import annotations
@@ -25,29 +25,30 @@ from glpath.system.machine import core_count
 
 log = logging.getLogger("glpath")
 
-# Of a machine that is this one.
+# Prefix of addresses of local processes, and their maximum number.
 _LOCAL = "local:"
 _MAX_LOCAL = 1024
 _LOOPBACK = "127.0.0.1"
-# A scheduler that has just been started listens after a second or two.
+# Maximum wait for a refused connection, seconds; a new scheduler listens after a second or two.
 _REFUSED_S = 5.0
-# How often a client is made anew whose thread did not start in the time that Dask gives it.
+# Maximum number of attempts to make a client if its thread does not start within Dask's timeout.
 _LOOP_STARTS = 3
-# A connection that broke may come back within so long; a scheduler that is there answers within so long.
+# Time for which a broken connection may recover, and maximum time of a scheduler's answer; seconds.
 _LOST_S, _ANSWER_S = 3.0, 30.0
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 
 class Connection:
-    """Workers: processes of this machine, or those of a Dask scheduler.
+    """Connection to workers, which are local processes or those of a Dask scheduler.
 
-    address   : "local:N" for N processes here; else what `distributed.Client` connects to, "tls://host:port",
+    address   : "local:N" for N local processes; otherwise an address for `distributed.Client`, "tls://host:port" or
                 "tcp://host:port", with Dask's own configuration (TLS, timeouts), or the path of a scheduler file
-    dashboard : of processes here: show Dask's dashboard (needs the package bokeh) on a free port of the loopback
-                interface, `client.dashboard_link`. It has no password: every user of this machine can read it.
+    dashboard : True to show Dask's dashboard of local processes on a free port of the loopback interface,
+                `client.dashboard_link`; it needs the package bokeh. The dashboard has no password, so every user of
+                this machine can read it
 
-    Raises UsageError for another address, ContextError where nobody answers; GlpathError where distributed is
-    missing. A scheduler without TLS is warned of in the log: see the top of this module.
+    Raises UsageError for another address, ContextError if the scheduler does not answer, GlpathError if distributed
+    is missing. A scheduler without TLS gives a warning in the log; see the top of this module.
     """
 
     def __init__(self, address: str, dashboard: bool = False) -> None:
@@ -71,7 +72,7 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Leave the cluster; processes of this machine end."""
+        """Leave the cluster, and end local processes."""
         with quiet():
             with contextlib.suppress(Exception):
                 self.client.close(timeout=5)
@@ -81,9 +82,9 @@ class Connection:
         self._quiet.close()
 
     def check(self) -> None:
-        """Raise ContextError where the connection to the scheduler has been broken for some seconds.
+        """Raise ContextError if the connection to the scheduler has been broken for some seconds.
 
-        Costs nothing: Dask itself tries for half a minute, and a call to the scheduler waits as long.
+        The check is free. Dask itself retries for half a minute, and a call to the scheduler would wait as long.
         """
         if self.client.status == "running":
             self._lost_at = None
@@ -91,24 +92,24 @@ class Connection:
         now = time.monotonic()
         if self._lost_at is None:
             self._lost_at = now
-            self._quiet.enter_context(quiet())  # Dask shows tracebacks of each try
+            self._quiet.enter_context(quiet())  # Dask logs a traceback for each attempt
         if now - self._lost_at >= _LOST_S or self.client.status == "closed":
             raise self._gone("the connection broke")
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection to the scheduler at this moment."""
+        """True if the scheduler is connected now."""
         return bool(self.client.status == "running")
 
     def workers(self) -> list[str]:
-        """The addresses of those that there are now. Raises ContextError where the scheduler does not answer."""
+        """Return the addresses of the present workers. Raises ContextError if the scheduler does not answer."""
         try:
             return sorted(self.client.nthreads(callback_timeout=_ANSWER_S))
         except Exception as error:
             raise self._gone(str(error) or f"no answer in {_ANSWER_S:g} s") from error
 
     def share(self, shared: Sharable) -> None:
-        """Hand what all of some work needs to each worker, and to each that comes later. Raises ContextError."""
+        """Send shared data to each present and future worker. Raises ContextError."""
         try:
             self.client.register_plugin(_sharing(_distributed(), shared), name=shared.token)
         except OSError as error:
@@ -121,7 +122,7 @@ class Connection:
         )
 
     def forget(self, shared: Sharable) -> None:
-        """The work is over."""
+        """Delete shared data on all workers."""
         self.client.unregister_worker_plugin(shared.token)
 
 
@@ -159,14 +160,15 @@ def _count(address: str) -> int:
 def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
     cores = core_count()
     share = cores // count
-    # llvmpipe takes all cores otherwise, for each process; it has a race with a single thread beside its own.
+    # Otherwise llvmpipe uses all cores in each process. 0 means the calling thread, because one thread of its own
+    # has a race.
     threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}
     import dask
 
-    # Who dies with its worker is tried again by `chunks`, which knows more than the scheduler.
+    # `chunks` repeats tasks of lost workers, because it knows more than the scheduler.
     settings: dict[str, Any] = {"distributed.scheduler.allowed-failures": 0}
     if not dashboard:
-        # Schedulers and workers always listen for HTTP; without routes they answer nothing.
+        # Schedulers and workers always listen for HTTP. Without routes they answer no request.
         settings |= {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     try:
         with dask.config.set(settings):
@@ -179,7 +181,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
                 protocol="tls://",
                 security=_temporary_security(distributed),
                 dashboard_address=f"{_LOOPBACK}:0" if dashboard else None,
-                # Without an address of its own Dask would try a fixed port first.
+                # Without an address, Dask would try a fixed port first.
                 scheduler_kwargs={"dashboard": dashboard, "dashboard_address": f"{_LOOPBACK}:0"},
                 silence_logs=logging.ERROR,
                 env={name: value for name, value in threads.items() if name not in os.environ},
@@ -189,7 +191,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
 
 
 def _temporary_security(distributed: Any) -> Any:
-    """A key and a certificate for one cluster, in memory alone; all of its parts ask each other for them."""
+    """Return a key and a certificate for one cluster, kept only in memory; all its parts require them."""
     try:
         return distributed.Security.temporary()
     except ImportError as error:
@@ -224,13 +226,13 @@ def _client(distributed: Any, kind: dict[str, str]) -> Any:
     for attempt in range(_LOOP_STARTS):
         try:
             return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
-        except AssertionError:  # how Dask says that its thread did not start within 10 s: the machine is overloaded
+        except AssertionError:  # Dask's error if its thread did not start within 10 s on an overloaded machine
             log.debug("the thread of Dask's event loop did not start, attempt %d", attempt + 1)
     raise TimeoutError("the thread of Dask's event loop does not start; is this machine overloaded?")
 
 
 def _address_in(path: str) -> str:
-    """The scheduler's address in its file. Raises UsageError for another file."""
+    """Return the scheduler's address from its file. Raises UsageError for another file."""
     if not os.path.isfile(path):
         raise UsageError(f"cluster {path}: is not a file.", "Name the file of dask scheduler --scheduler-file.")
     try:
@@ -244,9 +246,9 @@ def _address_in(path: str) -> str:
 
 
 def _wait_while_refused(address: str) -> None:
-    """Raise ConnectionRefusedError where nobody listens at the address for some seconds.
+    """Raise ConnectionRefusedError if the address refuses connections for some seconds.
 
-    Dask tries for half a minute. What a connection does not show is left to it.
+    Dask itself would retry for half a minute. Other errors are left to Dask.
     """
     host, _, port = address.partition("://")[2].rpartition(":")
     until = time.monotonic() + _REFUSED_S
@@ -274,9 +276,9 @@ def _warn_if_open(address: str, scheduler: str) -> None:
 
 
 def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
-    """Raise ContextError where Dask's configuration has not what the address needs: a client finds out late.
+    """Raise ContextError if Dask's configuration does not fit the address; a client would notice it late.
 
-    scheduler : the address itself, or the one in the file that it names
+    scheduler : address of the scheduler, which may come from the scheduler file
     """
     names = "distributed.comm.tls in its configuration, or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, "
     names += "DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT and DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY."
@@ -298,8 +300,8 @@ def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
 
 @contextlib.contextmanager
 def quiet(level: int = logging.CRITICAL) -> Any:
-    """What distributed logs of connections that break, which is what is expected here."""
-    # Some of its loggers have levels of their own.
+    """Context that hides distributed's log messages about broken connections, which are expected here."""
+    # Some of its loggers have their own levels.
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
     before = {name: logging.getLogger(name).level for name in {"distributed", *names}}
     for name in before:

@@ -1,10 +1,10 @@
-"""Films of ranges of path sets, rendered anywhere, added up to one: each path set once.
+"""Merging of shards: films of ranges of path sets become one film, with each path set once.
 
     film = merge_shards([Path("a.npz"), Path("b.npz")])
 
-Sums are exact, so they may come in any order. All of them together are bit-identical to one uninterrupted render
-where they come from one kind of device. A file that is named twice, and a copy of one, count once; so a job that
-was run twice by mistake does no harm.
+Sums are exact, so the order is free. The merged film is bit-identical to one uninterrupted render if all devices
+are of one kind. A file that is named twice, and a copy of a file, count once. So a job that was run twice by
+mistake does no harm.
 """
 
 from __future__ import annotations
@@ -21,22 +21,21 @@ from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, differences
 
-#: What is wrong with a film that cannot be denoised, after its name.
+#: Reason why a film cannot be denoised, printed after its name.
 WITHOUT_GUIDES = f"has no AOVs {' and '.join(DENOISER_AOVS)}, by which pictures are denoised"
-# What may differ between shards with and without these AOVs: a path-buffer is interleaved for the denoiser.
+# Metadata that differ between shards with and without these AOVs; a path-buffer is interleaved for the denoiser.
 _OF_GUIDES = {"aovs", "settings.interleave"}
 
 
 class UnguidedShardError(UsageError):
-    """One of two shards lacks the AOVs for a denoiser, so that the shards do not merge."""
+    """Error for two shards that do not merge because only one of them has the AOVs for a denoiser."""
 
 
 def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
-    """The film of all, and the files that counted once with another.
+    """Return the merged film, and the files that were ignored because they repeat another file.
 
-    Holds two films at a time, however many there are. Raises UsageError, which names the files, for shards of
-    another render, with all that differs, and for shards that share path sets; ImageError for a file that is no
-    film.
+    Memory holds two films at a time. Raises UsageError with the names of the files for shards of another render,
+    with all differences, and for shards that share path sets. Raises ImageError for a file that is not a film.
     """
     merged: Film | None = None
     seen: dict[tuple[object, ...], Path] = {}
@@ -92,7 +91,7 @@ def _another_render(metadata: Mapping[Path, FilmMetadata], found: Sequence[tuple
 
 
 def _shared(ours: tuple[tuple[int, int], ...], theirs: tuple[tuple[int, int], ...]) -> tuple[int, int] | None:
-    """The first path sets that both have."""
+    """Return the first range of path sets that both films contain, or None."""
     for a, b in ours:
         for c, d in theirs:
             if max(a, c) < min(b, d):

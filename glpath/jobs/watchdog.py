@@ -1,17 +1,17 @@
-"""A device or a solver that hangs is noticed, and the process ended, by another process.
+"""Watchdog: a second process that notices a hanging device or solver, and ends this process.
 
-Within a call of a driver that never returns no line of Python runs, in no thread: the call holds Python's lock. So
-a small process of its own hears of each piece of work that is done (`glpath.system.heartbeat`) through a pipe. When
-nothing came for too long it prints a line, and aborts this one (SIGABRT, exit code 134 in a shell), which prints
-where it hung. What was in memory is lost; a checkpoint is not.
+During a driver call that never returns, no Python thread runs, because the call holds Python's lock. Therefore each
+finished piece of work (`glpath.system.heartbeat`) is reported to a small separate process through a pipe. If
+nothing comes for too long, it prints a line and aborts this process (SIGABRT, exit code 134 in a shell), which
+prints its stack. Data in memory are lost; a checkpoint is not.
 
-The other process counts seconds in which it ran itself, so that a render that was suspended (Ctrl-Z) is not taken
-for one that hangs. Nor does it count what the kernel says that a thread of this one waited for a processor: on a
-busy machine a kernel's compilation, which takes seconds, took longer than the limit. It ends when the pipe closes,
-however this process ended.
+The watchdog counts only time in which it ran itself, so a suspended render (Ctrl-Z) does not count as hanging. It
+also excludes the time for which threads of this process waited for a processor, as reported by the operating
+system. Otherwise, compilation of a kernel on a busy machine could exceed the limit. The watchdog ends when the pipe
+closes, for any reason.
 
-Cost:     a Python process without packages, 20 ms of another core; then nothing to be measured.
-Poor at:  path sets, or steps of a solver, that take longer than the limit, on slow machines: raise it.
+Cost:     start of a Python process without packages, 20 ms of another core; then not measurable.
+Poor at:  path sets or solver steps that take longer than the limit on slow machines, which need a higher limit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from glpath.system.machine import resource
 from glpath.system.signals import ENDING
 
 _PROC = "/proc"
-# Between two bytes through the pipe.
+# Minimum interval between two bytes through the pipe, seconds.
 _INTERVAL = 0.5
 
 _CODE = """
@@ -75,11 +75,11 @@ os.kill(watched, signal.SIGKILL)
 
 
 class Watchdog:
-    """Watches from the beginning to the end of a `with` block.
+    """Watchdog that is active during a `with` block.
 
-    limit    : seconds without any sign of work
-    where    : the sentence that says what is left when it ends the process
-    suspects : what may be the cause
+    limit    : seconds without a finished piece of work
+    where    : message about the data that remain after the process is ended
+    suspects : possible causes, for the message
     """
 
     def __init__(self, limit: float, where: str, suspects: str) -> None:
@@ -97,7 +97,7 @@ class Watchdog:
             _PROC,
             *(str(int(number)) for number in ENDING),
         ]
-        with contextlib.suppress(OSError):  # no process to be had: nobody watches
+        with contextlib.suppress(OSError):  # no process can be started: no watchdog
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _CODE, *arguments], stdin=subprocess.PIPE, bufsize=0
             )
@@ -108,10 +108,10 @@ class Watchdog:
         return self
 
     def _say_where_it_hangs(self) -> None:
-        """At SIGABRT Python writes its stack; without a core file, whose gigabytes nobody asked for."""
+        """Make Python print its stack at SIGABRT, and suppress the core file of gigabytes."""
         if faulthandler.is_enabled():
             return
-        # Standard error may be closed, or no file.
+        # Standard error may be closed or not a file.
         with contextlib.suppress(ValueError, OSError, AttributeError, RuntimeError):
             faulthandler.enable()
             if resource is not None:
@@ -133,5 +133,5 @@ class Watchdog:
         if now < self._last + _INTERVAL or self._process is None or self._process.stdin is None:
             return
         self._last = now
-        with contextlib.suppress(OSError):  # it has ended, or has much to read
+        with contextlib.suppress(OSError):  # the watchdog has ended, or the pipe is full
             os.write(self._process.stdin.fileno(), b".")

@@ -1,7 +1,7 @@
-"""What runs in a worker process of a cluster: path sets of one render, by an engine that stays.
+"""Code of a cluster's worker process: it renders path sets of one render by an engine that it keeps.
 
-A worker has one context, and one render at a time on it; threads of one worker take turns. Other work that shares
-something out frees that engine first (`held`).
+A worker has one context and one render at a time; its threads take turns. Other work that uses shared data frees
+the engine first (`held`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ from glpath.system.versions import versions
 
 
 class Sharable(Protocol):
-    """What goes to a worker once, and what is computed there refers to. token : identifies it among others"""
+    """Data sent to a worker once, to which its tasks refer.
+
+    token : identifier among other shared data
+    """
 
     @property
     def token(self) -> str: ...
@@ -33,14 +36,14 @@ class Sharable(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """What all chunks of a render need; goes to a worker once.
+    """Data that all chunks of a render need, sent to a worker once.
 
-    token : identifies this render among others
-    job   : all of it
-    scene : with the job's camera
-    plan  : prepared: a radiosity solution is made before, by who asks, and is the same for all
-    options : `RunOptions.for_workers`
-    version : of glpath, which has to be the worker's
+    token : identifier of the render
+    job   : whole job
+    scene : scene with the job's camera
+    plan  : prepared plan; the client makes the radiosity solution, which is the same for all workers
+    options : result of `RunOptions.for_workers`
+    version : version of glpath, which must equal the worker's
     """
 
     token: str
@@ -55,8 +58,8 @@ class Shared:
 class Part:
     """Film of a chunk of path sets.
 
-    seconds  : time of tracing, without that for which a first chunk waits
-    warnings : texts of the warnings that came meanwhile, for the process that has asked
+    seconds  : time of tracing, without the preparations of a first chunk
+    warnings : texts of warnings during the work, for the client
     """
 
     film: Film
@@ -64,24 +67,24 @@ class Part:
     warnings: tuple[str, ...] = ()
 
 
-# Of this process: what was shared, by token; the engine of the render that it works for, and whose turn it is.
+# State of this worker: shared data by token, lock of the threads that take turns, and engine of the current render.
 _shared: dict[str, Sharable] = {}
 _turn = threading.Lock()
 _session: tuple[str, Session] | None = None
 
 
 def this_version() -> str:
-    """Of glpath, as it is installed here."""
+    """Return the installed version of glpath."""
     return versions("glpath").get("glpath", "")
 
 
 def hold(shared: Sharable) -> None:
-    """Keep what was shared, until `let_go`."""
+    """Store shared data until `let_go`."""
     _shared[shared.token] = shared
 
 
 def let_go(token: str) -> None:
-    """It is over."""
+    """Delete the shared data of a token, and free its engine."""
     _shared.pop(token, None)
     with _turn:
         if _session is not None and _session[0] == token:
@@ -90,14 +93,14 @@ def let_go(token: str) -> None:
 
 @contextmanager
 def held(token: str) -> Iterator[Sharable]:
-    """What was shared by that token, for work of another kind, with the device to itself."""
+    """Context with the shared data of a token, for other work than a render, without a render on the device."""
     with _turn:
         forget()
         yield _shared[token]
 
 
 def check_version(version: str) -> None:
-    """Raise UsageError where who asks has another version of glpath than this worker."""
+    """Raise UsageError if the client has another version of glpath than this worker."""
     if version != this_version():
         raise UsageError(
             f"cluster: a worker has glpath {this_version()}, who asks has {version}.",
@@ -107,7 +110,7 @@ def check_version(version: str) -> None:
 
 @contextmanager
 def warnings_for_caller() -> Iterator[list[str]]:
-    """Collect the texts of scene warnings, for the process that asks; other warnings are shown here at the end."""
+    """Collect the texts of scene warnings for the client; other warnings are shown here at the end."""
     texts: list[str] = []
     caught: list[warnings.WarningMessage] = []
     try:
@@ -123,8 +126,10 @@ def warnings_for_caller() -> Iterator[list[str]]:
 
 
 def render_part(token: str, path_sets: tuple[int, int]) -> Part:
-    """The film of path sets (start, stop) of the job of a token. Raises what `Session` raises, and UsageError for a
-    worker with another version of glpath."""
+    """Render path sets (start, stop) of the job of a token, and return their film.
+
+    Raises the errors of `Session`, and UsageError if the client has another version of glpath.
+    """
     global _session
     shared = _shared[token]
     assert isinstance(shared, Shared), "whose path sets are asked for"
@@ -139,20 +144,20 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
         try:
             film = _session[1].render(job, shared.scene, options)
         except BaseException:
-            forget()  # the next one begins with a new engine
+            forget()  # the next render makes a new engine
             raise
     return Part(film, _seconds(steps, film), tuple(texts))
 
 
 def _seconds(steps: list[tuple[float, int]], film: Film) -> float:
-    """Of tracing all: from the first step on, which may have waited for shaders, unless it was the only one."""
+    """Return the time of tracing all path sets, without preparations in the first step if there are more."""
     (first, before), (last, _) = steps[0], steps[-1]
     after = film.path_sets - before
     return (last - first) * film.path_sets / after if after else film.metadata.elapsed_s
 
 
 def forget() -> None:
-    """Free what is on the device."""
+    """Free the engine's data on the device."""
     global _session
     if _session is not None:
         _session[1].close()

@@ -1,17 +1,17 @@
-"""A render: a job that describes it, the engine that it asks for, and the loop that fills a film.
+"""Rendering: a job describes a render, an engine traces it, and a loop fills a film.
 
     options     parameters, help and checks, derived from the integrators' settings
-    run_options how a job is run: device, end, what it resumes, who hears of it
-    job         one render as a value: plain data, JSON, to be split
-    factory     an integrator with its options, as an engine for a scene
-    tiles       the parts of an image that a device holds at once
-    interrupts  Ctrl-C keeps what is done
+    run_options options of a run: device, end, film to resume, reports
+    job         one render as a value: plain data, written as JSON, which can be split
+    factory     engine for an integrator, its options and a scene
+    tiles       parts of an image that fit on a device
+    interrupts  handling of Ctrl-C, which keeps finished path sets
     loop        path sets into a film, in steps
-    session     an engine that stays while jobs pass through it
-    calls       `render`, `render_frames` and `run`, which put these in order
-    elements    what a radiosity solution's elements do to a picture
+    session     engine that is kept while jobs pass through it
+    calls       `render`, `render_frames` and `run`, which combine these
+    elements    error of an image due to the elements of a radiosity solution
 
-Each name loads what it needs when it is first used: asking for options alone loads no OpenGL.
+Each name is imported when it is first used, so asking for options loads no OpenGL.
 """
 
 from __future__ import annotations

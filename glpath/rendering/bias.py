@@ -1,12 +1,13 @@
 """Measure the bias of a gather before it is rendered, and replace the gather if its bias is too large.
 
-A gather looks up a coarse radiosity solution. Where that does not fit the light, the picture is too bright or too
-dark, however many path sets it has. So a reduced picture is traced by the gather and by unbiased paths, set by set
-(`glpath.film.bias`). If the difference is above the limit, the solution is refined; if that does not help, "auto"
-takes "path", and a gather that was asked for gets a warning.
+A gather looks up a coarse radiosity solution. If the solution is too coarse for the light, the image is too bright
+or too dark with any number of path sets. Therefore a reduced image is traced by the gather and by unbiased paths,
+set by set (`glpath.film.bias`). If the difference is above the limit, the solution is refined. If that does not
+help, "auto" takes "path", and an explicit "gather" gives a warning.
 
-Cost:     two further engines, and eight sets or more of 128 pixels along the longer side: 0.2 to 2 s.
-Poor at:  bias that is smaller than a block of the picture, and light that few paths find.
+Cost:     two further engines, and at least six path sets of an image with 128 pixels along the longer side: 0.2 to
+          2 s.
+Poor at:  bias in areas smaller than a block of the image, and light that few paths find.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ from glpath.sensors.sensor import Sensor
 from glpath.system.heartbeat import heartbeat
 from glpath.system.time_limit import check_time, part_of_time, seconds_left
 
-#: Longer side of the reduced picture, in pixels; the same whatever the resolution, so that the choice is as well.
+#: Longer side of the reduced image, in pixels; fixed, so that the choice does not depend on the resolution.
 SIDE = 128
-#: Path sets after which the bias is looked at; the last one decides.
+#: Numbers of path sets after which the bias is checked; the last check decides.
 LOOKS = (6, 12, 24, 48, 64)
-# Correction for standard errors that are estimated from few sets (Student's t). Divided by the degrees of freedom,
-# it is added to the number of standard errors.
+# Correction for standard errors estimated from few sets (Student's t). Divided by the degrees of freedom, it is
+# added to the required number of standard errors.
 _STUDENT = 1.85
 _NO_BIAS = 'integrator="path" has no bias.'
 _STAGE = "measuring the bias of the gather"
 
 
 class BiasProbe:
-    """Two prepared engines that trace the same paths: a gather's and one without bias.
+    """Two prepared engines that trace the same paths: one of a gather and one without bias.
 
-    Raises ContextError or MemoryError where there is no room for them.
+    Raises ContextError or MemoryError if their memory cannot be allocated.
     """
 
     def __init__(self, engines: tuple[PathSetEngine, PathSetEngine], shared: Engine) -> None:
@@ -77,21 +78,21 @@ class BiasProbe:
         return sums
 
     def close(self) -> None:
-        """Free what the engines have on the device."""
+        """Free the engines' memory on the device."""
         while self._engines:
             self._engines.pop().close()
 
 
 @dataclass
 class BiasCheck:
-    """The check of one render's bias.
+    """Check of one render's bias.
 
     context, scene : context and traceable scene of the engines
     sensor         : sensor of the render, relative to the scene's origin
     window         : window of the engine that renders
-    say            : called with the name of each stage
-    interrupted    : flag that raises KeyboardInterrupt if it is set
-    engine_s       : seconds that making an engine takes, about
+    say            : function called with the name of each stage
+    interrupted    : flag; if it is set, the check raises KeyboardInterrupt
+    engine_s       : approximate time to make an engine, seconds
     probe          : probe from an earlier check of the same plan
     statistics     : results of the check for the film's metadata
     """
@@ -106,10 +107,10 @@ class BiasCheck:
     engine_s: float
     probe: BiasProbe | None = None
     statistics: dict[str, Any] | None = None
-    _is_cut_short: bool = False  # by the time limit
+    _is_cut_short: bool = False  # True if the time limit ended the measurement
 
     def settle(self, plan: Plan, engine: Engine) -> tuple[Plan, Engine]:
-        """Return the plan whose bias is small enough, and its engine; a plan that was asked for is kept."""
+        """Return a plan with small enough bias, and its engine; an explicitly chosen integrator is kept."""
         bias = self._measured(plan, engine)
         if bias is None:
             # An unknown bias may be large.
@@ -147,11 +148,11 @@ class BiasCheck:
         return plan, engine
 
     def _in_time(self, plan: Plan | None) -> Plan | None:
-        """Return the plan; None if the time limit is over before its engine would be made."""
+        """Return the plan; None if the time limit leaves no time to make its engine."""
         return plan if seconds_left() > self.engine_s else None
 
     def _measured(self, plan: Plan, engine: Engine) -> Bias | None:
-        """The bias of a plan, None if it has none or there is no room or no time to measure it."""
+        """Return the bias of a plan; None if it has none, or if memory or time do not suffice to measure it."""
         self.say(_STAGE)
         reduced = self.sensor.reduced(SIDE)
         try:
@@ -168,11 +169,11 @@ class BiasCheck:
         except TimeLimitError:
             self._is_cut_short = True
         except (ContextError, SceneError, MemoryError):
-            pass  # there is no room for two further engines
+            pass  # not enough memory for two further engines
         return None
 
     def _replaced(self, engine: Engine, plan: Plan, *, same_solution: bool = True) -> Engine:
-        """Prepare and return the engine of `plan`; it takes the scene on the device from `engine`."""
+        """Prepare and return the engine of `plan`, which takes over the scene on the device from `engine`."""
         with self.context:
             if self.probe is not None:
                 self.probe.close()

@@ -1,4 +1,4 @@
-"""`glpath.render` and `render_frames`, which describe jobs and run them, and `run`, for a job that is there."""
+"""Functions `glpath.render` and `render_frames`, which make jobs and run them, and `run` for an existing job."""
 
 from __future__ import annotations
 
@@ -38,47 +38,46 @@ def render(
     parameters: Mapping[str, object] | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Film:
-    """Render a scene: global illumination by paths or from a radiosity solution, or Whitted's ray tracing.
+    """Render a scene by paths, by a gather from a radiosity solution, or by Whitted's ray tracing.
 
     Parameters
     ----------
-    scene          : a file, the name of a shipped scene, a dictionary, trimesh's mesh or scene, a `Scene`: what
-                     `load_scene` takes
-    integrator     : "auto", that of the next three which shows the scene clean soonest, see
-                     `glpath.rendering.choice`; "path", global illumination by every kind of light, by paths whose
-                     rays a BVH in the shader casts; "path-buffer", the same by paths that share directions, all
-                     rays of which one scan of the scene casts; "gather", from a radiosity solution, whose light of
-                     all bounces is gathered at what the eye sees; "t-buffer", Whitted's ray tracing with the
-                     T-buffer, for spheres, planes, point lights, textures and mirrors; "classic", the same image
-                     by the classical algorithm, every ray against every object. Or an instance of its settings out
-                     of `glpath.integrators.by_name`
-    spp            : path sets, that is samples per pixel;
-                     default {default_spp}; no end to them with `time_limit` or `noise`.
-                     Samples of a ray tracer differ only in their position in the pixel: a single one goes through
-                     its centre
-    first_path_set : number of the first one; a render of 32 from 32 on merges with one of 32 from 0 on, and is then
-                     bit for bit the render of 64
-    resolution     : (width, height) in pixels instead of the scene's
-    crop           : (x, y, width, height): only these pixels of the whole image, y from the top
-    camera         : what to replace of the camera: look_at, the name of a shape that is to fill the picture;
-                     position, target, up, fov (vertical, degrees); type
-                     ("perspective", "orthographic" with a height, "panorama"), aperture_radius and
-                     focus_distance of a lens, shutter (opens, closes; seconds), principal_point, pixel_aspect. A
-                     new position ends its motion. Or a whole `glpath.scene.Camera`, instead of the scene's, as
-                     `glpath.camera` makes of matrices
-    parameters     : of a generated scene
+    scene          : any source that `load_scene` accepts: a file, the name of a shipped scene, a dictionary, a
+                     trimesh mesh or scene, or a `Scene`
+    integrator     : "auto", the fastest to a clean image among the next three, see `glpath.rendering.choice`;
+                     "path", global illumination with all kinds of light, by paths whose rays are traced through a
+                     BVH in the shader; "path-buffer", the same by paths that share directions, so one scan of the
+                     scene traces all their rays; "gather", from a radiosity solution with the light of all bounces,
+                     gathered at visible points; "t-buffer", Whitted's ray tracing with the T-buffer, for spheres,
+                     planes, point lights, textures and mirrors; "classic", the same image by the classical
+                     algorithm, every ray against every object. Or an instance of an integrator's settings from
+                     `glpath.integrators.by_name`
+    spp            : path sets (samples per pixel);
+                     default {default_spp}; unlimited with `time_limit` or `noise`.
+                     Samples of a ray tracer differ only in their position in the pixel; a single sample is at its
+                     centre
+    first_path_set : number of the first path set; renders of sets 0 to 31 and 32 to 63 merge into a film that is
+                     bit-identical to a render of 64
+    resolution     : (width, height) in pixels; default: the scene's
+    crop           : (x, y, width, height) of the pixels to render in the whole image, y from the top
+    camera         : fields of the scene's camera to replace: look_at, the name of a shape that shall fill the
+                     image; position, target, up, fov (vertical, degrees); type ("perspective", "orthographic" with
+                     a height, "panorama"), aperture_radius and focus_distance of a lens, shutter (opens, closes;
+                     seconds), principal_point, pixel_aspect. A new position ends the camera's motion. Or a
+                     `glpath.scene.Camera`, which `glpath.camera` makes from matrices
+    parameters     : parameters of a generated scene
     {run_options}
     {options}
 
     Raises
     ------
-    SceneError, UsageError, ContextError : before anything is rendered; ContextError also where the device fails
+    SceneError, UsageError, ContextError : before anything is rendered; ContextError also if the device fails
     TimeLimitError : if the time limit is over more than a second before the first path set
-    RenderInterrupted : on Ctrl-C, with the film so far
+    RenderInterrupted : on Ctrl-C, with the unfinished film
 
-    Warns `SceneWarning` for a scene that can be rendered, but hardly as it is meant.
+    Warns `SceneWarning` for a scene that cannot be rendered as intended.
 
-    Poor at: caustics of mirrors and glass by "path", "path-buffer" and "gather"; indirect light by the ray
+    Poor at: caustics of mirrors and glass with "path", "path-buffer" and "gather"; indirect light with the ray
     tracers.
 
     Example
@@ -113,16 +112,16 @@ def run(
     sensor: PointSensor | None = None,
     **options: Unpack[RunKeywords],
 ) -> Film:
-    """The film of a job: what `render` gives for the arguments that the job was made of.
+    """Render a job. The film equals that of `render` for the job's arguments.
 
     Parameters
     ----------
-    context : instead of one of `backend` and `device`
-    scene   : what the job describes, where that was made in memory, or has been loaded already
-    sensor  : the points of a job that is of points and has come from JSON, which holds none
-    The others are as of `render`
+    context : context to use instead of opening one by `backend` and `device`
+    scene   : scene of the job, required if it was made in memory; avoids loading it again otherwise
+    sensor  : points of a job of points that was read from JSON, which does not contain them
+    The other parameters are those of `render`
 
-    Raises and warns as `render` does; SceneError for a scene whose content is not the job's.
+    Raises and warns as `render` does, and raises SceneError for a scene whose content is not the job's.
 
     Example
     -------
@@ -150,9 +149,9 @@ def run_job(
     context: Context | None = None,
     pictured: Callable[[Film], Film] | None = None,
 ) -> Film:
-    """The film of a job whose scene is loaded: all renders come through here, those of a cluster too.
+    """Return the film of a job whose scene is loaded; all renders, including those of a cluster, call this.
 
-    pictured : what `progress` shows of a film that is no picture
+    pictured : function that makes an image for `progress` from a film of points
     """
     with limited(options.time_limit):
         if options.cluster is not None:
@@ -185,18 +184,18 @@ def render_frames(
     parameters: Mapping[str, object] | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Iterator[Film]:
-    """Render a film of films: one scene from several cameras, or as its lights and objects move.
+    """Render several frames: one scene from several cameras, or with moving lights and objects.
 
     Shaders, objects, shadow-buffers and a radiosity solution stay on the device from frame to frame. The ray
-    tracers fill a shadow-buffer again only where its light or an object has moved [TB III.D]; a gather takes any
+    tracers fill a shadow-buffer again only if its light or an object has moved [TB III.D]. A gather renders any
     number of views from one solution [PB 4].
 
-    frames : of each, what to replace of the scene's camera, as a mapping as in `render` or a `Camera`; or a whole
-             `Scene` with a camera of its own, which for "path", "path-buffer" and "gather" is all that may be new
-             in it. All have the resolution of the first
+    frames : for each frame, fields of the camera to replace, as in `render`, or a `Camera`, or a `Scene` with its
+             own camera. With "path", "path-buffer" and "gather", such scenes may differ only in the camera. All
+             frames have the resolution of the first
 
-    The other parameters are those of `render`, of each frame: each ends by its own `noise` or `time_limit`. Yields
-    a `Film` a frame, with its own time and counts.
+    The other parameters are those of `render` and apply to each frame; each ends by its own `noise` or
+    `time_limit`. Yields a `Film` for each frame, with its own time and counts.
 
     Example
     -------
@@ -205,7 +204,7 @@ def render_frames(
     >>> [film.mean.shape for film in films]
     [(48, 64, 3), (48, 64, 3), (48, 64, 3)]
 
-    Raises what `render` raises.
+    Raises the errors of `render`.
     """
     run_options, chosen = RunOptions.taken_from(options)
     if run_options.film is not None:
@@ -233,7 +232,7 @@ def render_frames(
                     window=(0, 0, *shown.camera.resolution),
                 )
                 if workers is None and (session is None or not session.follows(job, shown)):
-                    until_done.close()  # what is on the device is of no use for another scene
+                    until_done.close()  # data on the device are useless for another scene
                     session = until_done.enter_context(Session(job, shown, run_options))
                 if session is not None:
                     film = session.render(job, shown, reported)
@@ -254,7 +253,7 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
 
 @contextmanager
 def reporting_to(options: RunOptions, pictured: Callable[[Film], Film] | None = None) -> Iterator[RunOptions]:
-    """The options, whose `on_progress` reports to the user, to the caller's function, to both or to nobody."""
+    """Context with the options whose `on_progress` also reports to the user, if `progress` is set."""
     if not options.progress:
         yield options
         return

@@ -1,13 +1,13 @@
-"""What "auto" is: the integrator that shows a scene clean soonest, and its options that were left open.
+"""Choice of the integrator for "auto", the fastest to a clean image, and of options that were not given.
 
-The gather, where the scene can have a radiosity solution in time that is worth it, nothing is asked for that a
-gather has not, and the picture is no thumbnail; else paths. A gather whose measured bias is too large is replaced
-by paths later (`glpath.rendering.bias`). Streams of triangles, which fit into no memory, take the path-buffer,
-which has all their light without bias, and planes without end the T-buffer, as no other knows them; so does an
-option that no other has.
+"gather" is chosen if a radiosity solution is worth its time, all given options are supported, and the image is not
+a thumbnail. Otherwise "path" is chosen. A gather whose measured bias is too large is replaced by paths later
+(`glpath.rendering.bias`). Scenes with streamed triangles take the path-buffer, which has all their light without
+bias. Scenes with infinite planes take the T-buffer, because no other integrator supports them. An option that only
+one integrator has chooses that integrator.
 
-The scene and the options decide alone, so that a job is the same on every machine: never how fast that is, or what
-is installed on it.
+Only the scene and the options decide, so a job is the same on every machine. Speed and installed packages have no
+influence.
 """
 
 from __future__ import annotations
@@ -31,29 +31,31 @@ from glpath.rendering.options import options, settings_of
 from glpath.scene import Environment, Scene, path_traceable
 from glpath.scene.emitted import emitted_radiance
 
-#: Solving a scene of more takes longer than a picture, under a sky most of all, as each side casts rays to it.
-#: Processor seconds until a picture looks clean, by paths and by a gather: 10 and 50 (`benchmarks scene helmet`,
-#: 512 x 512 under a sky), 6 and 14 (the room of 57,490 triangles, 256 x 256, by lamps).
+#: Maximum number of triangles for a gather. Solving a larger scene takes longer than its image, most of all under a
+#: sky, to which each side casts rays. Processor seconds until an image looks clean, by paths and by a gather: 10
+#: and 50 (`benchmarks scene helmet`, 512 x 512 under a sky), 6 and 14 (the room of 57,490 triangles, 256 x 256, lit
+#: by lamps).
 MAX_TRIANGLES = 40_000
-#: Pixels of a thumbnail: paths have it clean before a solver is loaded.
+#: Maximum number of pixels of a thumbnail, which paths render before a solver is loaded.
 THUMBNAIL = 96 * 96
-#: Of a sky's mean radiance: what emits less, on a box around the scene, is a part of its look (a screen, a diode).
+#: Emitters count as lamps above this fraction of the sky's mean radiance, on a box around the scene. Fainter
+#: emitters, such as a screen or a diode, only belong to the scene's appearance.
 FAINT = 0.25
-# An option that one has, and those before it have not, chooses it.
+# Order of preference: the first integrator that has all given options is chosen.
 _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSettings)
-#: Of paths in a scene whose ambient light stands for further bounces.
+#: Default `max_depth` of paths in a scene whose ambient light represents further bounces.
 _DEPTH_WITH_AMBIENT = 5
 
 
 def chosen(
     integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene, pixels: float = math.inf
 ) -> IntegratorSettings:
-    """The settings of a render: an integrator by its name, "auto", or an instance that `given` changes.
+    """Return the settings of a render for an integrator given by name, as "auto", or as an instance.
 
-    given  : options by name, none of which is None
-    pixels : of a camera's whole picture
+    given  : options by name, without None values; they override those of an instance
+    pixels : number of pixels of the camera's whole image
 
-    Raises UsageError, as `settings_of`.
+    Raises UsageError as `settings_of` does.
     """
     solvable = functools.cache(lambda: pixels > THUMBNAIL and not _stands_free(scene) and _solvable(scene))
     name = _engine(given, scene, solvable) if integrator == AUTO else integrator
@@ -61,7 +63,7 @@ def chosen(
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):
         given = {**given, "max_depth": _DEPTH_WITH_AMBIENT}
     if kind is GatherSettings and scene.shapes.streams and "cast" not in given:
-        given = {**given, "cast": "path-buffer"}  # no BVH has streamed triangles
+        given = {**given, "cast": "path-buffer"}  # a BVH excludes streamed triangles
     settings = settings_of(name, given).completed(solvable)
     if integrator == AUTO and isinstance(settings, GatherSettings) and settings.cast == "bvh":
         return replace(settings, or_path=PathSettings in _owners(given))
@@ -69,24 +71,24 @@ def chosen(
 
 
 def for_measuring(given: Mapping[str, Any], scene: Scene) -> str:
-    """Return the integrator of "auto" for light at points: without bias, unless an option that only the gather has
-    is given.
+    """Return the name of the "auto" integrator for light at points.
 
-    given : options by name; those that are None or False do not count
+    given : options by name; None and False count as not given
 
-    Streamed triangles take the path-buffer, as in a picture.
+    It has no bias, unless an option that only the gather has is given. Scenes with streamed triangles take the
+    path-buffer, as for an image.
     """
     asked = {name: value for name, value in given.items() if value is not None and value is not False}
     by_scan = bool(scene.shapes.streams)
     order = (PathBufferSettings, GatherSettings) if by_scan else (PathSettings, PathBufferSettings, GatherSettings)
     owners = _owners(asked)
     having = [kind for kind in order if kind in owners]
-    kinds = [kind for kind in having if _takes(kind, asked)] or having or order  # the first says what is wrong
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or order  # the first one raises
     return kinds[0].integrator
 
 
 def _owners(given: Mapping[str, Any]) -> list[type[IntegratorSettings]]:
-    """The integrators that have all of the options, in the order of preference; unset flags do not count."""
+    """Return the integrators that have all of the options, in order of preference; unset flags do not count."""
     known = options()
     owners = [known[name].settings for name, value in given.items() if value is not False and name in known]
     return [kind for kind in _IN_THIS_ORDER if all(kind.integrator in names for names in owners)]
@@ -94,12 +96,12 @@ def _owners(given: Mapping[str, Any]) -> list[type[IntegratorSettings]]:
 
 def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]) -> str:
     if any(shape.primitive == "plane" for shape in scene.shapes):
-        return TBufferSettings.integrator  # no path meets one
+        return TBufferSettings.integrator  # others lack planes
     if scene.shapes.streams:
         return PathBufferSettings.integrator
-    asked = {name: value for name, value in given.items() if value is not False}  # an unset flag says nothing
+    asked = {name: value for name, value in given.items() if value is not False}  # an unset flag does not count
     having = _owners(asked)
-    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # which says what is wrong
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # it raises the error
     if kinds[0] is GatherSettings and len(kinds) > 1:
         solved = not (_has_ambient(scene) or scene.moving_shapes) and solvable()
         return kinds[0 if solved else 1].integrator
@@ -107,7 +109,7 @@ def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]
 
 
 def _takes(kind: type[IntegratorSettings], given: Mapping[str, Any]) -> bool:
-    """Whether options that it has mean something together."""
+    """Return True if an integrator accepts the combination of options."""
     try:
         kind().check_together(given)
     except UsageError:
@@ -116,20 +118,20 @@ def _takes(kind: type[IntegratorSettings], given: Mapping[str, Any]) -> bool:
 
 
 def _has_ambient(scene: Scene) -> bool:
-    """Ambient light stands for bounces that are not traced, which a solution has."""
+    """Return True if the scene has ambient light, which replaces bounces that a radiosity solution contains."""
     return bool(np.any(scene.ambient > 0))
 
 
 def _stands_free(scene: Scene) -> bool:
-    """Whether a sky lights it, and nothing else by much, and it is seen from outside: light comes straight or by
-    few bounces then.
+    """Return True for an object under a sky, seen from outside and with no other strong light.
 
-    That is not worth a solution, to which each element under a sky casts many rays.
+    Light reaches it directly or after few bounces. A solution is then not worth its time, because each element
+    casts many rays to the sky.
     """
     if scene.sky is None or scene.lights:
         return False
     if isinstance(scene.sky, Environment) and scene.sky.assumed:
-        return True  # a studio, which stands in for light where nothing sends much
+        return True  # studio sky, added because the scene has little light
     if emitted_radiance(scene) > FAINT * scene.sky.mean_integral / (4 * math.pi):
         return False
     lower, upper = scene.bounds
@@ -137,14 +139,14 @@ def _stands_free(scene: Scene) -> bool:
 
 
 def _solvable(scene: Scene) -> bool:
-    """Whether the scene can have a radiosity solution, in time that is worth it."""
+    """Return True if the scene can have a radiosity solution that is worth its time."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # the engine says it
+            warnings.simplefilter("ignore", SceneWarning)  # the engine gives the warning later
             triangles = path_traceable(scene.still())
         if triangles.shapes.total("triangle") > MAX_TRIANGLES:
             return False
-        from glpath.radiosity.solvers.checks import check_solvable  # slow to import, for scenes that may be solved
+        from glpath.radiosity.solvers.checks import check_solvable  # slow to import, so only if needed
 
         check_solvable(triangles)
     except SceneError:

@@ -1,4 +1,4 @@
-"""What the elements of a radiosity solution do to a picture gathered from it, estimated without a reference."""
+"""Error of a gathered image due to the elements of its radiosity solution, estimated without a reference."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from glpath.rendering.calls import render
 
 Float64 = NDArray[np.float64]
 
-# Pixels along a side of the blocks over which differences are taken: below that they are all noise.
+# Side of the blocks over which differences are averaged, pixels; differences of smaller blocks are only noise.
 _BLOCK = 8
 
 
 @dataclass(frozen=True)
 class ElementError:
-    """How far a gather is off because its solution is made of elements.
+    """Error of a gather due to the elements of its solution.
 
-    bias        : the picture's mean is too bright by this share of it, negative: too dark
-    bias_error  : standard error of that, from the noise of the path sets
-    relmse      : of the means of 8 x 8 pixels, with the noise taken off: comparable to a film's
-    blocks      : (h, w, 3) float64, how much brighter each block is, W sr^-1 m^-2; with noise
+    bias        : relative error of the image's mean; negative if it is too dark
+    bias_error  : standard error of `bias`, from the noise of the path sets
+    relmse      : relMSE of the means of 8 x 8 pixels, without noise; comparable to a film's relMSE
+    blocks      : (h, w, 3) float64, excess radiance of each block, W sr^-1 m^-2, including noise
     """
 
     bias: float
@@ -37,7 +37,7 @@ class ElementError:
     blocks: Float64
 
     def recorded(self) -> dict[str, float]:
-        """The numbers, as JSON has values."""
+        """Return the numbers for JSON."""
         return {"bias": self.bias, "bias_error": self.bias_error, "relmse": self.relmse}
 
     def __str__(self) -> str:
@@ -48,24 +48,24 @@ class ElementError:
 def element_error(
     scene: AnyScene, radiosity: Solution | None = None, *, spp: int = 64, lookup_depth: int = 2, **options: Any
 ) -> ElementError:
-    """Estimate what the elements of a radiosity solution do to the picture that is gathered from it.
+    """Estimate the error of a gathered image due to the elements of its radiosity solution.
 
-    Two gathers of the same path sets are compared: one looks the solution up at vertex `lookup_depth`, as the
-    picture does, the other a vertex further on, where what is wrong with it is reflected once more before it is
-    seen. The difference is the error of the first, less that of the second, which is a fraction of it: beside
-    Mitsuba's converged Cornell box, the relMSE found is from half to all of the true one.
+    Two gathers of the same path sets are compared. One looks up the solution at vertex `lookup_depth`, as the image
+    does. The other looks it up one vertex later, so its errors are reflected once more before they reach the
+    camera. The difference is the error of the first gather minus the smaller error of the second. For Mitsuba's
+    converged Cornell box, the estimated relMSE is between half and all of the true one.
 
     Parameters
     ----------
-    scene        : what `glpath.render` takes
-    radiosity    : the solution; without, the scene is solved first
-    spp          : path sets of each of the two; from 16 on, more than one batch being needed for an error
-    lookup_depth : of the gather
-    options      : what else `glpath.render` takes with `integrator="gather"`: camera, crop, lookup_distance ...
+    scene        : any scene that `glpath.render` accepts
+    radiosity    : solution; None: the scene is solved first
+    spp          : path sets of each gather, at least 16, because an error needs more than one batch
+    lookup_depth : `lookup_depth` of the image's gather
+    options      : other options of `glpath.render` with `integrator="gather"`: camera, crop, lookup_distance ...
 
     Raises what `glpath.render` raises, and UsageError for too few path sets.
 
-    Source: two estimates of one integral as in multilevel Monte Carlo (Giles 2015), used for the bias alone.
+    Source: two estimates of one integral as in multilevel Monte Carlo (Giles 2015), used only for the bias.
 
     Example
     -------
@@ -97,13 +97,13 @@ def element_error(
 
 
 def _batches(film: Film) -> Float64:
-    """(batches, h, w, 3): the blocks' means of radiance in each batch."""
+    """Return the blocks' mean radiances (batches, h, w, 3) in each batch."""
     used = np.flatnonzero(film.batch_counts)
     return np.stack([_in_blocks(film.radiance_sums[i] / film.batch_counts[i]) for i in used])
 
 
 def _in_blocks(picture: Float64) -> Float64:
-    """(h, w, 3) means over 8 x 8 pixels of (H, W, 3), what is left at the right and below as smaller blocks."""
+    """Return means (h, w, 3) over 8 x 8 pixels of (H, W, 3); blocks at the right and bottom may be smaller."""
     rows, columns = (np.arange(0, n, _BLOCK) for n in picture.shape[:2])
     sums = np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1)
     height, width = (np.diff(np.append(e, n)) for e, n in zip((rows, columns), picture.shape[:2], strict=True))

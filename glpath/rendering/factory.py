@@ -1,4 +1,4 @@
-"""An integrator with its options, as an engine for a scene: only this module knows the engine of each."""
+"""Factory of engines for an integrator, its options and a scene; only this module knows each engine."""
 
 from __future__ import annotations
 
@@ -44,47 +44,49 @@ if TYPE_CHECKING:
 Window = tuple[int, int, int, int]
 Say = Callable[[str], None]
 
-# What was measured, with 7.7 million: 5.9 GiB. Of fewer than so many triangles it is not asked.
+# Memory of an expanded triangle in bytes (5.9 GiB measured for 7.7 million triangles), and the number of triangles
+# from which memory is checked.
 _BYTES_PER_TRIANGLE, _MANY_TRIANGLES = 820, 1_000_000
 
 _Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
 
-# Of a picture that is made as four, which does work per triangle four times.
+# Minimum number of pixels per triangle for an interleaved image, which does work per triangle four times.
 _PIXELS_PER_TRIANGLE = 16
 
-# Of the area of streamed triangles: with less in their proxies, a solution is of another scene.
+# Minimum fraction of the streamed triangles' area in their proxies. With less, a solution belongs to another scene.
 _LOST = 0.5
 
-# From this share of lost rays on, the image is noisier than its path sets let expect.
+# Fraction of lost rays above which the image is noisier than expected from its path sets.
 _CROWDED = 0.25
 
-#: In the statistics of a film whose paths have no guides, as the time limit left no time for a solution.
+#: Key in the statistics of a film whose paths have no guides, because the time limit left no time for a solution.
 UNGUIDED = "unguided_by_time_limit"
 
-#: Of the solution that a gather makes, which looks up indirect light alone, a bounce away: its noise is in hundreds
-#: of elements at once. Against eight million particles, so few change a picture's relMSE by 7e-6 (`cornell-box-36`)
-#: and 2e-5 (`room`); progressive refinement takes three times as long for the same there, ten times in `office`.
+#: Number of patches and particles of a solution made for a gather. A gather looks up only indirect light, one
+#: bounce away, so the noise averages over hundreds of elements. Compared with eight million particles, these few
+#: change an image's relMSE by 7e-6 (`cornell-box-36`) and 2e-5 (`room`). For the same error, progressive refinement
+#: takes three times as long there, and ten times in `office`.
 GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
-# So many times more under a sky, and more where the solver finds them too few: most of what starts all over a scene
-# leaves it at once, and a window lets little of it in. In a room of 4 x 5 beside a ground of 80 x 80 its mean
-# varies by 0.5 % by seed.
+# Factor on the particles under a sky; the solver adds more if these are too few. Most particles that start all over
+# a scene leave it at once, and few enter through a window. In a room of 4 x 5 beside a ground of 80 x 80, the
+# room's mean varies by 0.5 % between seeds.
 _STARTING_EVERYWHERE = 4
-#: Share of the local irradiance by which parts of an element have to differ for it to be split, and of a refined
-#: solution.
+#: Difference between parts of an element above which it is split, as a fraction of the local irradiance; the second
+#: value is for a refined solution.
 _THRESHOLD, _REFINED_THRESHOLD = 0.25, 0.09
-#: How many times as many patches and particles a refined solution has.
+#: Factors on the numbers of patches and particles for a refined solution.
 _MORE_PATCHES, _MORE_PARTICLES = 4, 8
-_COARSE_PIXELS = 1 << 16  # of a picture, for which that is enough
+_COARSE_PIXELS = 1 << 16  # pixels of an image for which GATHER_PATCHES suffice
 
 
 def solve_for_gather(
     scene: Scene, on_progress: Callable[[RadiosityProgress], None] | None = None, *, refined: bool = False
 ) -> RadiositySolution:
-    """Solve the radiosity for guided paths, and for a gather that is given no solution: coarsely, by particles.
+    """Solve the radiosity coarsely by particles, for guided paths, and for a gather without a given solution.
 
-    A large picture of few triangles has more elements: finer guides are worth more than they cost there.
+    A larger image gets more elements, because finer guides are worth their cost there.
 
-    refined : with more and finer elements, as the bias with the usual ones is too large
+    refined : True for more and finer elements, if the bias with the usual ones is too large
     """
     from glpath.radiosity.solvers.solve import solve_radiosity  # slow to import
 
@@ -106,34 +108,34 @@ def solve_for_gather(
 
 
 class Counts(Protocol):
-    """What a film's metadata ask of the engine."""
+    """Interface of an engine that a film's metadata use."""
 
     def statistics(self) -> dict[str, object]:
-        """What was counted so far."""
+        """Return the counts so far."""
 
 
 @dataclass(frozen=True)
 class Plan(ABC):
-    """An integrator with its options, for any scene; without a method of its own, as most are."""
+    """Integrator with its options, for any scene. Default implementations of the methods suit most integrators."""
 
     settings: IntegratorSettings
 
     def recorded(self) -> dict[str, Any]:
-        """What decides the image besides the scene, as a film's metadata has it."""
+        """Return the settings that determine the image besides the scene, as in a film's metadata."""
         return self.settings.recorded()
 
     def warnings(self, scene: Scene) -> list[str]:
-        """What a scene has that this integrator hardly renders as it is meant."""
+        """Return warnings about features of a scene that this integrator does not render as intended."""
         return []
 
     @abstractmethod
     def traceable(self, scene: Scene) -> Scene:
-        """The scene as the engine knows it, relative to its `origin`. Raises SceneError for what it is not for."""
+        """Return the scene in the engine's form, relative to its `origin`. Raises SceneError."""
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        """The plan with all that takes the traceable scene and no context: a radiosity solution.
+        """Return the plan with results that need the traceable scene but no context, such as a radiosity solution.
 
-        say : called now and then with what is done
+        say : function called at intervals with a description of the work
         """
         return self
 
@@ -147,10 +149,10 @@ class Plan(ABC):
         timings: bool,
         device: DeviceScene | None = None,
     ) -> Engine:
-        """The engine for a traceable scene, which has the sensor's camera; it is not prepared, the plan is.
+        """Return an engine for a traceable scene with the sensor's camera. The plan is prepared; the engine is not.
 
-        device : the scene as another engine of the same plan has it on the device
-        sensor : relative to the scene's origin, as those that the engine looks from later, see `sensor_in`
+        device : scene on the device, from another engine of the same plan
+        sensor : sensor relative to the scene's origin, like all later sensors of the engine; see `sensor_in`
         """
 
     def bias_probe(
@@ -158,10 +160,10 @@ class Plan(ABC):
     ) -> tuple[PathSetEngine, PathSetEngine] | None:
         """Return an engine with the plan's bias and one without, which trace the same paths; neither is prepared.
 
-        None if the plan has no bias that can be measured.
+        Returns None if the plan has no bias that can be measured.
 
-        engine : of the plan; what it has on the device is shared
-        sensor : all of which both engines look at
+        engine : engine of the plan, whose data on the device are shared
+        sensor : sensor whose whole image both engines render
         """
         return None
 
@@ -170,44 +172,44 @@ class Plan(ABC):
         return None
 
     def without_bias(self) -> Plan | None:
-        """Return the prepared plan of an integrator without bias, where the job leaves the choice; else None."""
+        """Return the prepared plan of an unbiased integrator; None if the job fixes the integrator."""
         return None
 
     def resumed(self, film: Film | None) -> Plan:
-        """Return the plan that a film was begun with: its integrator and solution may have been replaced."""
+        """Return the plan with which a film was begun; its integrator and solution may have been replaced then."""
         return self
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
-        """Continue with another scene, traceable and with a camera of its own. Raises SceneError."""
+        """Switch an engine to another traceable scene with its own camera. Raises SceneError."""
         _move_camera(engine, scene)
 
     def remarks(self, film: Film) -> list[str]:
-        """Warnings about a film that is done."""
+        """Return warnings about a finished film."""
         return []
 
     def solution_error(self) -> float | None:
-        """Of a prepared plan, `FilmMetadata.solution_error` of the camera's picture; None without a bias."""
+        """Return `FilmMetadata.solution_error` of the camera's image for a prepared plan; None without bias."""
         return None
 
 
 def sensor_in(traced: Scene, sensor: Sensor, scene: Scene) -> Sensor:
-    """A sensor in a scene as an engine for the traceable scene has it: relative to the origin of that."""
+    """Return a sensor relative to the origin of the traceable scene."""
     return sensor.moved(traced.origin - scene.origin)
 
 
 def plan_of(settings: IntegratorSettings) -> Plan:
-    """The plan of a render by an integrator."""
+    """Return the plan of an integrator with its settings."""
     return PLANS[settings.integrator](settings)
 
 
 @dataclass(frozen=True)
 class _Paths(Plan):
-    """What is particular to "path".
+    """Plan of "path".
 
-    solution : of the prepared plan, where paths are guided. It is not recorded: pictures by any one add up, as
-               paths are unbiased
-    is_refined : the solution is the fine one of a gather that was rejected
-    is_resumed : the film was begun with guides, so there is no render without them
+    solution : radiosity solution of the prepared plan if paths are guided. It is not recorded, because images made
+               with different solutions can be merged: paths are unbiased
+    is_refined : True if the solution is the fine one of a rejected gather
+    is_resumed : True if the film was begun with guides, so it cannot be continued without them
     """
 
     settings: PathSettings
@@ -223,7 +225,7 @@ class _Paths(Plan):
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
             return self
-        # Guides may be of any moment, and of a solution that was cut short: paths stay unbiased.
+        # Guides may come from any moment and from an unfinished solution, because paths stay unbiased.
         if self.is_resumed:
             return replace(self, solution=_solved(scene.still(), say, refined=self.is_refined))
         solution = _solved_in_time(scene.still(), say, refined=self.is_refined)
@@ -257,7 +259,7 @@ class _Paths(Plan):
 
 @dataclass(frozen=True)
 class _PathBuffer(Plan):
-    """What is particular to "path-buffer"."""
+    """Plan of "path-buffer"."""
 
     settings: PathBufferSettings
 
@@ -298,7 +300,7 @@ class _PathBuffer(Plan):
 
 
 def _interleaved(settings: _Shared, scene: Scene) -> _Shared:
-    """The settings with what was left open: whether a picture is four of every second pixel."""
+    """Return the settings with `interleave` decided, which renders an image as four parts of every second pixel."""
     if settings.interleave is not None or not settings.by_path_buffer:
         return settings
     width, height = scene.camera.resolution
@@ -316,9 +318,9 @@ def _engine_with_solution(
     timings: bool,
     device: DeviceScene | None,
 ) -> Engine:
-    """The engine, with the plan's radiosity solution where there is one."""
+    """Return the engine of a plan, with its radiosity solution if it has one."""
     solution, settings = plan.solution, plan.settings
-    # Solutions are of the triangles of all instances, and points are found on these.
+    # Solutions contain the triangles of all instances, and sensors of points need them expanded, too.
     parted = instanced(scene) if solution is None and isinstance(sensor, CameraSensor) else None
     if parted is None:
         _check_expandable(scene)
@@ -334,7 +336,7 @@ def _engine_with_solution(
 
 
 def _check_expandable(scene: Scene) -> None:
-    """Raise SceneError where triangles of all instances, which an engine wants, do not fit into memory."""
+    """Raise SceneError if the triangles of all instances, which an engine needs, do not fit into memory."""
     total, kept = scene.shapes.total("triangle"), sum(len(mesh.faces) for mesh in scene.shapes.meshes)
     if total < _MANY_TRIANGLES or total < 2 * kept:
         return
@@ -350,12 +352,12 @@ def _check_expandable(scene: Scene) -> None:
 
 
 def _posed(scene: Scene) -> Scene:
-    """The scene as it stands while the shutter is open: what moves only at other times is where it is then."""
+    """Return the scene while the shutter is open, without motion outside of that time."""
     return scene if scene.moving_shapes else scene.still()
 
 
 def _proxies(scene: Scene, say: Say) -> Proxies:
-    """The scene with meshes for its streams. Raises SceneError where little of them would be left."""
+    """Return the scene with meshes instead of streams. Raises SceneError if too little of their area is left."""
     say("simplifying streamed triangles")
     proxies = with_proxies(scene)
     if proxies.area < _LOST:
@@ -390,7 +392,7 @@ def _is_cut_short(solution: RadiositySolution) -> bool:
 
 
 def _move_camera(engine: Engine, scene: Scene) -> None:
-    """Continue with the camera of a scene that is otherwise the same."""
+    """Switch an engine to the camera of a scene that is otherwise the same."""
     if scene.digest(camera=False) != engine.scene.given.digest(camera=False):
         raise SceneError(
             f"{scene.source or scene.name}: a frame differs from the first one in more than its camera.",
@@ -412,7 +414,7 @@ def _crowding(film: Film) -> list[str]:
 
 
 def _without_ground(scene: Scene) -> list[str]:
-    """Of engines whose rays are cast by scans: none starts at what is no surface."""
+    """Return a warning if the scene has a ground; engines that cast rays by scans need surfaces to start from."""
     if scene.background is None or scene.background.ground is None or scene.sky is None:
         return []
     return [
@@ -434,11 +436,11 @@ def _cut(film: Film) -> list[str]:
 
 @dataclass(frozen=True)
 class _Gathering(Plan):
-    """What is particular to the gather from a radiosity solution.
+    """Plan of "gather", which looks up a radiosity solution.
 
-    solution : of the prepared plan: the one that is given, its file's, or the scene's, which is solved then
-    proxies  : of the prepared plan of a scene with streams: what is solved
-    is_resumed : the film was begun with a whole solution, which it needs again
+    solution : solution of the prepared plan: the given one, from its file, or made for the scene
+    proxies  : meshes to solve instead of streams, in the prepared plan of a scene with streams
+    is_resumed : True if the film was begun with a complete solution, which it needs again
     """
 
     settings: GatherSettings
@@ -492,9 +494,9 @@ class _Gathering(Plan):
         return _Gathering(_interleaved(self.settings, scene), solution, proxies)
 
     def _solved_in_time(self, scene: Scene, solved: Scene, proxies: Proxies | None, say: Say) -> Plan:
-        """Return the prepared plan; of paths if the time limit leaves no time for a solution and the job allows it.
+        """Return the prepared plan; a plan of paths if time is too short for a solution and the job allows it.
 
-        Raises TimeLimitError if a resumed film or the job needs a solution that there is no time for.
+        Raises TimeLimitError if a resumed film or the job needs a solution and the time does not suffice.
         """
         refined = self.settings.refined
         can_be_paths = self.settings.or_path and not self.is_resumed
@@ -536,7 +538,7 @@ class _Gathering(Plan):
     ) -> tuple[PathSetEngine, PathSetEngine] | None:
         solution = self.solution
         if solution is None or self.proxies is not None:
-            return None  # no BVH has streamed triangles
+            return None  # a BVH excludes streamed triangles
         width, height = sensor.resolution
         gather = GatherSettings(
             lookup_depth=self.settings.lookup_depth,
@@ -546,7 +548,7 @@ class _Gathering(Plan):
         )
         path = PathSettings(guide="solution").completed(lambda: True)
         known = engine.radiosity if isinstance(engine, RayPathEngine) else None
-        # The picture looks up the same, unless one of these options is given.
+        # The engine's image uses the same lookup, unless one of these options is given.
         usual = (
             self.settings.guided and gather.direct_light == "traced" and gather.radiosity_lookup == "interpolated"
         )
@@ -593,14 +595,14 @@ class _Gathering(Plan):
 
     def solution_error(self) -> float | None:
         if self.settings.radiosity is not None or self.solution is None:
-            return None  # a solution that was given is for another camera, or for none
+            return None  # a given solution was made for another camera, or for none
         found = self.solution.statistics.get("view_error")
         return None if found is None else float(found)
 
 
 @dataclass(frozen=True)
 class _Whitted(Plan):
-    """What is particular to the ray tracers."""
+    """Plan of the ray tracers "classic" and "t-buffer"."""
 
     settings: WhittedSettings
 
@@ -655,7 +657,7 @@ class _Whitted(Plan):
         timings: bool,
         device: DeviceScene | None = None,
     ) -> WhittedTracer:
-        from glpath.integrators.whitted import WhittedTracer  # with numba, which is slow to import
+        from glpath.integrators.whitted import WhittedTracer  # imports numba, which is slow
 
         return WhittedTracer(
             context.gl,
@@ -673,7 +675,7 @@ class _Whitted(Plan):
         engine.change_scene(scene)
 
 
-#: The plan of each integrator, by its name.
+#: Plan class of each integrator by name.
 PLANS: Mapping[str, Callable[[Any], Plan]] = {
     "path": _Paths,
     "path-buffer": _PathBuffer,

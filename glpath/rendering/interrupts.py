@@ -1,4 +1,4 @@
-"""Ctrl-C during a render: the path sets that are done are kept."""
+"""Handling of Ctrl-C during a render, which keeps the finished path sets."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from glpath.errors import kept_in
 from glpath.film.film import Film
 from glpath.system.signals import ENDING, REPEATED
 
-# Seconds that an unfinished path set has to end after SIGTERM or another signal of `TERMINATING`. Who sends them
-# ends the process for good soon: containers after ten seconds, Slurm after thirty.
+# Time for an unfinished path set to end after a signal of `TERMINATING`, such as SIGTERM, seconds. The sender kills
+# the process soon after: containers after ten seconds, Slurm after thirty.
 _GRACE = 4.0
 
 
 class RenderInterrupted(KeyboardInterrupt):
-    """Ctrl-C came during a render. `film` holds all whole path sets done until then.
+    """Exception for Ctrl-C during a render; `film` holds all complete path sets.
 
-    number : of the signal that ended it; SIGINT, Ctrl-C, also where that was raised as an exception
+    number : number of the signal that ended the render; SIGINT also for a KeyboardInterrupt
     """
 
     number: int = signal.SIGINT
@@ -34,9 +34,9 @@ class RenderInterrupted(KeyboardInterrupt):
 
 
 class Flag:
-    """Truth that a signal handler can set.
+    """Boolean flag that a signal handler sets.
 
-    signal : the first that came
+    signal : number of the first signal that arrived
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class Flag:
 
     @contextmanager
     def whole(self) -> Iterator[None]:
-        """A block that no second signal breaks into; it breaks in after it."""
+        """Context that a second signal does not interrupt; the interruption follows after the block."""
         self._whole = True
         try:
             yield
@@ -63,16 +63,16 @@ class Flag:
             self._break_in()
 
     def close(self) -> None:
-        """Nothing is left to be hurried."""
+        """Cancel the timer that interrupts slow path sets."""
         self._hurry.cancel()
 
     def _hurry_up(self) -> None:
-        """Send the signal again, to break into the path set that is not done in time."""
+        """Send the signal again, to interrupt a path set that did not end in time."""
         self._late = True
         os.kill(os.getpid(), self.signal)
 
     def signalled(self, number: int, break_in: Callable[[], object]) -> None:
-        """Note a signal. From the second one on call `break_in`, except for a signal that the system repeats."""
+        """Record a signal. From the second one on, call `break_in`, except for signals that the system repeats."""
         if self.set and number in REPEATED and not self._late:
             return
         if not self.set:
@@ -88,11 +88,11 @@ class Flag:
 
 @contextmanager
 def interrupt_as_flag() -> Iterator[Flag]:
-    """Ctrl-C sets a flag instead of breaking into the middle of a path set; a second one breaks in.
+    """Context in which Ctrl-C sets a flag instead of interrupting a path set; a second Ctrl-C interrupts.
 
-    The same holds for each signal of `TERMINATING` that is handled in Python, as the command line does; a shell
-    starts background jobs with SIGINT ignored, so none stands for another. Only the main thread gets signals,
-    elsewhere this does nothing.
+    The same applies to each signal of `TERMINATING` with a Python handler; the command line installs such handlers.
+    Each signal has its own handler, because a shell starts background jobs with SIGINT ignored. In other threads
+    than the main thread, which get no signals, it has no effect.
     """
     flag = Flag()
     before = {number: signal.getsignal(number) for number in ENDING}

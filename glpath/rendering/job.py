@@ -1,11 +1,11 @@
-"""One render as a value: what to render, by whom, from where and how much of it; plain data, JSON, to be split.
+"""Render job: scene, integrator, sensor and path sets as plain data, written as JSON, which can be split.
 
     job = RenderJob.of("cornell-box", spp=1024)
     parts = job.split(4)                     # on four machines, say, each from its own file
     films = [run(part) for part in parts]    # merge into the film of run(job), bit for bit on one kind of device
 
-A job names its scene by where it comes from and by the SHA-256 of its content, so that a file which has changed
-since is an error, not another image. The camera is the job's own, all of it.
+A job identifies its scene by its source and by the SHA-256 of its content, so a changed file gives an error instead
+of another image. The job contains the whole camera.
 """
 
 from __future__ import annotations
@@ -61,11 +61,11 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class SceneSource:
-    """Where a scene comes from, and what it must hold.
+    """Source of a scene, and the digest of its content.
 
-    kind       : "file", "shipped", or "memory" for one that was made in Python and has to be handed to `run`
-    name       : the file's path, the shipped name, or what a scene in memory calls itself
-    parameters : of a shipped scene that is generated, or of a glTF file
+    kind       : "file", "shipped", or "memory" for a scene made in Python, which must be passed to `run`
+    name       : path of the file, name of the shipped scene, or name of the scene in memory
+    parameters : parameters of a generated shipped scene, or of a glTF file
     sha256     : `Scene.digest(camera=False)`: geometry, materials and lights
     """
 
@@ -76,17 +76,17 @@ class SceneSource:
 
     @classmethod
     def of(cls, scene: AnyScene, loaded: Scene, parameters: Mapping[str, object] | None) -> SceneSource:
-        """Of what `load_scene` was given, and what it made of it."""
+        """Return the source of a loaded scene; `scene` is the argument of `load_scene`."""
         digest = loaded.digest(camera=False)
         if isinstance(scene, str) and scene in shipped_scenes():
             return cls("shipped", scene, digest, dict(parameters or {}))
         if isinstance(scene, str | Path):
-            # Workers need not be started in the same folder.
+            # Absolute, because workers may run in another folder.
             return cls("file", os.path.abspath(scene), digest, dict(parameters or {}))
         return cls("memory", loaded.name, digest)
 
     def load(self, given: Scene | None = None) -> Scene:
-        """The scene, read again, or the one that is `given`. Raises SceneError where its content is another."""
+        """Return the scene, read again or `given`. Raises SceneError if its content differs."""
         if given is None and self.kind == "memory":
             raise UsageError(
                 f"job: its scene {self.name!r} was made in memory, and a job holds no geometry.",
@@ -108,14 +108,14 @@ class SceneSource:
 
 @dataclass(frozen=True)
 class RenderJob:
-    """What one render does; equal jobs make equal films on one device.
+    """Description of one render; equal jobs give equal films on one device.
 
-    scene      : where the scene comes from, and its digest
-    integrator : the integrator, which is its options: an instance out of `glpath.integrators.by_name`
-    sensor     : where paths start: the camera and its resolution, or points
-    window     : (x, y, width, height): the pixels of the whole image that are rendered, y from the top
-    path_sets  : (start, stop), half-open: which path sets; one is a path for every pixel
-    strict     : take warnings for errors in each run, see `RunOptions.strict`
+    scene      : source of the scene, and its digest
+    integrator : integrator with its options, an instance from `glpath.integrators.by_name`
+    sensor     : start of paths: the camera with its resolution, or points
+    window     : (x, y, width, height) of the rendered pixels in the whole image, y from the top
+    path_sets  : (start, stop), half-open range of path sets; a path set is one path per pixel
+    strict     : True to raise warnings as errors in each run, see `RunOptions.strict`
     """
 
     scene: SceneSource
@@ -142,14 +142,15 @@ class RenderJob:
         strict: bool = False,
         **options: Unpack[IntegratorKeywords],
     ) -> RenderJob:
-        """The job of a call of `glpath.render` with these arguments, all but those of the machine and of progress.
+        """Return the job of a call of `glpath.render` with these arguments; arguments of a run are excluded.
 
         sensor : points, instead of the scene's camera
-        strict : take warnings for errors, now and whenever the job is run
+        strict : True to raise warnings as errors, now and in each run of the job
 
         {options}
 
-        Loads the scene, for its digest and its camera. Raises what `glpath.render` raises before it renders.
+        The scene is loaded for its digest and its camera. Raises the errors that `glpath.render` raises before
+        rendering.
         """
         with warning_scope(strict):
             job, _ = describe(
@@ -168,20 +169,20 @@ class RenderJob:
 
     @property
     def spp(self) -> int:
-        """How many path sets."""
+        """Number of path sets."""
         return self.path_sets[1] - self.path_sets[0]
 
     def seen(self, scene: Scene | None = None) -> Scene:
-        """The scene as the job's sensor sees it; `scene` and errors as of `SceneSource.load`."""
+        """Return the scene with the job's sensor; parameter and errors are those of `SceneSource.load`."""
         with _needing(self.sensor):
             loaded = self.scene.load(scene)
         return self.sensor.seen(loaded)
 
     def split(self, count: int) -> list[RenderJob]:
-        """At most `count` jobs with a share of the path sets each, whose films merge into this job's, bit for bit.
+        """Split the path sets into at most `count` jobs, whose films merge into this job's, bit for bit.
 
-        They end where the film's blocks of 8 path sets do, as points of a Sobol sequence stratify each other there;
-        so a job of few path sets has fewer parts. Raises UsageError for a count below 1.
+        The parts end at the film's blocks of 8 path sets, because points of a Sobol sequence are stratified within
+        a block. Therefore a job of few path sets has fewer parts. Raises UsageError for a count below 1.
         """
         check_count("split", count, 1, MAX_SPP)
         start, stop = self.path_sets
@@ -192,7 +193,7 @@ class RenderJob:
         return [replace(self, path_sets=ends) for ends in pairwise(cuts)]
 
     def to_json(self) -> str:
-        """The job as JSON, for `from_json`. Raises UsageError for a radiosity solution that is only in memory."""
+        """Return the job as JSON for `from_json`. Raises UsageError for a radiosity solution in memory."""
         settings = {}
         for name in settings_fields(type(self.integrator)):
             value = getattr(self.integrator, name)
@@ -218,7 +219,7 @@ class RenderJob:
 
     @classmethod
     def from_json(cls, text: str, location: str = "job") -> RenderJob:
-        """The job that `to_json` wrote; `location` is how errors name it. Raises UsageError."""
+        """Return the job of a text from `to_json`; `location` is its name in errors. Raises UsageError."""
         try:
             data: JobFile = decode_json(text, JobFile)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -248,7 +249,7 @@ class RenderJob:
         return cls(data.scene, settings, sensor, window, data.path_sets, data.strict)
 
     def save(self, path: str | Path) -> None:
-        """Write the JSON to a file, which appears whole or not at all. Raises ImageError where it cannot be."""
+        """Write the JSON to a file atomically. Raises ImageError if it cannot be written."""
         with whole_file(path) as part:
             part.write_text(self.to_json() + "\n", "utf-8")
 
@@ -264,7 +265,7 @@ class RenderJob:
 
 
 class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
-    """A camera as the sensor of a job file; lengths in scene units, angles in degrees, times in seconds."""
+    """Camera as the sensor of a job file; lengths in scene units, angles in degrees, times in seconds."""
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
@@ -282,7 +283,7 @@ class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
 
 
 class PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
-    """Points as the sensor of a job file: how many, and the SHA-256 of the table that `run` is handed."""
+    """Points as the sensor of a job file: their number, and the SHA-256 of the table that `run` gets."""
 
     resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -295,7 +296,7 @@ class PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
 
 
 class JobFile(msgspec.Struct, forbid_unknown_fields=True):
-    """A job as JSON has it; the integrator's fields are its own business."""
+    """Structure of a job file; fields of the integrator are checked separately."""
 
     format: str
     version: int
@@ -320,15 +321,15 @@ def describe(
     sensor: PointSensor | None = None,
     **options: Unpack[IntegratorKeywords],
 ) -> tuple[RenderJob, Scene]:
-    """The job of the arguments of `render`, and its scene, loaded and with the job's camera. Raises GlpathError.
+    """Return the job of the arguments of `render`, and its loaded scene with the job's camera. Raises GlpathError.
 
     sensor : points, instead of the scene's camera
 
-    The integrator is the one of `glpath.rendering.choice` where it is "auto".
+    `glpath.rendering.choice` resolves the integrator "auto".
     """
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if integrator != AUTO:
-        settings_of(integrator, given)  # before the scene is loaded, which may take long
+        settings_of(integrator, given)  # checked before the scene is loaded, which may take long
     if spp is not None:
         check_count("spp", spp, 1, MAX_SPP)
     check_count("first_path_set", first_path_set, 0, MAX_FIRST_PATH_SET)
@@ -340,7 +341,7 @@ def describe(
         starts = CameraSensor.of(loaded.camera)
         settings = chosen(integrator, given, loaded, math.prod(starts.resolution))
         if loaded.background is not None and loaded.background.transparent:
-            aovs = {*settings.aovs, "depth"}  # whose hits are alpha
+            aovs = {*settings.aovs, "depth"}  # depth gives alpha
             settings = replace(settings, aovs=tuple(name for name in AOVS if name in aovs))
     else:
         if resolution is not None or camera is not None:
@@ -357,12 +358,12 @@ def describe(
 
 
 def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
-    """Within, scenes are loaded for a sensor: of points, one needs no camera."""
+    """Return a context in which scenes for a sensor of points load without a camera."""
     return aside("camera", "picture") if isinstance(sensor, PointSensor) else nullcontext()
 
 
 def check_sensor(settings: IntegratorSettings, sensor: Sensor) -> None:
-    """Raise UsageError for an integrator that paths of this sensor cannot start by."""
+    """Raise UsageError if the integrator does not support the sensor."""
     if isinstance(sensor, PointSensor):
         settings.check_points()
 
@@ -376,7 +377,7 @@ def _sensor_of(data: CameraFile | PointsFile, location: str) -> Sensor:
     return sensor
 
 
-#: What may be replaced of a camera, and of how many numbers each is.
+#: Fields of a camera that may be replaced, and their numbers of components.
 _CAMERA_NUMBERS = {
     "position": 3,
     "target": 3,
@@ -397,9 +398,9 @@ def with_overrides(
     camera: Mapping[str, Any] | Camera | None,
     location: SourceLocation | None = None,
 ) -> Scene:
-    """The scene with what is replaced of its camera, of which an error says that it stands at `location`.
+    """Return the scene with fields of its camera replaced; errors name `location`.
 
-    Raises UsageError, and SceneError for what cannot be.
+    Raises UsageError, and SceneError for an impossible camera.
     """
     changes: dict[str, Any] = {}
     if isinstance(camera, Camera):
@@ -432,12 +433,12 @@ def with_overrides(
 
 
 def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
-    """Return the scene whose camera has the shapes of a name in its picture.
+    """Return the scene with its camera moved so that the named shapes fill the image.
 
-    It is moved without a turn; a camera with a new position turns instead.
+    The camera keeps its direction; a camera with a new position is turned instead.
 
-    name    : with or without what stands before its last slash; * stands for any letters
-    changes : fields of the camera that were replaced
+    name    : name of shapes, with or without the part before the last slash; * matches any letters
+    changes : replaced fields of the camera
 
     Raises UsageError.
     """
@@ -462,7 +463,7 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
 
 
 def window_of(resolution: tuple[int, int], crop: tuple[int, int, int, int] | None, name: str = "crop") -> Window:
-    """The window of an image: all of it, or the crop, which has to lie inside. Raises UsageError."""
+    """Return the window of an image: all of it, or the crop. Raises UsageError if the crop is not inside."""
     width, height = resolution
     if crop is None:
         return 0, 0, width, height

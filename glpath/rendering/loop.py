@@ -1,4 +1,4 @@
-"""The loop of a render: path sets into a film, in steps short enough for Ctrl-C and for progress."""
+"""Loop of a render, which adds path sets to a film in steps short enough for Ctrl-C and progress."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from glpath.rendering.tiles import Tile
 from glpath.system.heartbeat import heartbeat
 from glpath.system.time_limit import seconds_left, time_is_up
 
-# How long one step may take: Ctrl-C and the progress wait for its end.
+# Maximum time of one step, seconds; Ctrl-C and the progress wait for its end.
 _STEP_SECONDS = 0.5
 
 
 def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, path_sets: tuple[int, int]) -> None:
-    """Fill the clock's film with what it lacks of the path sets, in steps between which the context is free.
+    """Add the missing path sets to the clock's film, in steps between which the context is free.
 
-    Raises RenderInterrupted; ContextError where the device fails, and what was added by then is sound.
+    Raises RenderInterrupted. Raises ContextError if the device fails; the film remains valid.
     """
     with interrupt_as_flag() as interrupted:
         try:
             rule = _trace(engine, context, tiles, clock, path_sets, interrupted)
         except KeyboardInterrupt:
-            # The flag's, or a second Ctrl-C that broke into a step: the film holds the steps before it.
+            # Raised for the flag, or by a second Ctrl-C within a step. The film holds the steps before it.
             clock.finish(engine, INTERRUPTED_RULE)
             raise RenderInterrupted(clock.film, interrupted.signal) from None
         clock.finish(engine, rule)
-    if interrupted:  # after the last step, too late for the loop to see
+    if interrupted:  # set after the last step, which the loop did not check
         raise RenderInterrupted(clock.film, interrupted.signal)
 
 
@@ -57,7 +57,7 @@ def _trace(
     path_sets: tuple[int, int],
     interrupted: Flag,
 ) -> str:
-    """The rule that ended it. Raises KeyboardInterrupt where the flag is set."""
+    """Run the loop and return the rule that ended it. Raises KeyboardInterrupt if the flag is set."""
     film, rule = clock.film, ""
     for start, stop in missing(path_sets, film.ranges):
         while start < stop and not rule and not interrupted:
@@ -66,10 +66,10 @@ def _trace(
                 count = _step(engine, context, tiles, film, start, min(stop - start, clock.step), interrupted)
             start += count
             clock.count_step(count)
-            # Before anything is reported, as the last report is the one that says it is done.
+            # Check the rules before the report, because the last report states that the render is done.
             rule = clock.ended(start == stop)
             clock.stepped(engine, bool(rule))
-        if rule:  # the last step: after an interrupt the film is complete, too
+        if rule:  # last step; the film is complete even after an interrupt
             break
         if interrupted:
             raise KeyboardInterrupt
@@ -77,7 +77,7 @@ def _trace(
 
 
 def missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> Iterator[tuple[int, int]]:
-    """What of the path sets is in none of the ranges, which are in order; cut where the batch changes."""
+    """Yield the path sets that no range contains, split where the batch changes; ranges are in order."""
     start, end = path_sets
     for done_start, done_stop in (*ranges, (end, end)):
         yield from blocks(start, min(done_start, end))
@@ -85,7 +85,7 @@ def missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> 
 
 
 def _check_device(context: Context) -> None:
-    """Raise ContextError where the device has lost what it was doing."""
+    """Raise ContextError if the device has failed during the work."""
     error = context.gl.error
     if error == "GL_NO_ERROR":
         return
@@ -99,11 +99,11 @@ def _check_device(context: Context) -> None:
 
 @dataclass
 class Clock:
-    """The clock of one render: how long a step may be, when to report, and when it is enough.
+    """Clock of one render, which controls the length of steps, the reports and the end.
 
-    film    : that grows; what it held before the render is counted in `elapsed` and in the statistics
-    total   : path sets in the film when all are done
-    options : of the run; `on_step` is called when the film's metadata are up to date
+    film    : film being rendered; its earlier path sets count in `elapsed` and in the statistics
+    total   : number of path sets in the complete film
+    options : options of the run; `on_step` is called after the film's metadata are updated
     """
 
     film: Film
@@ -124,19 +124,19 @@ class Clock:
 
     @property
     def elapsed(self) -> float:
-        """Seconds of rendering, with those that the film has come with."""
+        """Time of rendering in seconds, including the time of a resumed film."""
         return self._before.elapsed_s + time.perf_counter() - self.started
 
     def ended(self, at_block: bool) -> str:
-        """The rule that ends the render after a step; "" for none.
+        """Return the rule that ends the render after a step, or "".
 
-        at_block : the step was the last one of a block, so that batches can be compared
+        at_block : True if the step was the last one of a block, so that batches can be compared
         """
         if self.film.path_sets >= self.total:
             return SPP
         if time_is_up():
             return TIME_LIMIT
-        # A look that denoises takes seconds: none is begun that would end after the limit.
+        # A check that denoises takes seconds. Skip it if it would end after the time limit.
         if at_block and self._look_s < seconds_left():
             began = time.perf_counter()
             rule, bound = ended_by(self.film, self.options)
@@ -147,7 +147,7 @@ class Clock:
         return TIME_LIMIT if time_is_up() else ""
 
     def ended_before(self) -> bool:
-        """Whether a film that is resumed is done already."""
+        """Return True if a resumed film is already complete, and end the render."""
         if not self.film.path_sets:
             return False
         at_block = all(stop % BLOCK == 0 for _, stop in self.film.ranges)
@@ -157,7 +157,7 @@ class Clock:
         return bool(rule)
 
     def end_as_begun(self, rule: str) -> None:
-        """End with the path sets that the film has come with."""
+        """End the render with only the path sets of the resumed film."""
         self.film.metadata = replace(self._before, stop_rule=rule, error_bound=self._bound)
         self.report("rendering", ended=True)
 
@@ -182,15 +182,15 @@ class Clock:
                 self.renderer,
             )
         )
-        # The estimate reads the whole film, an image has to be encoded; that must not be what the time goes into.
+        # The estimate reads the whole film, and an image is encoded. Limit the fraction of time that reports take.
         self._last_report = now + 5 * (time.perf_counter() - now)
 
     def begin_step(self) -> None:
-        """A step begins: what went by since the last one was spent waiting, or in callbacks of progress."""
+        """Start the time of a step, without the time since the last step for waiting and callbacks."""
         self._last_step = time.perf_counter()
 
     def _expected(self) -> int:
-        """Path sets in the end, as far as the rules let guess: the error falls with the root of their number."""
+        """Return the expected final number of path sets; the error falls with the square root of their number."""
         done, guesses = self.film.path_sets, [float(self.total)]
         if done and math.isfinite(left := seconds_left()):
             guesses.append(done * (1.0 + max(left, 0.0) / max(self.elapsed, 1e-9)))
@@ -201,19 +201,19 @@ class Clock:
         return min(self.total, max(done + 1, round(min(guesses))))
 
     def count_step(self, count: int) -> None:
-        """A step of so many path sets is done; the next is as long as fits into the time for one."""
+        """Count a step of `count` path sets, and choose the length of the next step to fit the time of one."""
         each = (time.perf_counter() - self._last_step) / count
         self.step = max(1, min(BLOCK, int(min(_STEP_SECONDS, seconds_left()) / max(each, 1e-9))))
 
     def stepped(self, engine: Engine, ended: bool) -> None:
-        """Tell of a step; ended: it was the last one."""
+        """Report a step; `ended` is True for the last one."""
         if self.options.on_step is not None:
             self.finish(engine, "")
             self.options.on_step(self.film)
         self.report("rendering", ended)
 
     def finish(self, engine: Counts, rule: str) -> None:
-        """Bring the film's metadata up to date, of which the statistics are known only now."""
+        """Update the film's metadata; the statistics are known only now."""
         counts = self.statistics | engine.statistics()
         self.film.metadata = replace(
             self.film.metadata,
@@ -233,9 +233,9 @@ def _step(
     count: int,
     interrupted: Flag,
 ) -> int:
-    """Trace path sets start..start + count in every tile and add them to the film. Returns how many it were.
+    """Trace path sets start..start + count in every tile and add them to the film. Returns their number.
 
-    When interrupted in the first tile, the others follow as far as that one came.
+    If the first tile is interrupted, the other tiles get the same number of path sets.
     """
     total = np.zeros(film.radiance_sums.shape[1:])
     aovs: dict[str, NDArray[Any]] = {}
@@ -254,7 +254,7 @@ def _step(
             if name not in aovs:
                 aovs[name] = np.zeros((*total.shape[:2], found.shape[2]), found.dtype)
             aovs[name][tile.target] = found[tile.keep]
-    _check_device(context)  # before its sums can reach the film
+    _check_device(context)  # checked before its sums are added to the film
     with interrupted.whole():
         film.add(start, start + count, total, aovs)
     return count

@@ -1,8 +1,8 @@
-"""The options of a render, derived from the fields of the integrators' settings (`glpath.integrators.by_name`).
+"""Options of a render, derived from the fields of the integrators' settings (`glpath.integrators.by_name`).
 
-From each field come the parameter of `render` and its line in the docstring (`with_options`), the check of a value
-(`settings_of`) and, in `glpath.cli.options`, the option of the command line. With them come those of a run
-(`run_options`).
+Each field gives a parameter of `render` with its line in the docstring (`with_options`), and the check of its value
+(`settings_of`). `glpath.cli.options` makes the command line option from it. Options of a run (`run_options`) are
+added.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class RenderKeywords(IntegratorKeywords, RunKeywords, total=False):
     """Keyword arguments of a render, for type checkers."""
 
 
-#: Instead of all words where any number may be chosen.
+#: Word that chooses all words of an option with several values.
 ALL = "all"
 
 _WIDTH = 110
 
-#: What other programs, and who comes from them, call it: too unlike our own name to be found by its letters.
+#: Names of options in other programs, which are too unlike ours to be found by similar spelling.
 _ELSEWHERE = {
     "width": "resolution=(width, height)",
     "height": "resolution=(width, height)",
@@ -77,11 +77,11 @@ _ELSEWHERE = {
 
 @dataclass(frozen=True)
 class Setting:
-    """One field of an integrator's settings.
+    """Field of an integrator's settings.
 
-    type     : without None and metadata
-    optional : None is a value
-    meta     : bounds and description; None for a setting that is no option
+    type     : type without None and metadata
+    optional : True if None is allowed
+    meta     : bounds and description; None if the setting is not an option
     """
 
     name: str
@@ -92,43 +92,43 @@ class Setting:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What may be chosen; empty where it is no choice."""
+        """Words that may be chosen; () for other types."""
         chosen = get_args(self.type)[0] if self.several else self.type
         return get_args(chosen) if get_origin(chosen) is Literal else ()
 
     @property
     def several(self) -> bool:
-        """Whether any number of words may be chosen; "all" chooses all."""
+        """True if several words may be chosen; "all" chooses all."""
         return get_origin(self.type) is tuple and get_args(self.type)[1:] == (...,)
 
     @property
     def given_words(self) -> tuple[str, ...]:
-        """What may be given: the words, and "all" where that is one."""
+        """Words that a caller may give: `words`, and "all" if several may be chosen."""
         return (*self.words, ALL) if self.several else self.words
 
 
 @dataclass(frozen=True)
 class Option:
-    """A parameter of `render`: the settings of that name, by the integrators that have it."""
+    """Parameter of `render`, with the settings of that name by integrator."""
 
     name: str
     settings: Mapping[str, Setting]
 
     @property
     def first(self) -> Setting:
-        """That of the first integrator, which stands for all in what they share: the type."""
+        """Setting of the first integrator, whose type all share."""
         return next(iter(self.settings.values()))
 
     @property
     def default(self) -> Any:
-        """Of the parameter: None, which is each integrator's own, where they differ or not all have it."""
+        """Default of the parameter; None if defaults differ or if an integrator lacks the option."""
         common = [s.default for s in self.settings.values()]
         everywhere = len(common) == len(INTEGRATORS) or self.first.type is bool
         return common[0] if everywhere and all(value == common[0] for value in common) else None
 
     @property
     def description(self) -> str:
-        """What it is, with the defaults: one text for `help(render)` and `glpath render --help`."""
+        """Description with the defaults, for `help(render)` and `glpath render --help`."""
         texts: dict[tuple[str, object], list[str]] = {}
         for owner, setting in self.settings.items():
             assert setting.meta is not None
@@ -148,14 +148,14 @@ class Option:
         return ". ".join(part[0].upper() + part[1:] if i else part for i, part in enumerate(parts))
 
     def _shown(self, value: Any) -> str:
-        """A default; of None what the setting says in `extra`, or nothing."""
+        """Return the text of a default; for None, the text in the setting's `extra`, or ""."""
         meta = self.first.meta
         return _shown(value) if value is not None else str(((meta and meta.extra) or {}).get("unset", ""))
 
 
 @functools.cache
 def settings_fields(kind: type[IntegratorSettings]) -> Mapping[str, Setting]:
-    """The fields of an integrator's settings, by name. Each render asks for them many times."""
+    """Return the fields of an integrator's settings by name; cached, because each render asks for them often."""
     hints = get_type_hints(kind, include_extras=True)
     found = {}
     for field in fields(kind):
@@ -173,7 +173,7 @@ def settings_fields(kind: type[IntegratorSettings]) -> Mapping[str, Setting]:
 
 
 def options() -> dict[str, Option]:
-    """All options of all integrators, by name, those that all have first."""
+    """Return all options of all integrators by name; options that all integrators have come first."""
     by_name: dict[str, dict[str, Setting]] = {}
     for integrator, kind in INTEGRATORS.items():
         for name, setting in settings_fields(kind).items():
@@ -184,11 +184,11 @@ def options() -> dict[str, Option]:
 
 
 def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) -> IntegratorSettings:
-    """The settings of an integrator, by name or as an instance that `given` changes.
+    """Return the settings of an integrator, given by name or as an instance, with the options in `given`.
 
-    given : options by name; None where not given
+    given : options by name; None if not given
 
-    Raises UsageError for what is out of range, and for options that another integrator has or none.
+    Raises UsageError for values out of range, and for options that this integrator does not have.
     """
     known = options()
     if isinstance(integrator, IntegratorSettings):
@@ -196,7 +196,7 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
     else:
         check_word("integrator", integrator, get_args(Integrator))
         name, base = integrator, INTEGRATORS[integrator]()
-    # A flag of another integrator that is not set says nothing.
+    # An unset flag of another integrator is ignored.
     others_flags = [o.name for o in known.values() if o.default is False and name not in o.settings]
     given = {k: v for k, v in given.items() if v is not None and not (v is False and k in others_flags)}
     for option, value in given.items():
@@ -214,7 +214,7 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
 
 
 def checked(settings: IntegratorSettings) -> IntegratorSettings:
-    """The settings with every value of its field's type and within its bounds, or a UsageError that names it."""
+    """Return the settings with each value converted to its type. Raises UsageError for values out of bounds."""
     return replace(
         settings,
         **{
@@ -225,7 +225,7 @@ def checked(settings: IntegratorSettings) -> IntegratorSettings:
 
 
 def _checked(setting: Setting, value: Any) -> Any:
-    """A value of a setting, as its type has it."""
+    """Return a value converted to the setting's type. Raises UsageError for invalid values."""
     name, low, high = setting.name, None, None
     if setting.meta is not None:
         low, high = setting.meta.ge, setting.meta.le
@@ -276,7 +276,7 @@ def _file_or_solution(name: str, value: Any) -> Path | Solution:
 
 
 def check_count(name: str, value: object, low: int, high: int) -> None:
-    """A whole number from `low` to `high`, or a UsageError that names the option."""
+    """Raise UsageError with the option's name unless `value` is a whole number from `low` to `high`."""
     import numpy as np
 
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or not low <= value <= high:
@@ -284,7 +284,7 @@ def check_count(name: str, value: object, low: int, high: int) -> None:
 
 
 def check_name(name: str, known: typing.Collection[str]) -> None:
-    """One of the names that parameters have, or a UsageError that has all of them, and the one that was meant."""
+    """Raise UsageError unless `name` is a parameter; the error lists all, and the probably intended one."""
     if name in known:
         return
     meant = _ELSEWHERE.get(name, "")
@@ -297,13 +297,13 @@ def check_name(name: str, known: typing.Collection[str]) -> None:
 
 
 def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
-    """One of the words, or a UsageError that names them."""
+    """Raise UsageError with the allowed words unless `word` is one of them."""
     if word not in allowed:
         raise UsageError(f"{name}: {word!r}; allowed are {', '.join(allowed)}")
 
 
 def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
-    """So many finite numbers up to 1e15, or a UsageError that names the option."""
+    """Return `count` finite numbers up to 1e15. Raises UsageError with the option's name for other values."""
     import numpy as np
 
     from glpath.scene.geometry import LARGEST
@@ -320,7 +320,7 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
 
 
 def whole_numbers(name: str, value: Any, count: int) -> list[int]:
-    """So many whole numbers of pixels, or a UsageError that names the option."""
+    """Return `count` whole numbers of pixels. Raises UsageError with the option's name for other values."""
     found = numbers(name, value, count)
     if any(found != found.round()):
         raise UsageError(f"{name}: {value!r} where {count} whole numbers of pixels are needed")
@@ -328,23 +328,23 @@ def whole_numbers(name: str, value: Any, count: int) -> list[int]:
 
 
 def colour(name: str, value: float | Sequence[float]) -> Rgb:
-    """Radiance, one number for all channels or three, not negative; else a UsageError that names the option."""
+    """Return a nonnegative radiance from one number or three. Raises UsageError with the option's name."""
     r, g, b = numbers(name, [value] * 3 if isinstance(value, int | float) else value, 3)
     if min(r, g, b) < 0:
         raise UsageError(f"{name}: {value!r} where radiance, one or three numbers >= 0, is needed")
     return float(r), float(g), float(b)
 
 
-# What Python shows.
+# Signatures and docstrings of Python functions.
 
 
 def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Function], Function]:
-    """Decorates a function: options become parameters by keyword in its signature, instead of its last, **options.
+    """Return a decorator that replaces the last parameter of a function, **options, by keyword parameters.
 
-    integrators, run : whether it has those of all integrators, and those of a run
+    integrators, run : True to add the options of all integrators, and those of a run
 
-    It then raises UsageError for any other name, with all that it has. In its docstring {options} and {run_options}
-    become a row for each, {default_spp} the default of spp.
+    The decorated function raises UsageError for any other name, with all allowed names. In its docstring, {options}
+    and {run_options} are replaced by a row for each option, and {default_spp} by the default of spp.
     """
 
     def decorated(function: Function) -> Function:
@@ -382,7 +382,7 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
 
 
 def strictly(compute: Callable[[], Any]) -> Any:
-    """Return what `compute` returns, or raise StrictError for a warning; see `RunOptions.strict`."""
+    """Return the result of `compute`. Raises StrictError for a warning; see `RunOptions.strict`."""
     with warning_scope(strict=True) as scope:
         result = compute()
         if inspect.isgenerator(result):
@@ -403,12 +403,12 @@ def _each_strictly(results: Iterator[Any]) -> Iterator[Any]:
 
 
 def run_options_text() -> str:
-    """The rows of a docstring that say what each option of a run is."""
+    """Return the docstring rows that describe each option of a run."""
     return inspect.cleandoc(RunOptions.__doc__ or "").partition("\n\n")[2]
 
 
 def annotation_of(option: Option) -> Any:
-    """What the parameter takes: more than what the field then holds."""
+    """Return the annotation of the parameter, which accepts more types than the field."""
     kind: Any = option.first.type
     if kind == Rgb:
         kind = float | kind
@@ -418,7 +418,7 @@ def annotation_of(option: Option) -> Any:
 
 
 def options_text() -> str:
-    """The rows of a docstring that say what each option is, by the integrators that have it."""
+    """Return the docstring rows that describe each option, grouped by the integrators that have it."""
     groups: dict[tuple[str, ...], list[Option]] = {}
     for option in options().values():
         groups.setdefault(tuple(option.settings), []).append(option)
@@ -430,7 +430,7 @@ def options_text() -> str:
 
 
 def default_spp_text() -> str:
-    """The default of `spp`, of each integrator."""
+    """Return the text with the default of `spp` for each integrator."""
     by_count: dict[int, list[str]] = {}
     for name, kind in INTEGRATORS.items():
         by_count.setdefault(kind.default_spp, []).append(name)

@@ -1,7 +1,7 @@
-"""Irradiance at points: what a luxmeter there would show, by the paths that make pictures.
+"""Irradiance at points, like the reading of a luxmeter, traced with the same paths as images.
 
-Cost:     a path for each point and path set, as for a pixel.
-Poor at:  what pictures are poor at: caustics of mirrors and glass, lamps seen through small openings.
+Cost:     one path for each point and path set, as for a pixel.
+Poor at:  caustics of mirrors and glass, and lamps seen through small openings, as for images.
 """
 
 from __future__ import annotations
@@ -40,8 +40,9 @@ Float64 = NDArray[np.float64]
 
 Receiver = Literal["plane", "cylinder"]
 
-#: Directions around a cylinder: the mean of a lamp's light over so many is off by 0.2 % at most, as a clamped
-#: cosine has a harmonic of 2 / (32^2 - 1) there. A power of two, so that path sets take each as often.
+#: Number of directions around a cylinder. With 32 the mean of a lamp's light has an error of at most 0.2 %, because
+#: a clamped cosine has a harmonic of 2 / (32^2 - 1) there. It is a power of two, so path sets use each direction
+#: equally often.
 _AROUND = 32
 
 
@@ -49,9 +50,9 @@ _AROUND = 32
 class Irradiance:
     """Irradiance at points.
 
-    film  : of the points' white receivers, in rows; irradiance is pi times its radiance. It can be saved, merged
-            and resumed
-    count : of points; what is left of the film's last row repeats the last of them
+    film  : film of the points' white receivers, in rows; irradiance is pi times its radiance. It can be saved,
+            merged and resumed
+    count : number of points; the rest of the film's last row repeats the last point
     """
 
     film: Film
@@ -59,38 +60,39 @@ class Irradiance:
 
     @property
     def values(self) -> Float64:
-        """(N, 3) float64, linear Rec. 709, in the unit of the scene: W m^-2, or lx where it is photometric."""
+        """Irradiance (N, 3) float64, linear Rec. 709, in the scene's unit: W m^-2, or lx if it is photometric."""
         return self._of_points(self.film.mean)
 
     @property
     def unit(self) -> Unit:
-        """Of `values` and their errors: "radiometric" or "photometric", as of the scene."""
+        """Unit of `values` and their errors: "radiometric" or "photometric", as in the scene."""
         return self.film.metadata.unit or "radiometric"
 
     @property
     def standard_errors(self) -> Float64:
-        """(N, 3) float64, as `values`, one standard deviation: by the spread of independent batches of path sets.
+        """Standard errors (N, 3) float64 of `values`, from the spread of independent batches of path sets.
 
-        NaN below 16 path sets, where there is one batch. Eight batches tell a point's error to about a quarter.
+        NaN below 16 path sets, which make only one batch. With eight batches, the estimated error is itself
+        uncertain by about a quarter.
         """
         return self._of_points(standard_error(self.film.radiance_sums, self.film.batch_counts))
 
     def illuminance(self) -> Float64:
-        """(N,) float64, lux: the luminance of `values` (0.2126, 0.7152, 0.0722), a watt having 179 lumens."""
+        """Return (N,) float64 illuminance in lux: luminance (0.2126, 0.7152, 0.0722) at 179 lumens per watt."""
         return conversion(self.unit, "photometric") * luminance(self.values)
 
     def illuminance_errors(self) -> Float64:
-        """(N,) float64, lux, one standard deviation of `illuminance`."""
+        """Return (N,) float64 standard errors of `illuminance` in lux."""
         of_light = standard_error(luminance(self.film.radiance_sums)[..., None], self.film.batch_counts)
         return conversion(self.unit, "photometric") * self._of_points(of_light)[:, 0]
 
     def spread(self, which: NDArray[np.bool_] | None = None) -> Spread:
-        """Mean, minimum, maximum and uniformities of `illuminance`, lux, each with its standard error.
+        """Return mean, minimum, maximum and uniformities of `illuminance` in lux, each with its standard error.
 
-        which : (N,) bool, the points that count; all. One at least
+        which : (N,) bool, True for points to use, at least one; None: all points
 
-        `min(illuminance())` is too low, as noise chooses the point: `glpath.rendering.uniformity` describes the
-        estimate that is used instead, and its errors.
+        `min(illuminance())` is too low, because noise affects the choice of the point.
+        `glpath.rendering.uniformity` describes the estimate used instead, and its errors.
         """
         lux = luminance(self.film.radiance_sums).reshape(len(self.film.radiance_sums), -1)[:, : self.count]
         chosen = lux if which is None else lux[:, which]
@@ -99,22 +101,22 @@ class Irradiance:
         return spread_of(conversion(self.unit, "photometric") * np.pi * chosen, self.film.batch_counts)
 
     def to_pandas(self, points: ArrayLike | None = None) -> Any:
-        """A `pandas.DataFrame` with a row for each point: red, green, blue and lux, each with its standard error.
+        """Return a `pandas.DataFrame` with a row per point: red, green, blue and lux, each with its standard error.
 
-        points : (N, 3) that were measured, for columns x, y, z
+        points : (N, 3) measured points, for columns x, y, z
 
-        `DataFrame.attrs` has the unit and the path sets. Raises GlpathError where pandas is missing.
+        `DataFrame.attrs` has the unit and the path sets. Raises GlpathError if pandas is missing.
         """
         columns = {} if points is None else dict(zip("xyz", self._checked(points).T, strict=True))
         return data_frame(columns | self._columns(), "point", None, self._attributes())
 
     def to_xarray(self, points: ArrayLike | None = None, shape: tuple[int, ...] | None = None) -> Any:
-        """An `xarray.Dataset` of `irradiance` and `irradiance_error` (..., channel), `illuminance` and its error.
+        """Return an `xarray.Dataset` of `irradiance` (..., channel) and `illuminance` with their errors.
 
-        points : (N, 3) that were measured, for coordinates x, y, z
-        shape  : of a grid that the points are in, such as (rows, columns); (N,) without it
+        points : (N, 3) measured points, for coordinates x, y, z
+        shape  : shape of the grid of points, such as (rows, columns); None: (N,)
 
-        Raises GlpathError where xarray is missing, UsageError for a shape of another number of points.
+        Raises GlpathError if xarray is missing, UsageError for a shape of another number of points.
         """
         size = (self.count,) if shape is None else tuple(shape)
         if math.prod(size) != self.count:
@@ -133,10 +135,10 @@ class Irradiance:
         return data_set(variables, coordinates, self._attributes())
 
     def to_vtk(self, points: ArrayLike, faces: Sequence[Sequence[int]] | None = None) -> VtkMesh:
-        """The points with their values, for ParaView and PyVista: `.save("desk.vtp")`, `.to_pyvista()`.
+        """Return the points with their values for ParaView and PyVista: `.save("desk.vtp")`, `.to_pyvista()`.
 
         points : (N, 3) that were measured
-        faces  : numbers of the points of polygons between them, such as the squares of a grid; points alone without
+        faces  : indices of points that form polygons, such as the squares of a grid; None: points only
         """
         positions, data = self._checked(points), {"irradiance": self.values, **self._columns()}
         return points_with_values(positions, data) if faces is None else VtkMesh(positions, faces, point_data=data)
@@ -175,34 +177,35 @@ def irradiance(
     parameters: Mapping[str, object] | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Irradiance:
-    """The irradiance at points of a scene, each on the side of its normal, with its standard error.
+    """Return the irradiance at points of a scene, on the side of their normals, with its standard error.
 
     Parameters
     ----------
-    scene      : what `load_scene` takes. It needs no camera; of one it has, the times of the shutter alone count.
-                 It needs light: the studio that pictures of a model without light have is not measured
-    points     : (N, 3), scene units: on surfaces, which then do not shadow themselves, or free in space
-    normals    : (N, 3), or (3,) for all, of any length but zero: light from the half of the world that they look to
-    receiver   : "plane", or "cylinder": a small one whose axis the normal is: the mean of the irradiance over all
-                 directions across it. In lux that is cylindrical illuminance, which EN 12464-1 asks for where there
-                 are faces. Takes 768 bytes of memory a point, and is off by 0.2 % at most with 32 paths or a
-                 multiple
-    integrator : "auto", "path", "path-buffer" or "gather". "auto" has no bias: "path", or "path-buffer" for
-                 streamed triangles; an option that only another one has chooses that
-    white_sky  : light the scene, which has no light of its own, by a white sky of radiance 1 from all around
-    maintenance_factor : above 0, up to 1: what is left of the light of all lamps after years, but for those that
-                 have a factor of their own in the scene file. Not of skies and directional lights
-    spp        : paths of each point; default {default_spp}; no end to them with `time_limit` or `noise`
-    noise      : end when the relative error over all points is below this with 95 % confidence: as of `render`, of
-                 the radiance of white surfaces, so that what is below 0.3 W m^-2 counts as that
-    film       : `Irradiance.film` of the same call, to resume from
+    scene      : any source that `load_scene` accepts. It needs no camera; only the shutter times of its camera are
+                 used. It needs light, because the studio light added to images of unlit models is not measured
+    points     : (N, 3), scene units, free in space or on surfaces, which do not shadow their own points
+    normals    : (N, 3), or (3,) for all, of any nonzero length; light from the hemisphere around the normal counts
+    receiver   : "plane", or "cylinder" for a small cylinder with the normal as its axis, which measures the mean
+                 irradiance over all directions across the axis. In lux that is cylindrical illuminance, which EN
+                 12464-1 requires for the visibility of faces. It takes 768 bytes per point, and its error is at
+                 most 0.2 % with a multiple of 32 paths
+    integrator : "auto", "path", "path-buffer" or "gather". "auto" is the unbiased "path", or "path-buffer" for
+                 streamed triangles, unless an option requires another integrator
+    white_sky  : True to light a scene without light by a white sky of radiance 1 in all directions
+    maintenance_factor : fraction of the lamps' light that is left after years, above 0, up to 1. It does not apply
+                 to lamps with their own factor in the scene file, to skies, or to directional lights
+    spp        : paths per point; default {default_spp}; unlimited with `time_limit` or `noise`
+    noise      : end when the relative error over all points is below this with 95 % confidence, as in `render`. The
+                 error is that of white surfaces' radiance; less than 0.3 W m^-2 counts as 0.3
+    film       : `Irradiance.film` of an earlier, equal call, to resume from
     The other parameters are those of `render`.
     {options}
 
-    By default, "path" and "path-buffer" have light of all bounces: a `max_depth` of 1000, where chance alone ends
-    paths. (1 is light straight from lamps and the sky.)
+    By default, "path" and "path-buffer" have light of all bounces: with a `max_depth` of 1000, only Russian
+    roulette ends paths. (1 is direct light from lamps and the sky.)
 
-    Raises and warns as `render` does; SceneError for a scene without light, UsageError for `white_sky` with light.
+    Raises and warns as `render` does. Raises SceneError for a scene without light, UsageError for `white_sky` with
+    light.
 
     Example
     -------
@@ -230,12 +233,12 @@ def irradiance(
 
 
 def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> Scene:
-    """The scene with the light that is measured in it: its own, or the white sky that is asked for.
+    """Return the scene with the light to measure: its own light, or a white sky.
 
-    ambient : radiance that is asked for instead of the scene's
+    ambient : ambient radiance that replaces the scene's
 
-    Raises SceneError where it has none, and UsageError for a sky besides its own light. Warns with SceneWarning of
-    a sky that is left out, as surfaces glow that pictures have beside it.
+    Raises SceneError for a scene without light, and UsageError for a white sky in a scene with light. Warns
+    SceneWarning if the studio sky of images is left out because surfaces emit.
     """
     source = scene.source or scene.name
     assumed = scene.sky is not None and scene.sky.assumed
@@ -268,9 +271,9 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
 
 
 def checked_points(points: ArrayLike, normals: ArrayLike, caller: str) -> tuple[Float64, Float64]:
-    """(N, 3) each, normals unit. Raises UsageError, which names the first point that is none.
+    """Return points and unit normals (N, 3). Raises UsageError with the first invalid point.
 
-    caller : how errors begin
+    caller : beginning of error messages
     """
     try:
         given = np.asarray(points), np.asarray(normals)
@@ -286,7 +289,7 @@ def checked_points(points: ArrayLike, normals: ArrayLike, caller: str) -> tuple[
     facing = np.broadcast_to(facing, positions.shape)
     with np.errstate(invalid="ignore", over="ignore"):
         longest = np.abs(facing).max(axis=1, keepdims=True)
-        # Squares of the smallest are 0, of the largest infinite.
+        # Scale extreme vectors first, because squares of the smallest are 0 and of the largest infinite.
         extreme = (longest > 1e100) | ((longest > 0) & (longest < 1e-100))
         facing = facing / np.where(extreme, longest, 1.0)
         length = np.linalg.norm(facing, axis=1)
@@ -308,7 +311,7 @@ def checked_points(points: ArrayLike, normals: ArrayLike, caller: str) -> tuple[
 
 
 def _around(axes: Float64) -> Float64:
-    """(S, N, 3) unit directions across unit axes (N, 3), even around each."""
+    """Return (S, N, 3) unit directions across unit axes (N, 3), evenly spaced around each axis."""
     beside = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
     beside /= np.linalg.norm(beside, axis=1, keepdims=True)
     angle = 2 * np.pi * (np.arange(_AROUND) + 0.5)[:, None, None] / _AROUND
@@ -316,9 +319,9 @@ def _around(axes: Float64) -> Float64:
 
 
 def _in_rows(positions: Float64, facing: Float64, scene: Scene) -> PointSensor:
-    """The sensor of points (N, 3) of a scene, nearly square, as devices shade squares; the last ones are repeated.
+    """Return the sensor of points (N, 3) as a nearly square grid; the last point fills the rest of the last row.
 
-    facing : (N, 3), or (S, N, 3), of which a path set takes one
+    facing : (N, 3) normals, or (S, N, 3), one of which each path set uses
     """
     origin = scene.centred.origin - scene.origin
     positions = positions - origin

@@ -1,4 +1,4 @@
-"""How far a render is: an image that converges in a notebook; elsewhere as `glpath.system.reporting` shows it."""
+"""Progress of a render: a converging image in a notebook, otherwise a report of `glpath.system.reporting`."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from glpath.system.reporting import reporting as system_reporting
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a render is; what `on_progress` is called with.
+    """Progress of a render, the argument of `on_progress`.
 
     done, total : path sets
-    elapsed_s   : seconds since the call of `render`
-    error       : estimate of the relative error so far (see `Film.relative_error`), None while it can't be known
-    film        : what there is; it grows, so copy what is to be kept
-    stage       : what is being done: "solving radiosity ...", "compiling shaders" or "rendering"
+    elapsed_s   : time since the call of `render`, seconds
+    error       : estimate of the relative error so far (see `Film.relative_error`); None while it is unknown
+    film        : film so far; it changes, so copy it to keep it
+    stage       : current work: "solving radiosity ...", "compiling shaders" or "rendering"
     renderer    : name of the device
     """
 
@@ -38,7 +38,7 @@ Report = Callable[[Progress], None]
 
 
 def reporting(mode: str, stream: IO[str] | None) -> AbstractContextManager[Report | None]:
-    """The reporter of a mode out of `glpath.system.reporting.MODES`; auto is an image in a notebook."""
+    """Return the reporter of a mode of `glpath.system.reporting.MODES`; "auto" is an image in a notebook."""
     if mode == "auto" and in_notebook():
         return _image()
     pace = _Pace()
@@ -71,7 +71,7 @@ def _event(progress: Progress, rate: float | None) -> ProgressEvent:
 
 @contextmanager
 def _image() -> Iterator[Report]:
-    """The film as it converges, and a line below it, each replaced in place."""
+    """Context with a reporter that shows the converging film and a line below it, both updated in the cell."""
     from IPython.display import display
 
     handles: dict[str, Any] = {}
@@ -86,7 +86,7 @@ def _image() -> Iterator[Report]:
             handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
 
     def remove_picture() -> None:
-        """The cell shows the film itself: once is enough."""
+        """Remove the image, because the cell shows the film itself."""
         if cell is not None and running_cell() == cell:
             show("picture", {"text/plain": ""})
 
@@ -99,12 +99,12 @@ def _image() -> Iterator[Report]:
         elif progress.done < progress.total:
             line = ", ".join([f"{progress.done}/{progress.total} path sets", *_details(progress, rate)])
         else:
-            # No longer how quick it is: the output stays in the notebook.
+            # The output stays in the notebook, so the final line has no speed.
             error = "" if progress.error is None else f", error about {percent(progress.error)}"
             line = f"{progress.done} path sets in {duration(progress.elapsed_s)}{error}, {progress.renderer}"
         bundle: dict[str, object] = progress.film.shown() if progress.done else {"text/plain": ""}
         if progress.done < progress.total:
-            bundle.pop("image/png", None)  # the HTML has it, and the next one comes soon
+            bundle.pop("image/png", None)  # the HTML contains the image, and the next update follows soon
         show("picture", bundle)
         show("line", {"text/plain": line})
 
@@ -112,7 +112,7 @@ def _image() -> Iterator[Report]:
         yield report
     except BaseException as error:
         if latest is not None:
-            # No longer what was to come: the output stays in the notebook.
+            # The output stays in the notebook, so the final line has no forecast.
             film, ended = latest.film, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
             show("picture", film.shown() if film.path_sets else {"text/plain": ""})
             show("line", {"text/plain": f"{ended} after {film.path_sets} path sets, {latest.renderer}"})
@@ -122,7 +122,7 @@ def _image() -> Iterator[Report]:
 
 
 class _Pace:
-    """Path sets per second since the first of them was reported: the time before went into compiling shaders."""
+    """Path sets per second since the first report; earlier time was spent compiling shaders."""
 
     def __init__(self) -> None:
         self._first: tuple[int, float] | None = None
@@ -137,7 +137,7 @@ class _Pace:
 
 
 def _details(progress: Progress, rate: float | None) -> Iterator[str]:
-    """Rate, time left and error, as far as they are known."""
+    """Yield rate, remaining time and error, if they are known."""
     if rate is not None:
         yield f"{rate:.3g} sets/s"
         if progress.done < progress.total:

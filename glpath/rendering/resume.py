@@ -1,4 +1,4 @@
-"""A film that a render resumes from has to be of that very render. All that differs is reported."""
+"""Check that a film to resume from belongs to the same render, with a report of all differences."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from glpath.film.metadata import FilmMetadata, differences, shown
 
 
 class AnotherRenderError(UsageError):
-    """The film is not of the render that is asked for; `reason` says all that differs."""
+    """Error for a film that belongs to another render; `reason` lists all differences."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(
@@ -27,12 +27,12 @@ log = logging.getLogger("glpath")
 def check_same_render(
     film: Film, metadata: FilmMetadata, path_sets: tuple[int, int], unknown: Collection[str]
 ) -> None:
-    """Raise AnotherRenderError, with all that differs, unless the film has been begun by a render of this metadata.
+    """Raise AnotherRenderError, with all differences, unless a render with this metadata began the film.
 
-    unknown : what is not compared yet, as `differences` calls it
+    unknown : names of metadata, as in `differences`, that are not compared yet
 
-    Another device, driver or library is only logged: a render may move to another machine, though the sum
-    is then not that of one device to the bit.
+    Another device, driver or library is only logged. A render may move to another machine, but the sum is then not
+    bit-identical to that of one device.
     """
     found = [pair for pair in differences(film.metadata, metadata) if pair[0] not in unknown]
     before, now = (m.versions.get("glpath", "absent") for m in (film.metadata, metadata))

@@ -1,9 +1,9 @@
-"""How a job is run, whatever it renders: on what device, when it ends, what it resumes, who hears of it.
+"""Options of a run that do not depend on the image: device, end, film to resume, reports.
 
-A `RenderJob` says what a film holds, `RunOptions` how it comes about. They are keyword arguments of `render`,
-`render_frames`, `run`, `irradiance`, `lightmap` and `probes` (`RunKeywords`), the command line makes them of its
-options (`glpath.cli.run_request`), and a cluster's workers get them. A new one is a field of both classes here, an
-option there, and the code that heeds it.
+A `RenderJob` defines the content of a film, `RunOptions` define its computation. They are keyword arguments of
+`render`, `render_frames`, `run`, `irradiance`, `lightmap` and `probes` (`RunKeywords`). The command line converts
+its options to them (`glpath.cli.run_request`), and a cluster's workers receive them. A new run option needs a field
+in both classes here, an option of the command line, and the code that uses it.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 
 class Workers(Protocol):
-    """Who renders a job instead of this process: `glpath.jobs.cluster.Cluster`."""
+    """Interface of workers that render a job instead of this process: `glpath.jobs.cluster.Cluster`."""
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """The film of the job, whose scene is loaded; options: without `cluster`."""
+        """Return the film of the job, whose scene is loaded; `options` have no `cluster`."""
 
 
 class RunKeywords(TypedDict, total=False):
-    """The fields of `RunOptions` as keyword arguments."""
+    """Fields of `RunOptions` as keyword arguments."""
 
     backend: str
     device: int | None
@@ -59,29 +59,29 @@ class RunOptions:
     """Options of a run.
 
     backend, device, require_gpu : see `glpath.gl.context.open_context`
-    threads        : that this process computes with at most, from now on: one for each core. What renders in
-                     software has those of the first render
-    time_limit     : end after so many seconds from the call, those of `film` included. Nothing is rendered if they
-                     are over more than a second before the first path set: see `TimeLimitError`
+    threads        : maximum number of threads of this process from now on; default: one per core. A software
+                     renderer keeps the number of the first render
+    time_limit     : maximum time from the call, seconds, including the time of `film`. Nothing is rendered if the
+                     limit passes more than a second before the first path set; see `TimeLimitError`
     noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
-                     channels, is below this with 95 % confidence: see `Film.error_bound`. 0.02 is a fair picture,
-                     0.005 a clean one. `film.metadata.stop_rule` says what ended the render; by any rule the film
-                     has the bits of one of that `spp`. Poor at rare, bright events: nobody misses what was never
-                     seen
-    clean          : end when the denoised picture looks clean: its relative error, estimated from two halves that
-                     are denoised apart (`Film.denoised_noise`), is below this. 0.05 is clean to the eye. The film
-                     needs the AOVs "albedo" and "normal", and 16 path sets at least. Not beside `noise`
-    film           : a film that this render had begun, to resume from: path sets that it holds are not rendered
-                     again. It is changed, and returned
-    on_step        : called with the film after each step, of up to half a second or one path set: a
-                     `glpath.jobs.checkpoint.Checkpoint`, say
-    timings        : time each stage (`film.metadata.statistics["stage_ms"]`); slows the render down
-    progress       : show how far it is: in a notebook the image itself as it converges, else a line on stderr; or
-                     how, "bar", "lines" or "json"
-    on_progress    : called about twice a second, with a `Progress`
-    cluster        : a `glpath.jobs.cluster.Cluster`, whose workers share the path sets
-    strict         : raise StrictError for a `SceneWarning`: at once before rendering; afterwards when all is done,
-                     with the result in the error's `result`
+                     channels, is below this with 95 % confidence; see `Film.error_bound`. 0.02 is a fair image,
+                     0.005 a clean one. `film.metadata.stop_rule` names the rule that ended the render. With any
+                     rule the film is bit-identical to a render with that `spp`. Poor at rare, bright events, which
+                     the error misses until one is sampled
+    clean          : end when the denoised image looks clean: its relative error, estimated from two halves that are
+                     denoised separately (`Film.denoised_noise`), is below this. 0.05 looks clean. The film needs
+                     the AOVs "albedo" and "normal", and at least 16 path sets. Excludes `noise`
+    film           : film that this render had begun, to resume from; its path sets are not rendered again. It is
+                     modified and returned
+    on_step        : function called with the film after each step of up to half a second or one path set, such as a
+                     `glpath.jobs.checkpoint.Checkpoint`
+    timings        : True to time each stage (`film.metadata.statistics["stage_ms"]`), which slows the render
+    progress       : True to show the progress, in a notebook as the converging image, otherwise on stderr; or a
+                     format: "bar", "lines" or "json"
+    on_progress    : function called about twice a second with a `Progress`
+    cluster        : `glpath.jobs.cluster.Cluster`, whose workers share the path sets
+    strict         : True to raise StrictError for a `SceneWarning`. It is raised at once before rendering; later
+                     warnings raise it at the end, with the result in the error's `result`
     """
 
     backend: str = "auto"
@@ -112,25 +112,25 @@ class RunOptions:
 
     @classmethod
     def taken_from(cls, keywords: Mapping[str, Any]) -> tuple[RunOptions, dict[str, Any]]:
-        """The options among keyword arguments, and the other arguments. Raises UsageError."""
+        """Return the run options among keyword arguments, and the other arguments. Raises UsageError."""
         names = {field.name for field in fields(cls)}
         others = {name: value for name, value in keywords.items() if name not in names}
         return cls(**{name: value for name, value in keywords.items() if name in names}), others
 
     def context(self) -> Context:
-        """The device, for as many threads. Raises ContextError."""
-        from glpath.gl.context import open_context  # asking for options alone loads no OpenGL
+        """Open the device, with the limit of threads applied. Raises ContextError."""
+        from glpath.gl.context import open_context  # imported here, because asking for options must not load OpenGL
 
         if self.threads is not None:
             limit_threads(self.threads)
         return open_context(self.backend, self.device, self.require_gpu, probe_first=in_notebook())
 
     def for_workers(self) -> RunOptions:
-        """What holds for a part of a render elsewhere: all but what its end, its film and its reports are."""
+        """Return the options for a part of a render on a worker, without those of its end, film and reports."""
         here = ("time_limit", "noise", "clean", "film", "on_step", "progress", "on_progress", "cluster")
         return RunOptions(**{name: value for name, value in vars(self).items() if name not in here})
 
     def spp(self, asked: int | None) -> int | None:
-        """Path sets of a job that is run so: as asked; without an end where a rule ends it; None: by default."""
+        """Return a job's path sets as given, or the maximum if a rule ends the render; None: the default."""
         ends_by_rule = not (self.time_limit is None and self.noise is None and self.clean is None)
         return MAX_SPP if asked is None and ends_by_rule else asked

@@ -1,4 +1,4 @@
-"""An engine that stays on the device while jobs of one integrator and one resolution pass through it."""
+"""Session with an engine that stays on the device for several jobs of one integrator and resolution."""
 
 from __future__ import annotations
 
@@ -33,16 +33,18 @@ from glpath.system.versions import versions
 
 
 class Session:
-    """Renders jobs one after another. What one of them leaves on the device, shadow-buffers too, serves the next,
-    until the end of `with session:`. Sessions in several threads take turns, job by job.
+    """Renderer of several jobs, one after another, on one engine.
 
-    Made from the first job and its scene, with its camera; what is wrong with them is found before there is a
-    context. Raises SceneError for a scene that the engine does not know, ContextError where there is no device;
-    warns SceneWarning of a scene that it hardly renders as it is meant.
+    Data on the device, such as shadow-buffers, are kept for the next job until the end of `with session:`. Sessions
+    in several threads take turns, job by job.
 
-    options : of which the device and `timings` hold for all jobs
-    context : that is there already
-    plan    : of the job's integrator, where somebody has prepared it and checked its bias already
+    A session is made from the first job and its scene, with its camera. Errors in them are found before a context
+    exists. Raises SceneError for a scene that the engine does not support, ContextError if no device is available.
+    Warns SceneWarning of a scene that is not rendered as intended.
+
+    options : run options; the device and `timings` apply to all jobs
+    context : existing context, or None
+    plan    : prepared plan of the job's integrator with its bias checked, or None
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class Session:
     ) -> None:
         self._job = job
         self._plan = checked_plan(job, scene) if plan is None else plan
-        self._checks_bias = plan is None  # else it was checked before
+        self._checks_bias = plan is None  # a given plan was checked before
         self._probe: BiasProbe | None = None
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
@@ -71,22 +73,22 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Free what is on the device, and give its memory back. The next render begins with a new engine."""
+        """Free the data on the device and their memory. The next render makes a new engine."""
         engine, self._engine, self._probe = self._engine, None, None
         if engine is not None:
-            # Where another thread keeps the context, it will do so: no reason to lose a film.
+            # If another thread keeps the context, that thread frees the memory. The film must not be lost.
             with suppress(ContextError), self._context:
                 engine.close()
                 del engine
                 return_memory()
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """The film of a job: the first one, then others of its integrator and resolution.
+        """Return the film of a job: the first job, then others of the same integrator and resolution.
 
-        scene : of the job, with its camera
+        scene : scene of the job, with its camera
 
-        Raises RenderInterrupted, and UsageError for another resolution or a film of another render; ContextError
-        where the device fails; TimeLimitError if the time limit is over before the first path set.
+        Raises RenderInterrupted, and UsageError for another resolution or a film of another render. Raises
+        ContextError if the device fails, TimeLimitError if the time limit is over before the first path set.
         """
         context = self._context
         context.check()
@@ -109,11 +111,11 @@ class Session:
         return clock.film
 
     def _made_engine(self, job: RenderJob, scene: Scene, clock: Clock) -> Engine:
-        """Return the engine of a plan that is prepared, for a job, with its bias checked."""
+        """Return the engine of the prepared plan for a job, with its bias checked."""
         began = time.perf_counter()
         if self._engine is None:
             clock.report("compiling shaders")
-            # Half, as the two views of a scan lie side by side.
+            # Half of the limit, because the two views of a scan are side by side.
             self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
             with self._context as context:
                 sensor = sensor_in(self._traced, job.sensor, scene)
@@ -129,9 +131,9 @@ class Session:
     def _with_small_bias(
         self, engine: Engine, clock: Clock, job: RenderJob, scene: Scene, engine_s: float
     ) -> Engine:
-        """Return the engine, or that of another plan if its bias is too large, unless it was measured before.
+        """Check the bias unless it is known, and return the engine, or another one if the bias is too large.
 
-        engine_s : seconds that making the engine took
+        engine_s : time to make the engine, seconds
         """
         known = {BIAS_PROBE, REJECTED_GATHER} & {*clock.film.metadata.statistics}
         if known or not (self._checks_bias and self._plan.settings.biased):
@@ -159,17 +161,17 @@ class Session:
         return settled
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
-        """Whether the engine can continue with this job, of the same integrator; the scene has its camera."""
+        """Return True if the engine can render this job of the same integrator; the scene has the job's camera."""
         before = self._job
         same = before.sensor.kind == job.sensor.kind
         return same and (job.integrator.any_scene or not _differs(before, job, scene))
 
     def remarks(self, film: Film) -> list[str]:
-        """Warnings about a film that is done."""
+        """Return warnings about a finished film."""
         return remarks_of(self._plan, film)
 
     def _continue_with(self, engine: Engine, job: RenderJob, scene: Scene) -> None:
-        """The engine for a further job: another camera, or another scene."""
+        """Switch the engine to a further job with another camera or scene."""
         before = self._job
         if job.sensor.resolution != before.sensor.resolution or job.window != before.window:
             raise UsageError(
@@ -186,20 +188,20 @@ class Session:
 
 
 def remarks_of(plan: Plan, film: Film) -> list[str]:
-    """Return warnings about a film that is done, by its plan and by its samples."""
+    """Return warnings of the plan and of invalid samples about a finished film."""
     dropped = film.metadata.statistics.get("dropped_samples", 0)
     text = f"{film.metadata.scene}: {dropped} samples were NaN or infinite and count as 0."
     return plan.remarks(film) + [text] * (dropped > 0)
 
 
 def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
-    """Whether a job shows something else than the one before, not only otherwise: what moves is elsewhere."""
+    """Return True if a job has another scene than the one before, or other positions of moving shapes."""
     moved = before.sensor.shutter != job.sensor.shutter and any(shape.motion is not None for shape in scene.shapes)
     return moved or job.scene.sha256 != before.scene.sha256
 
 
 def checked_plan(job: RenderJob, scene: Scene) -> Plan:
-    """The plan of a job's integrator. Warns of a scene that it hardly renders as it is meant."""
+    """Return the plan of a job's integrator. Warns of a scene that is not rendered as intended."""
     plan = plan_of(job.integrator)
     for text in check_scene(scene, isinstance(job.sensor, CameraSensor)) + plan.warnings(scene):
         warn(text)
@@ -215,12 +217,12 @@ def begin(
     *,
     prepared: bool,
 ) -> Clock:
-    """The clock of a render, with its film: the one of the options, if that is of this job, or a new one.
+    """Return the clock of a render, with the film in `options` if it belongs to this job, otherwise a new film.
 
-    context  : None: others will render it
-    prepared : whether the plan is; the digest of a radiosity solution is known only after it is made
+    context  : device context; None if workers render the job
+    prepared : True if the plan is prepared; only then the digest of its radiosity solution is known
 
-    Raises AnotherRenderError, and ContextError where there is no memory for a film.
+    Raises AnotherRenderError, and ContextError if memory for a film cannot be allocated.
     """
     if options.clean is not None:
         _check_denoisable(job)
@@ -230,14 +232,14 @@ def begin(
         film = empty_film(metadata)
     else:
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
-        film.metadata = replace(film.metadata, unit=metadata.unit)  # which older files do not say
+        film.metadata = replace(film.metadata, unit=metadata.unit)  # missing in older files
     count_earlier(film.metadata.elapsed_s)
     renderer = "" if context is None else context.info.renderer
     return Clock(film, job.spp, renderer, options, started=counted_from())
 
 
 def _check_denoisable(job: RenderJob) -> None:
-    """Raise UsageError for a film that cannot be denoised, GlpathError where the denoiser is missing."""
+    """Raise UsageError for a film that cannot be denoised, GlpathError if the denoiser is missing."""
     if not guides_denoiser(job.integrator.aovs):
         raise UsageError(
             "clean: of a film without the AOVs albedo and normal, by which pictures are denoised.",
@@ -247,7 +249,7 @@ def _check_denoisable(job: RenderJob) -> None:
 
 
 def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Clock) -> Plan:
-    """The plan with what takes long before the first path set; the clock reports it, and the film names it.
+    """Return the prepared plan; the clock reports the work, and the film's metadata are updated.
 
     Raises RenderInterrupted, and AnotherRenderError.
     """
@@ -273,7 +275,7 @@ def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Cloc
 
 
 def describe_plan(film: Film, metadata: FilmMetadata) -> None:
-    """Bring a film's metadata up to date with those of the plan that renders it."""
+    """Update a film's metadata with those of the plan that renders it."""
     film.metadata = replace(
         film.metadata,
         integrator=metadata.integrator,
@@ -285,7 +287,7 @@ def describe_plan(film: Film, metadata: FilmMetadata) -> None:
 
 
 def _name_both(film: Film, context: Context) -> None:
-    """A film that is resumed here names the device and versions that began it, and those here."""
+    """Add this device and its versions to the metadata of a resumed film."""
     held = film.metadata
     film.metadata = replace(
         held,
@@ -300,7 +302,7 @@ def _versions(context: Context | None) -> dict[str, str]:
 
 
 def empty_film(metadata: FilmMetadata) -> Film:
-    """The film to begin with. Raises ContextError where there is no memory for it."""
+    """Return an empty film. Raises ContextError if its memory cannot be allocated."""
     try:
         return Film.empty(metadata)
     except MemoryError as error:
@@ -312,7 +314,7 @@ def empty_film(metadata: FilmMetadata) -> Film:
 
 
 def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | None) -> FilmMetadata:
-    """What a film of the job says of itself; the scene has the job's camera. None: others will render it."""
+    """Return the metadata of a job's film; the scene has the job's camera. `context` is None for workers."""
     return FilmMetadata(
         scene=scene.name,
         scene_hash=scene.digest(),
@@ -330,7 +332,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
-        # Known of the camera that the solution was made for; a gather at points has errors of their own.
+        # Known only for the camera of the solution; a gather at points has other errors.
         solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=_versions(context),
@@ -338,13 +340,13 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
 
 
 def is_transparent(job: RenderJob, scene: Scene) -> bool:
-    """Whether pictures of the job's film have no background; of points there is none."""
+    """Return True if images of the job's film have a transparent background; False for points."""
     wanted = scene.background is not None and scene.background.transparent
     return wanted and "depth" in job.integrator.aovs
 
 
 def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
-    """What shapes and materials are called, where the film has their ids."""
+    """Return the names of shapes and materials if the film has their ids."""
     if set(ID_AOVS).isdisjoint(job.integrator.aovs):
         return {}
     return {
@@ -355,12 +357,12 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
 
 
 def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
-    """What positions in the film are relative to, where that is not the world's origin."""
+    """Return the origin of positions in the film if it is not the world's origin."""
     if "position" not in job.integrator.aovs or not scene.centred.origin.any():
         return {}
     return {"position_origin": tuple(scene.centred.origin.tolist())}
 
 
 def _recorded(job: RenderJob, plan: Plan) -> dict[str, Any]:
-    """What decides the image, without what the metadata has fields of its own for."""
+    """Return the settings that determine the image, without those in separate metadata fields."""
     return {k: v for k, v in (plan.recorded() | job.sensor.recorded()).items() if k not in ("seed", "max_depth")}

@@ -1,7 +1,7 @@
-"""When a render ends: after its path sets, or before that by time or by noise.
+"""Rules that end a render: its number of path sets, time, or noise.
 
-A render that was ended by a rule has the bits of one of as many path sets. By noise it ends at a count that follows
-from the scene, the seed and the device alone, never from how fast they were rendered.
+A render ended by a rule is bit-identical to a render with that number of path sets. With a noise rule, the number
+depends only on the scene, the seed and the device, not on speed.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.rendering.run_options import RunOptions
 
-#: The share of renders whose error is below the bound that noise is asked for.
+#: Fraction of renders whose error is below the given noise bound.
 CONFIDENCE = 0.95
 
-#: Path sets before noise is looked at.
+#: Number of path sets before the first noise check.
 FIRST_LOOK = MIN_BATCHES * BLOCK
 
-#: Blocks of path sets before a denoised picture is looked at. Fewer make no two halves; and of few sets a denoiser
-#: makes blotches that both halves may have alike.
+#: Number of blocks of path sets before a denoised image is checked. Two halves need at least two blocks. With few
+#: sets, the denoiser leaves blotches that both halves may share.
 _BLOCKS_OF_CLEAN = 2
 
 
 def looked_at(options: RunOptions, path_sets: int) -> bool:
-    """Whether a rule looks at a film of so many path sets: at the end of a block.
+    """Return True if a rule checks a film with this number of path sets, which is at the end of a block.
 
-    Every block at first, then about whenever the film has grown by an eighth, or by a half where each look denoises
-    it. Each look costs time, and is a further chance to end by luck.
+    A film is checked after every block at first. Later checks follow when it has grown by about an eighth, or by a
+    half if a check denoises. Each check costs time and adds a chance to end by luck.
     """
     whole = path_sets // BLOCK
     by_noise = options.noise is not None and whole >= MIN_BATCHES and _is_round(whole, 4)
@@ -40,17 +40,17 @@ def looked_at(options: RunOptions, path_sets: int) -> bool:
 
 
 def _is_round(number: int, bits: int) -> bool:
-    """Whether it is a number of so many bits, and zeros after these."""
+    """Return True if all bits of a number after its first `bits` are zero."""
     return number % (1 << max(0, number.bit_length() - bits)) == 0
 
 
 def first_look(options: RunOptions) -> int:
-    """Path sets that a film has at the first look of a rule."""
+    """Return the number of path sets at the first check of a rule."""
     return FIRST_LOOK if options.clean is None else _BLOCKS_OF_CLEAN * BLOCK
 
 
 def ended_by(film: Film, options: RunOptions) -> tuple[str, float | None]:
-    """The rule by which a film is good enough, "" for none; and the error that was compared, where it was."""
+    """Return the rule that a film satisfies, or "", and the error that was compared, or None."""
     if not looked_at(options, film.path_sets):
         return "", None
     if options.noise is not None:

@@ -1,4 +1,4 @@
-"""The parts of an image that are traced one after another, as a device holds so many pixels at once."""
+"""Tiles of an image that are traced one after another, because a device holds a limited number of pixels."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from glpath.buffers.path_buffer import MAX_PATHS
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of the image that is traced at once.
+    """Part of the image that is traced at once.
 
-    window : (x, y, width, height) of what is traced, pixels of the whole image; every tile has the same size
-    keep   : rows and columns of it that belong to the film
-    target : where in the film these are
+    window : (x, y, width, height) of the traced pixels in the whole image; every tile has the same size
+    keep   : rows and columns of the window that are added to the film
+    target : rows and columns of the film that they are added to
     """
 
     window: tuple[int, int, int, int]
@@ -23,10 +23,10 @@ class Tile:
 
 
 def cover(window: tuple[int, int, int, int], limit: int) -> list[Tile]:
-    """Tiles of one size that cover the window; the last of a row or column overlaps the one before."""
+    """Return tiles of one size that cover the window; the last of a row or column overlaps the one before."""
     x0, y0, width, height = window
     side = min(limit, math.isqrt(MAX_PATHS))
-    # A flat image may be as wide as the device allows.
+    # A flat image may be as wide as the device's limit.
     across = -(-width // side) if height > side else -(-width // min(limit, MAX_PATHS // height))
     w = -(-width // across)
     down = -(-height // min(limit, MAX_PATHS // w))
@@ -35,7 +35,7 @@ def cover(window: tuple[int, int, int, int], limit: int) -> list[Tile]:
     for i in range(down):
         for j in range(across):
             x, y = min(j * w, width - w), min(i * h, height - h)
-            # Columns x..j * w were the neighbour's.
+            # Columns x..j * w belong to the neighbour.
             keep = slice(i * h - y, h), slice(j * w - x, w)
             target = slice(i * h, y + h), slice(j * w, x + w)
             found.append(Tile((x0 + x, y0 + y, w, h), keep, target))

@@ -1,23 +1,23 @@
-"""Mean, minimum, maximum and uniformities of what was measured at points, each with its standard error.
+"""Mean, minimum, maximum and uniformities of values measured at points, each with its standard error.
 
-The least of noisy values is too low: the chosen point is the one whose error happened to go down. Of a thousand
-points with an error of 10 %, it is low by a third of their mean. A minimum that one half of the batches of path
-sets chooses, and that is read off the other half, does not have this bias. It is the value of a point that is
-nearly the darkest, and so too high, if at all. The expected values of the two have the minimum between them. The
-estimate lies three quarters of the distance to the second. There, simulations have the least bias of fields that
-are even, sloped, lamp-like or without any order. Its error has that of the point, and that the minimum may be
-anywhere between.
+The minimum of noisy values is too low, because it favours points with negative errors. With a thousand points and
+an error of 10 %, it is too low by a third of their mean. Instead, one half of the batches of path sets can choose
+the point, and the other half gives its value. That value does not have this bias. It belongs to a point that is
+nearly the darkest, so its expected value is the minimum or higher. The true minimum lies between the expected
+values of both estimates. The final estimate lies three quarters of the distance towards the second. In simulations
+of uniform, sloped, lamp-like and random fields, the bias is least there. Its error combines the point's error with
+the uncertainty between the two estimates.
 
-Batches of a Sobol sequence are not independent: where one is too bright, the others are too dark. All points
-together tell how much so (`_gain`). The half that is read then gets as much of the half that chose as makes the two
-independent.
+Batches of a Sobol sequence are negatively correlated: if one is too bright, the others are too dark. The
+correlation is estimated from all points together (`_gain`). The half that gives the value is mixed with a part of
+the choosing half, so that both become independent.
 
-Cost:     all halves of eight batches, 70, each a pass over the points: a second for four million.
-Poor at:  noise above the contrast: only bounds are known then, and the error is large; `Spread.asks_for` has a
-          remedy. Rare bright light, which most points have not hit: it is not in the errors either.
+Cost:     a pass over the points for each of the 70 halves of eight batches; a second for four million points.
+Poor at:  noise above the contrast, where only bounds are known and the error is large; `Spread.asks_for` has a
+          remedy. Rare bright light that most points have not sampled, which is missing from the errors, too.
 
-Hado van Hasselt, "Double Q-learning", 2010, for choosing by one half and reading off the other; "Estimating the
-maximum expected value", 2013, for the signs of both biases.
+Source: Hado van Hasselt, "Double Q-learning", 2010, for the choice by one half and the value from the other;
+"Estimating the maximum expected value", 2013, for the signs of both biases.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from glpath.film.noise import standard_error
 
 Float64 = NDArray[np.float64]
 
-# Of the distance from the minimum of all values to that of the halves.
+# Position of the estimate between the minimum of all values (0) and that of the halves (1).
 _TOWARDS_HALVES = 0.75
-# Below, the correlation of a sequence's batches is unknown.
+# Minimum number of batches to estimate the correlation of a sequence's batches.
 _MIN_BATCHES = 4
-#: Share of an extreme by which its two bounds may differ before noise counts as dominating it.
+#: Maximum distance of an extreme's bounds, as a fraction of the extreme, at which it counts as decided.
 UNDECIDED = 0.1
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its standard error; NaN where too few batches tell it: two for a mean, four for an extreme."""
+    """Number with its standard error; NaN with too few batches: under two for a mean, under four for an extreme."""
 
     value: float
     error: float
@@ -51,10 +51,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Extreme(Estimate):
-    """A minimum or maximum.
+    """Estimate of a minimum or maximum.
 
-    plain   : of the noisy values, as they are
-    bounds  : how far apart the two estimates are that have the true one between them
+    plain   : minimum or maximum of the noisy values
+    bounds  : distance between the two estimates that enclose the true value
     """
 
     plain: float = np.nan
@@ -63,7 +63,7 @@ class Extreme(Estimate):
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, minimum and maximum of points, lux or any other unit; see the module.
+    """Mean, minimum and maximum of values at points, in lux or any other unit; see the module.
 
     u0 : minimum over mean, EN 12464-1's uniformity
     ud : minimum over maximum, its diversity
@@ -83,24 +83,24 @@ class Spread:
 
     @property
     def undecided(self) -> float:
-        """By what share of itself the minimum or the maximum may be anywhere, for the noise of points."""
+        """Largest distance between the bounds of the minimum or maximum, as a fraction of its value."""
         shares = [x.bounds / x.value if x.value > 0 else 0.0 for x in (self.minimum, self.maximum)]
         return max((share for share in shares if np.isfinite(share)), default=0.0)
 
     def asks_for(self, path_sets: int) -> int | None:
-        """So many path sets, a power of two, instead of these, that noise leaves both decided; None: it does."""
+        """Return the power of two of path sets that decides both extremes; None if `path_sets` suffice."""
         if not self.undecided > UNDECIDED:
             return None
         return int(2 ** np.ceil(np.log2(path_sets * (self.undecided / UNDECIDED) ** 2)))
 
 
 def spread_of(sums: Float64, counts: NDArray[np.int64]) -> Spread:
-    """The mean, minimum and maximum of N points.
+    """Return the mean, minimum and maximum of N points.
 
-    sums   : (8, N) float64 over the path sets of each of a film's batches, N from 1
-    counts : (8,) path sets of each; 0 where there are none
+    sums   : (8, N) float64 sums over the path sets of each of a film's batches, N from 1
+    counts : (8,) path sets of each batch; 0 for an empty batch
 
-    The error of the mean is the spread of the batches' means, whatever points have in common.
+    The error of the mean is the spread of the batches' means, which includes correlations between points.
     """
     means = sums.mean(axis=1)
     mean = Estimate(float(means.sum() / counts.sum()), float(standard_error(means, counts)))
@@ -117,7 +117,7 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     plain = float(means.min())
     if batches < _MIN_BATCHES:
         return Extreme(plain, np.nan, plain)
-    # Batches whose errors have the correlation -k; of halves of them it is -c.
+    # The correlation of errors is -k between batches, and -c between halves.
     k = (1 - gain) / (batches - 1 + gain)
     c = 0.5 * batches * k / (1 - (0.5 * batches - 1) * k)
     values, weights = [], []
@@ -130,19 +130,20 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     other = min(float(np.average(values, weights=weights)), float(means.mean()))
     bounds = max(other - plain, 0.0)
     value = plain + _TOWARDS_HALVES * bounds
-    # Where noise is skewed, a point whose noise makes it low has a small spread, too: all that may be lowest count.
+    # If noise is skewed, a point with too low a value also has a small spread. Use all points that may be the
+    # lowest.
     own = standard_error(sums, counts)
     own = own[means - 2 * own <= (means + 2 * own).min()]
-    # The variance of a number that may be anywhere between two is a twelfth of the square of their distance.
+    # The variance of a uniform distribution between two bounds is a twelfth of their squared distance.
     return Extreme(value, float(np.sqrt(np.median(own**2) + bounds**2 / 12)), plain, bounds)
 
 
 def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
-    """The variance of means over all batches, as a share of what independent batches would have.
+    """Return the variance of means over all batches, relative to that of independent batches.
 
-    A batch's number is three bits of the numbers of its path sets. Where the variance of n path sets falls as
-    n^-(1 + a), batches that differ in the lowest bit differ most. With each further bit the variance falls by 2^-a,
-    down to that of the mean over all of them.
+    The index of a batch is three bits of its path sets' indices. If the variance of n path sets falls as n^-(1 +
+    a), batches that differ in the lowest bit differ most. With each further bit, the variance falls by 2^-a, down
+    to the variance of the mean over all batches.
     """
     variances: list[float] = []
     weights: list[int] = []
@@ -174,7 +175,7 @@ def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
 
 
 def _halves(batches: int) -> Iterator[list[int]]:
-    """Numbers of the batches that choose: all halves, of an odd number the smaller and the larger."""
+    """Yield the indices of the choosing batches: all halves, both smaller and larger ones for an odd number."""
     for size in sorted({batches // 2, batches - batches // 2}):
         yield from (list(each) for each in combinations(range(batches), size))
 

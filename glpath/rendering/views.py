@@ -1,7 +1,7 @@
-"""Many views of one scene by camera matrices: pictures with depth, normals and segmentation, as arrays.
+"""Many views of one scene by camera matrices: images with depth, normals and segmentation, as arrays.
 
-Cost:     the scene is loaded, prepared and compiled once; then each view takes what its path sets take.
-Poor at:  lenses that distort: undistort the pictures first.
+Cost:     loading, preparation and compilation once, then the path sets of each view.
+Poor at:  lenses with distortion; undistort the images first.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ class Views:
     """N views of H x W pixels, row 0 at the top.
 
     rgb          : (N, H, W, 3) float64, radiance, linear Rec. 709
-    depth        : (N, H, W) float64, scene units along the view, of the nearest surface that a sample meets;
-                   infinite where none does
-    normal       : (N, H, W, 3) float64, in the world's frame, the mean of the samples; 0 where none meets a surface
-    segmentation : (N, H, W) int64, the number, from 1, of the shape that most samples meet, in the scene's order; 0
-                   where there is none
-    names        : of the shapes, so that `names[segmentation - 1]` is one's name
-    films        : of each view, with all that `Film` has
+    depth        : (N, H, W) float64, depth of the nearest surface that a sample hits, scene units; infinite without
+                   a hit
+    normal       : (N, H, W, 3) float64, mean normal of the samples in the world's frame; 0 without a hit
+    segmentation : (N, H, W) int64, index from 1 of the shape that most samples hit, in the scene's order; 0 without
+                   a hit
+    names        : names of the shapes; `names[segmentation - 1]` is the name of a pixel's shape
+    films        : film of each view
     """
 
     rgb: Float64
@@ -73,21 +73,22 @@ def render_views(
     parameters: Mapping[str, object] | None = None,
     **options: Unpack[RenderKeywords],
 ) -> Views:
-    """Render one scene from many cameras that are given as matrices.
+    """Render one scene from many cameras, given as matrices.
 
     Parameters
     ----------
-    scene      : what `load_scene` takes; its own camera is not used
-    poses      : (N, 4, 4), (N, 3, 4) or one of them: from the camera's frame to the world's, without scale
-    K          : (3, 3) intrinsics of all views, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], pixels
-    resolution : (width, height); twice the principal point, rounded, without it
-    convention : "opengl" or "opencv"; poses, K, resolution and this are as those of `glpath.camera`
-    spp        : path sets, that is samples per pixel, of each view
-    The other parameters are those of `render`, of each view, which has the `time_limit` to itself.
+    scene      : any source that `load_scene` accepts; its own camera is not used
+    poses      : (N, 4, 4) or (N, 3, 4) matrices, or one matrix, from the camera's frame to the world's, without
+                 scale
+    K          : (3, 3) intrinsics of all views in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]
+    resolution : (width, height); default: twice the principal point, rounded
+    convention : "opengl" or "opencv"; poses, K, resolution and convention are as in `glpath.camera`
+    spp        : path sets (samples per pixel) of each view
+    The other parameters are those of `render` and apply to each view; so does `time_limit`.
     {options}
 
-    Raises UsageError for poses that are no rotation and translation, and for intrinsics with a skew; what `render`
-    raises.
+    Raises the errors of `render`, and UsageError for intrinsics with a skew, or poses that are not a rotation and
+    translation.
 
     Example
     -------

@@ -1,1 +1,1 @@
-"""Files, locks, the machine, the terminal, compiled kernels: what is no light and no scene."""
+"""Files, locks, the machine, the terminal and compiled kernels: everything independent of light and scenes."""

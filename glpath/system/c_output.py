@@ -1,7 +1,7 @@
-"""Holds back the output of C libraries to standard output and standard error.
+"""Filter for the output of C libraries to standard output and standard error.
 
-OpenEXR does so before it raises: its lines would stand before the error with its remedy, or within a
-picture that goes to standard output.
+OpenEXR prints lines before it raises. They would appear before glpath's error message, or inside an image that is
+written to standard output.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ _lock = threading.Lock()
 
 @contextmanager
 def without_lines(*beginnings: str) -> Iterator[None]:
-    """Leave out lines that begin so, of all that is written to the two files, or to `sys.stdout`, within the block.
+    """Context that drops output lines with one of the given beginnings, from both files and `sys.stdout`.
 
-    All others are written at the end, those of the files to standard error: other threads write meanwhile, too.
+    All other lines are written at the end. Lines of the two files go to standard error; they may include lines of
+    other threads.
     """
     printed = io.StringIO()
     try:
@@ -33,7 +34,7 @@ def without_lines(*beginnings: str) -> Iterator[None]:
     finally:
         rest = [line for line in printed.getvalue().splitlines(True) if not line.startswith(beginnings)]
         if rest and sys.stdout is not None:
-            with contextlib.suppress(OSError, ValueError):  # full or closed: a report never ends the work
+            with contextlib.suppress(OSError, ValueError):  # full or closed; reports never end the work
                 sys.stdout.write("".join(rest))
 
 
@@ -44,7 +45,7 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
         try:
             held = stack.enter_context(tempfile.TemporaryFile())
             before = {number: os.dup(number) for number in (_STDOUT, _STDERR)}
-        except OSError:  # closed, or nowhere to hold it: then nothing is held back
+        except OSError:  # closed, or no temporary file; then nothing is filtered
             yield
             return
         for number in before:
@@ -65,7 +66,7 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
 
 def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(Exception):  # closed, or no file
+        with contextlib.suppress(Exception):  # closed, or not a file
             stream.flush()
-    with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows has no library without a name
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows cannot load a library without a name
         ctypes.CDLL(None).fflush(None)

@@ -1,8 +1,8 @@
-"""A file that keeps the state of unfinished work, so that whatever ends the process loses no more than a little.
+"""Checkpoint file with the state of unfinished work, so that little is lost if the process ends.
 
-It is replaced in one step, and is on the disk after that, so that there is a whole one at any moment. A state that
-cannot be written leaves the one before, and a line in the log, and the work continues. Within a `with` block no
-other process has it (`locks`).
+The file is replaced atomically and flushed to disk, so a complete file exists at any time. If a state cannot be
+written, the previous file stays, the log gets a line, and the work continues. Within a `with` block, the file is
+locked against other processes (`locks`).
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ log = logging.getLogger("glpath")
 
 @dataclass
 class CheckpointFile(Locked):
-    """Where it is, and how often it is written; who has work to keep says when a step is done.
+    """Checkpoint file and its schedule; the owner of the work calls it when a step is done.
 
-    As a `with` block it keeps other processes from the file, or raises GlpathError, which names who has it.
+    As a `with` block, it locks the file against other processes, or raises GlpathError with the name of the holder.
 
-    path    : of the file
-    seconds : between two; None: not by time
-    steps   : between two; None: not by number
-    written : how often it was
-    failure : why it could not be, the last time; None where it could
-    took    : seconds that the last one took
+    path    : path of the file
+    seconds : interval between two checkpoints; None: not by time
+    steps   : number of steps between two checkpoints; None: not by steps
+    written : number of checkpoints written
+    failure : reason why the last checkpoint could not be written; None if it was written
+    took    : seconds that the last checkpoint took
     """
 
-    #: What has it, in the words of the message; and what continues where it cannot be written.
+    #: Names in messages: the holder of the file's lock, and the work that continues after a failed checkpoint.
     holder: ClassVar[str] = "work that resumes from it"
     work: ClassVar[str] = "the work"
 
@@ -55,17 +55,17 @@ class CheckpointFile(Locked):
         self._lock = Lock(self.path, self.holder)
 
     def found(self) -> bool:
-        """Whether there is one to resume from; what a killed process has left half-written is removed."""
+        """Return True if a checkpoint exists; half-written files of killed processes are removed."""
         remove_parts(self.path)
         return os.path.exists(self.path)
 
     def due(self, step: int) -> bool:
-        """Whether it is time to write it, after so many steps."""
+        """Return True if a checkpoint is due after `step` steps."""
         by_time = self.seconds is not None and time.monotonic() - self._last_time >= self.seconds
         return by_time or (self.steps is not None and step - self._last_step >= self.steps)
 
     def written_by(self, save: Callable[[Path], None], step: int) -> bool:
-        """Write it now; whether that went well. Failures are reported in the log, each reason once."""
+        """Write the file and return True on success. The log reports each reason of failure once."""
         started = time.monotonic()
         try:
             save(self.path)
@@ -78,13 +78,13 @@ class CheckpointFile(Locked):
         else:
             self.failure = None
             self.written += 1
-        # Of the end, so that a slow disk is not all that the time goes into.
+        # Count the interval from the end of writing, so that a slow disk does not take all the time.
         self._last_time, self._last_step = time.monotonic(), step
         self.took = self._last_time - started
         return self.failure is None
 
     def remove(self) -> None:
-        """Remove the file, where there is one. Raises ImageError."""
+        """Remove the file if it exists. Raises ImageError if it cannot be removed."""
         try:
             self.path.unlink(missing_ok=True)
         except OSError as error:

@@ -1,9 +1,8 @@
-"""Files that appear whole or not at all, and outputs of which none is lost for another's sake.
+"""Atomic writing of files, safe reading, and saving of several outputs, where a failure of one keeps the others.
 
-A file is written beside its target under another name and then moved there, also when the process is stopped
-meanwhile. It and the entry of its folder are on the disk (fsync) when the call returns. Missing folders of an
-output are made. A pipe or a device is written into, never replaced; `-` is
-standard output.
+A file is written beside its target under another name and then moved, so a stopped process leaves no partial file.
+The file and the entry of its folder are on disk (fsync) when the call returns. Missing folders of an output are
+created. A pipe or a device is written into, never replaced; `-` is standard output.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from typing import BinaryIO
 
 from glpath.errors import GlpathError, ImageError
 
-#: Writes something to the path that it is given.
+#: Function that writes a result to the given path.
 Save = Callable[[Path], object]
 
 _STDOUT = "-"
@@ -37,34 +36,34 @@ _NO_TOKEN = 8 * "\0"
 
 
 def shipped_folder(name: str) -> Path | None:
-    """A folder that ships with glpath: inside the package in a wheel, beside it in a checkout."""
+    """Return a folder that ships with glpath: inside the package in a wheel, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     return next((f for f in (package / name, package.parent / name) if f.is_dir()), None)
 
 
 def is_stream(path: str | Path) -> bool:
-    """Whether `path` is written into rather than replaced: a pipe, a character device, or `-`, standard output."""
+    """Return True if `path` is written into, not replaced: a pipe, a character device, or `-` (standard output)."""
     mode = _mode(path)
     return str(path) == _STDOUT or stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Where to write a file, so that it appears at `path` whole or not at all.
+    """Context with a temporary path, whose file appears at `path` complete or not at all.
 
-    On leaving the block the file is moved to `path`, over what was there, or copied into it where that is a pipe or
-    a device; if the block fails it is removed. Missing folders are made. A link is followed. Raises ImageError when
-    the system refuses.
+    On leaving the block, the file is moved to `path` and replaces an existing file. If `path` is a pipe or device,
+    the content is copied into it. If the block fails, the file is removed. Missing folders are created, and links
+    are followed. Raises ImageError if the system refuses.
     """
     put = _through_a_folder if is_stream(path) else _beside
     try:
         with put(path) as temporary:
             yield temporary
-    except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError for what the system refuses
+    except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError if the system refuses
         raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
 
 
-# Where the system has it: Windows opens text otherwise, and neither forks nor has pipes by name.
+# Flags that the system has. Windows needs O_BINARY, but has neither forks nor named pipes.
 _READ = os.O_RDONLY
 for _name in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"):
     _READ |= getattr(os, _name, 0)
@@ -73,27 +72,27 @@ _WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | ge
 
 #: Maximum size of a file that is read as a whole, bytes.
 MAX_FILE_BYTES = 2**32
-#: Maximum size of a text that describes something, such as a scene, a job or a year of weather, bytes.
+#: Maximum size of a text file, such as a scene, a job or a year of weather, bytes.
 MAX_TEXT_BYTES = 2**28
-# Maximum size of data from a pipe, which cannot tell its size, bytes.
+# Maximum size of data from a pipe, whose size is unknown in advance, bytes.
 _MAX_PIPE_BYTES = 2**28
-# Seconds within which somebody must open a named pipe to write into it, and seconds between two looks.
+# Maximum wait for a writer of a named pipe, and interval between checks; seconds.
 _WRITER_S, _LOOK_S = 3.5, 0.02
 _PART_BYTES = 1 << 20
-# A file with holes may be that many times as large as its data, or have that many bytes in any case.
+# Maximum ratio of a sparse file's size to its data, and size in bytes up to which any file is allowed.
 _HOLES_RATIO, _SMALL_BYTES = 64, 2**26
 
 
 def check_file(path: str | Path) -> None:
     """Raise OSError, with the reason as its text, unless a library may open `path` itself and read all of it."""
     if (kind := _unreadable_kind(mode := _mode(path))) or stat.S_ISFIFO(mode):
-        raise _refused(path, kind or "a pipe")  # without opening it, which would end its writer
+        raise _refused(path, kind or "a pipe")  # not opened, because closing it would end its writer
     if mode:
         open_file(path).close()
 
 
 def open_file(path: str | Path) -> BinaryIO:
-    """Open a file to be read. Raises OSError, also for a pipe, a device, or a file that is nearly all holes."""
+    """Open a file for reading. Raises OSError, also for a pipe, a device, or a file that is nearly all holes."""
     descriptor = _open(path)
     try:
         status = os.fstat(descriptor)
@@ -107,10 +106,10 @@ def open_file(path: str | Path) -> BinaryIO:
 
 
 def open_without_links(path: str | Path, flags: int, mode: int = 0o666) -> int:
-    """Open a file that no link leads to, and return its descriptor.
+    """Open a file without following links, and return its descriptor.
 
-    Raises OSError, with the reason as its text, for a symbolic link, a file with several names (hard links) and
-    anything but a file: to write there would change a file elsewhere.
+    Raises OSError, with the reason as its text, for a symbolic link, a file with hard links, and a path that is not
+    a file. Writing there could change a file elsewhere.
     """
     try:
         descriptor = os.open(path, flags | _WITHOUT_LINKS, mode)
@@ -131,12 +130,12 @@ def open_without_links(path: str | Path, flags: int, mode: int = 0o666) -> int:
 
 
 def read_bytes(path: str | Path, limit: int = MAX_FILE_BYTES) -> bytes:
-    """Return all of a file, or of a pipe into which somebody writes, as bash has one for <(...).
+    """Return the content of a file or pipe, such as the named pipe of bash for <(...).
 
     limit : maximum size in bytes
 
-    Waits while somebody holds the pipe open to write. Raises OSError, with the reason as its text, for a device,
-    for too many bytes, and for a named pipe that nobody opens to write into it.
+    Waits while a process has the pipe open for writing. Raises OSError, with the reason as its text, for a device,
+    for too many bytes, and for a named pipe without a writer.
     """
     descriptor = _open(path)
     with os.fdopen(descriptor, "rb") as file:
@@ -149,10 +148,10 @@ def read_bytes(path: str | Path, limit: int = MAX_FILE_BYTES) -> bytes:
 
 
 def _open(path: str | Path) -> int:
-    """A descriptor to read from. Does not wait: opening a pipe otherwise blocks until somebody writes."""
+    """Open a file for reading and return its descriptor. Does not wait for the writer of a pipe."""
     try:
         return os.open(path, _READ)
-    except ValueError as error:  # a name that holds a NUL
+    except ValueError as error:  # the name contains a NUL
         raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path)) from error
 
 
@@ -166,7 +165,7 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
         raise OSError(errno.EBADF, "it is closed")
     try:
         descriptor = stream.fileno()
-    except OSError:  # it is an object of Python, not of the system
+    except OSError:  # a Python object without a descriptor
         return _within(stream.read(limit + 1), limit)
     if os.isatty(descriptor):
         return _within(stream.read(), limit)
@@ -180,7 +179,7 @@ def _all_of(file: BinaryIO, limit: int) -> bytes:
     """Return all bytes of an open file or stream. Raises OSError as `read_bytes`."""
     descriptor = file.fileno()
     status = os.fstat(descriptor)
-    if not stat.S_ISREG(status.st_mode) or not status.st_size:  # the size of a file of /proc is 0, too
+    if not stat.S_ISREG(status.st_mode) or not status.st_size:  # the size of files in /proc is 0
         return _all_of_stream(descriptor, limit)
     if status.st_size > limit:
         raise _too_large(f"{status.st_size:,}", limit)
@@ -189,27 +188,27 @@ def _all_of(file: BinaryIO, limit: int) -> bytes:
 
 
 def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
-    """Return what is in a named pipe, opened without waiting, as soon as somebody has opened it to write."""
+    """Wait for a writer of a named pipe, and return the first bytes; b"" if none are written yet."""
     end = time.monotonic() + _WRITER_S
     while time.monotonic() < end:
         try:
             if first := os.read(descriptor, _PART_BYTES):
                 return first
-        except BlockingIOError:  # somebody holds it open, but has written nothing yet
+        except BlockingIOError:  # there is a writer, but nothing is written yet
             return b""
         time.sleep(_LOOK_S)
     raise _refused(path, f"a pipe into which nobody writes, as nobody opened it within {_WRITER_S:g} s")
 
 
 def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
-    """Return `first` and all bytes of a pipe or socket until nobody holds it open to write. Raises OSError."""
+    """Return `first` and all bytes of a pipe or socket until it has no writer. Raises OSError."""
     limit, content = min(limit, _MAX_PIPE_BYTES), bytearray(first)
     waiting = select.poll() if hasattr(select, "poll") else None  # Windows has none
     if waiting is not None:
         waiting.register(descriptor, select.POLLIN)
     while len(content) <= limit:
         if waiting is not None:
-            waiting.poll()  # as standard input may be set not to wait
+            waiting.poll()  # standard input may be non-blocking
         part = os.read(descriptor, _PART_BYTES)
         if not part:
             return bytes(content)
@@ -229,7 +228,7 @@ def _too_large(size: str, limit: int) -> OSError:
 
 
 def _check_holes(descriptor: int, size: int) -> None:
-    """Raise OSError for a large file that is nearly all holes, which take memory here but none of the disk."""
+    """Raise OSError for a large file that is nearly all holes, which need memory but no disk space."""
     if size <= _SMALL_BYTES or not hasattr(os, "SEEK_DATA"):
         return
     here, data, start = os.lseek(descriptor, 0, os.SEEK_CUR), 0, 0
@@ -237,7 +236,7 @@ def _check_holes(descriptor: int, size: int) -> None:
         try:
             start = os.lseek(descriptor, start, os.SEEK_DATA)
             stop = os.lseek(descriptor, start, os.SEEK_HOLE)
-        except OSError:  # no data any more
+        except OSError:  # no more data
             break
         data, start = data + stop - start, stop
         if data * _HOLES_RATIO >= size:
@@ -248,7 +247,7 @@ def _check_holes(descriptor: int, size: int) -> None:
 
 
 def _unreadable_kind(mode: int) -> str:
-    """The kind of a path without content to read; "" for a file, a pipe, or nothing."""
+    """Return the kind of a path that cannot be read; "" for a file, a pipe, or a missing path."""
     if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
         return "a device"
     return "a socket" if stat.S_ISSOCK(mode) else "a folder" if stat.S_ISDIR(mode) else ""
@@ -261,7 +260,7 @@ def _refused(path: str | Path, kind: str) -> OSError:
 
 
 def write_bytes(content: bytes, path: Path) -> None:
-    """A whole file of these bytes. Raises ImageError."""
+    """Write bytes to a file atomically. Raises ImageError if it cannot be written."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
 
@@ -275,21 +274,21 @@ def _beside(path: str | Path) -> Iterator[Path]:
     temporary = new_file(target.parent, target)
     try:
         yield temporary
-        with temporary.open("r+b") as written:  # Windows writes nothing to a disk by a file that is read
+        with temporary.open("r+b") as written:  # "r+", because Windows cannot flush a file opened for reading
             os.fsync(written.fileno())
         os.replace(temporary, target)
         _sync_folder(target.parent)
     finally:
-        # The first error is the one to report: the folder may be gone, or read-only by now.
+        # Ignore errors here, so that the first error is reported. The folder may be removed or read-only.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
 def _sync_folder(folder: Path) -> None:
-    """The new name is on the disk, too; not all systems have such a call."""
+    """Flush the entry of a new file to disk, if the system supports it."""
     if not hasattr(os, "O_DIRECTORY"):
         return
-    with suppress(PermissionError):  # a folder that may be written but not read
+    with suppress(PermissionError):  # the folder is writable but not readable
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             os.fsync(descriptor)
@@ -301,7 +300,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def remove_parts(path: str | Path) -> None:
-    """Remove what killed processes have left of their attempts to write `path`. For a file with one writer."""
+    """Remove temporary files that killed processes left while writing `path`; only for files with one writer."""
     target = real_path(path)
     before, after = _part_name(target, _NO_TOKEN).split(_NO_TOKEN)
     left = re.compile(re.escape(before) + "[0-9a-f]{8}" + re.escape(after))
@@ -313,7 +312,7 @@ def remove_parts(path: str | Path) -> None:
 
 @contextmanager
 def _through_a_folder(path: str | Path) -> Iterator[Path]:
-    """Formats seek as they are written, so a pipe gets the bytes of a file that is done."""
+    """Write a temporary file, then copy it into a pipe or device, because writers of formats seek."""
     with tempfile.TemporaryDirectory(prefix="glpath-") as folder:
         temporary = Path(folder) / f"output{Path(path).suffix}"
         yield temporary
@@ -336,7 +335,7 @@ def _standard_output() -> BinaryIO:
 
 
 def check_writable(path: str | Path) -> None:
-    """Raise ImageError if a file cannot be written at `path`: to be asked before hours of rendering, not after."""
+    """Raise ImageError if a file cannot be written at `path`; called before a long rendering starts."""
     if str(path) == _STDOUT:
         try:
             _standard_output()
@@ -351,10 +350,10 @@ def check_writable(path: str | Path) -> None:
         raise ImageError(f"{path}: is {kind}.", "Name a file in it." if kind == "a folder" else "Name a file.")
     target = real_path(path)
     folder = target.parent
-    while not os.path.exists(folder):  # unlike Path.exists, also where the folder above may not be entered
+    while not os.path.exists(folder):  # unlike Path.exists, does not raise if the folder above may not be entered
         folder = folder.parent
-    # Only trying is sure: permissions say little about root, network shares and read-only file systems. The name
-    # may be too long.
+    # Create a file, because permissions say little about root, network shares and read-only file systems. Use the
+    # target's name, which may be too long.
     try:
         with suppress(FileNotFoundError):
             os.lstat(folder / target.name)
@@ -366,7 +365,7 @@ def check_writable(path: str | Path) -> None:
 def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:
     """Create an empty file in `folder` for the content of `target`, and return its path. Raises OSError.
 
-    Nobody can guess its name, and a file or a link that has it already is never opened.
+    The name is random, and an existing file or link of that name is never opened.
     """
     while True:
         path = folder / _part_name(target, secrets.token_hex(4))
@@ -376,12 +375,12 @@ def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:
 
 
 def _part_name(target: Path, token: str) -> str:
-    # The suffix stays last, as some libraries choose the format by it.
+    # The suffix stays last, because some libraries choose the format by it.
     return short_name(".", target.stem, f".{token}.part{target.suffix}")
 
 
 def short_name(before: str, stem: str, after: str) -> str:
-    """Return the three joined as the name of a file; of a name too long for file systems, the stem is shortened.
+    """Return the joined parts as a file name; the stem is shortened if the name is too long for file systems.
 
     Names of different stems stay different.
     """
@@ -406,7 +405,7 @@ def real_path(path: str | Path) -> Path:
 
 
 def _mode(path: str | Path) -> int:
-    """`st_mode` of what `path` leads to; 0 where there is nothing."""
+    """Return `st_mode` of the target of `path`; 0 if it does not exist."""
     try:
         return os.stat(path).st_mode
     except OSError:
@@ -414,7 +413,7 @@ def _mode(path: str | Path) -> int:
 
 
 def _unwritable_kind(path: str | Path) -> str | None:
-    """The kind of a path that a file must not replace; None for a file, or for nothing."""
+    """Return the kind of a path that a file must not replace; None for a file or a missing path."""
     mode = _mode(path)
     if stat.S_ISDIR(mode):
         return "a folder"
@@ -424,14 +423,14 @@ def _unwritable_kind(path: str | Path) -> str | None:
 def save_all(
     saves: Mapping[Path, Save], rescue: Mapping[str, Save], where: str
 ) -> tuple[list[Path], ImageError | None]:
-    """Write several outputs of one result. One that fails does not keep the others from being written.
+    """Write several outputs of one result. If one fails, the others are still written.
 
-    saves  : what writes each output
-    rescue : what writes all of the result, by the name of a file: into a temporary folder where no output could be
-             written, or one with the suffix of such a file could not
-    where  : the sentence that says where the rescue is, with {} for its files
+    saves  : function that writes each output, by path
+    rescue : functions that write the whole result, by file name. They write into a temporary folder if no output
+             could be written, or if an output with the suffix of such a file failed
+    where  : message with the location of the rescued files, with {} for their paths
 
-    Returns what was written, and the error that names all failures and the rescue; None where all went well.
+    Returns the written paths, and an error that names all failures and the rescued files, or None.
     """
     written: list[Path] = []
     failures: dict[Path, Exception] = {}
@@ -439,7 +438,7 @@ def save_all(
         try:
             save(path)
             written.append(path)
-        except Exception as error:  # a mistake of ours in one format must not lose the others either
+        except Exception as error:  # also errors of our own, which must not lose the other outputs
             failures[path] = error
     if not failures:
         return written, None
@@ -458,13 +457,13 @@ def save_all(
 
 
 def rescued(rescue: Mapping[str, Save], where: str) -> str:
-    """Write a result into a temporary folder; the sentence that says where it is. See `save_all`."""
+    """Write a result into a temporary folder, and return the sentence that says where it is; see `save_all`."""
     names = ", ".join(map(str, _into_temporary_folder(rescue)))
     return where.format(names) if names else "Nor could it be kept in a temporary folder."
 
 
 def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
-    """The files, in the first temporary folder that takes them. Empty where none does."""
+    """Write the files into the first temporary folder that works, and return their paths; [] if none works."""
     try:
         usual = tempfile.gettempdir()
     except OSError:
@@ -484,19 +483,19 @@ def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
 
 @contextmanager
 def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
-    """Whatever a damaged file makes parsers in the block raise is an ImageError: it cannot be read as `what`."""
+    """Context that turns all errors of parsers into ImageError: the file cannot be read as `what`."""
     try:
         yield
     except GlpathError:
         raise
     except FileNotFoundError as error:
         raise ImageError(f"{path}: there is no such file.", remedy) from error
-    except Exception as error:  # what libraries run into in a damaged file has no class of its own
+    except Exception as error:  # libraries raise any type for a damaged file
         raise ImageError(f"{path}: cannot be read as {what}: {reason_of(error)}.", remedy) from error
 
 
 def reason_of(error: BaseException) -> str:
-    """The system's message, without a full stop."""
+    """Return the system's message without a full stop."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error).rstrip(".") or type(error).__name__

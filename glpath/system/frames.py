@@ -1,4 +1,4 @@
-"""Results as data frames of pandas and data sets of xarray, imported when they are asked for: `glpath[frames]`."""
+"""Results as data frames of pandas and data sets of xarray, imported on demand: `glpath[frames]`."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 from glpath.errors import GlpathError
 
-#: Of each package the extra that brings it.
+#: Extra of glpath that installs each package.
 _EXTRAS = {"pandas": "frames", "xarray": "frames", "pyvista": "mesh"}
 
 
 def package(name: str) -> Any:
-    """A module that is optional. Raises GlpathError with the line to type where it is missing."""
+    """Import an optional module. Raises GlpathError with the install command if it is missing."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -24,12 +24,12 @@ def package(name: str) -> Any:
 
 
 def data_frame(columns: Mapping[str, Any], index: str, labels: Any = None, attributes: Any = None) -> Any:
-    """A `pandas.DataFrame`.
+    """Return a `pandas.DataFrame`.
 
-    columns    : by name, all of one length
-    index      : its name
-    labels     : of the rows; their numbers without
-    attributes : what goes for all of it, `DataFrame.attrs`
+    columns    : columns by name, all of one length
+    index      : name of the index
+    labels     : labels of the rows; None: row numbers
+    attributes : values for the whole table, `DataFrame.attrs`
     """
     pandas = package("pandas")
     frame = pandas.DataFrame(dict(columns), index=labels)
@@ -39,5 +39,5 @@ def data_frame(columns: Mapping[str, Any], index: str, labels: Any = None, attri
 
 
 def data_set(variables: Mapping[str, Any], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
-    """An `xarray.Dataset`. variables, coordinates: by name, as it takes them: (dimensions, values)."""
+    """Return an `xarray.Dataset`; variables and coordinates are pairs (dimensions, values) by name."""
     return package("xarray").Dataset(dict(variables), dict(coordinates), dict(attributes))

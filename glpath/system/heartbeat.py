@@ -1,4 +1,4 @@
-"""A sign of life: finished pieces of work are reported here, and a watchdog hears when none is any more."""
+"""Heartbeat of a process: finished pieces of work are reported here, so that a watchdog notices when they stop."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 
 class Heartbeat:
-    """Of a process: beats for a draw that was handed over, a path set, a step of a solver.
+    """Source of beats: one for each submitted draw, finished path set or solver step.
 
-    listener : called at each; None without one
+    listener : function called at each beat, or None
     """
 
     def __init__(self) -> None:
@@ -19,5 +19,5 @@ class Heartbeat:
             self.listener()
 
 
-#: Of this process, which has one context and one render at a time.
+#: Heartbeat of this process, which has one context and one render at a time.
 heartbeat = Heartbeat()

@@ -1,17 +1,17 @@
-"""Compiled kernels on disk: whatever becomes of the files, the worst that they do is to be compiled again.
+"""Cache of compiled kernels on disk; a kernel with a missing or damaged file is compiled again.
 
-Kernels are in a folder of each user's own beside numba's cache (`__pycache__`, else the user's cache folder, or
-NUMBA_CACHE_DIR). Numba leaves the following to luck:
+Each user has a folder of kernels beside numba's cache (`__pycache__`, else the user's cache folder, or
+NUMBA_CACHE_DIR). This cache guarantees the following, which numba's does not:
 
-- A kernel is code that is run. Folder and files have the modes 0700 and 0600. If another user owns them or may
-  write to them, or a link leads to them, nothing is read there.
+- Kernels are executable code, so folder and files have the modes 0700 and 0600. If another user owns or can write
+  them, or if they are links, they are not read.
 
-- A kernel is stale when any file of its room has changed, not only its own; see `room_stamp`. What counts is the
-  content, so that a cache that was copied with its installation stays good.
-- A file is one signature's whole, with a checksum and with what it was made from: damaged, cut off, another's or
-  another version's, it counts as absent.
-- What cannot be written (a full disk, a folder without permission) is a warning, once.
-- Of processes that need the same kernel at once, one compiles it, and the others wait and load it.
+- A kernel is stale if any Python file of its top-level package has changed; see `room_stamp`. Contents are
+  compared, so a cache that was copied with its installation stays valid.
+- A file holds one signature, with a checksum and its inputs. A file that is damaged, truncated, or of other inputs
+  counts as missing.
+- A failure to write (full disk, no permission) gives one warning.
+- If several processes need the same kernel, one compiles it, and the others wait and load it.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ log = logging.getLogger("glpath")
 NUMBA = numba_internals()
 _fcntl = posix_module("fcntl")
 
-#: Seconds to wait for a process that compiles the same kernel; longer, and it hangs or was stopped.
+#: Maximum wait for a process that compiles the same kernel, seconds; after that it probably hangs or was stopped.
 _PATIENCE = 60.0
 _HOUSE = Path(__file__).parents[1]
-# Name of the folder; each user of a shared installation has another.
+# Name of the folder, which differs between users of a shared installation.
 _FOLDER = f"glpath-kernels-{os.geteuid()}" if hasattr(os, "geteuid") else "glpath-kernels"
 
 
 @functools.cache
 def room_stamp(file: Path) -> tuple[tuple[str, str], ...]:
-    """Path and SHA-256 of the Python files that kernels in `file` can depend on: those of its room.
+    """Return path and SHA-256 of the Python files on which kernels in `file` can depend.
 
-    A room is the outermost package around it, below `glpath` itself. In the package's own folder, where nothing but
-    a kernel's file concerns it, that one alone.
+    These are the files of the outermost package below `glpath` that contains `file`. For a file directly in
+    `glpath`, it is that file alone.
     """
     room = _room(file)
     files = [file] if file.parent == _HOUSE else sorted(room.rglob("*.py"))
@@ -76,10 +76,10 @@ def _short(text: str) -> str:
 
 
 class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
-    """The cache of one function, a file for each signature.
+    """Cache of one function, with a file for each signature.
 
-    on_wait : gets the function's name where another process is compiling it
-    on_load : gets it where it was found instead of being compiled
+    on_wait : function called with the kernel's name if another process is compiling it
+    on_load : function called with the kernel's name if it was loaded instead of compiled
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         self._stamp = room_stamp(Path(function.__code__.co_filename))
         self._version = _short(repr((numba.__version__, self._stamp)))
         self._on_wait, self._on_load = on_wait, on_load
-        # While it is set, the first signature that is not found is compiled by one process alone.
+        # While this is set, the first missing signature is compiled under a lock, by one process only.
         self.alone: ExitStack | None = None
 
     @property
@@ -111,15 +111,15 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         return "" if _is_private(status) else _OF_OTHERS
 
     def holds_any(self) -> bool:
-        """Whether there is a file for some signature of the function as it is now."""
+        """Return True if a file exists for any signature of the current version of the function."""
         files = self.folder.glob(f"{self._impl.filename_base}.*.{self._version}.nbc")
         return not self.refusal() and any(files)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled kernel of a signature; None without.
+        """Return the compiled kernel of a signature, or None.
 
-        Numba's own imports before that all that its compiler knows, a quarter of a second. Kernels that are
-        compiled already need none of it, as they make no arrays (`kernels`); and the compiler imports it itself.
+        Numba's own method first imports its whole compiler, which takes a quarter of a second. Compiled kernels do
+        not need it, because they allocate no arrays (`kernels`). Compilation imports it itself.
         """
         if reason := self.refusal():
             _warn_that_nothing_is_kept(self.folder, reason)
@@ -138,12 +138,12 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
             self._on_wait(self._py_func.__name__)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled; where that is impossible, say so once."""
+        """Store a compiled kernel; give one warning if that is impossible."""
         if not self._impl.check_cachable(data):
             return
         path = self._file(sig, data.codegen)
         content = NUMBA.dumps((self._made_from(sig, data.codegen), self._impl.reduce(data)))
-        if self.refusal():  # there is a warning of it
+        if self.refusal():  # `load_overload` has warned
             return
         try:
             _make_folder(path.parent)
@@ -167,7 +167,7 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
             if made_from != self._made_from(sig, target_context.codegen()):
                 return None
             return self._impl.rebuild(target_context, data)
-        except Exception as error:  # whatever reading and unpickling may raise: it is compiled anew
+        except Exception as error:  # any error of reading or unpickling: compile again
             log.debug("kernel cache: %s: %s", self._py_func.__qualname__, error)
             return None
 
@@ -214,7 +214,7 @@ def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
 
 @contextmanager
 def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
-    """Hold a lock among processes; continue without it where there can be none, or after a minute."""
+    """Hold a lock between processes; continue without it if locks are impossible, or after a minute."""
     until = time.monotonic() + _PATIENCE
     handle = _locked(path)
     if handle is None:
@@ -231,7 +231,7 @@ def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
 
 
 def _locked(path: Path) -> int | None:
-    """A lock on a file: None while another process has it, 0 where there are no locks."""
+    """Lock a file and return its descriptor; None if another process has the lock, 0 if locks are impossible."""
     if _fcntl is None:
         return 0
     try:
@@ -241,7 +241,7 @@ def _locked(path: Path) -> int | None:
         return 0
     try:
         _fcntl.flock(handle, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # else its last owner has just removed it
+        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # otherwise its last owner has just removed it
             return handle
     except BlockingIOError:
         pass

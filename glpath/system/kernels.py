@@ -1,6 +1,6 @@
-"""Functions that numba compiles for this CPU, once: later runs find them in the cache (`kernel_cache`).
+"""Functions compiled for this CPU by numba; later runs find them in the cache (`kernel_cache`).
 
-What is compiled is named while it is, since it takes seconds; see `announced`.
+Compilation takes seconds, so the name of the kernel is reported; see `announced`.
 """
 
 from __future__ import annotations
@@ -24,60 +24,63 @@ from glpath.system.private_interfaces import (
 )
 from glpath.system.time_limit import check_time
 
-_njit: Any = numba.njit  # whose types know neither of all options
+_njit: Any = numba.njit  # numba's type annotations lack some of the options used here
 log = logging.getLogger("glpath")
 
-# NUMBA_DISABLE_JIT leaves plain functions, for debuggers.
+# NUMBA_DISABLE_JIT keeps plain functions, for debuggers.
 _PLAIN = bool(getattr(numba.config, "DISABLE_JIT", False))
 
-#: The names of the kernels that this process compiles, the others being plain functions; None for all.
-#: Set before any is made.
+#: Names of the kernels that this process compiles; the others stay plain functions. None: all are compiled. It must
+#: be set before the first kernel is decorated.
 only: frozenset[str] | None = None
 
 Report = Callable[[str], None]
 
 
-# Neither makes arrays: to compile `np.empty` alone takes seconds, and without arrays that come and go no references
-# are counted, which is atomic and takes longer than what is done in inner loops. Python makes all room there is.
+# Kernels allocate no arrays, because compiling `np.empty` alone takes seconds. Without arrays that are created and
+# freed, no references are counted. Counting is atomic and slower than the work of inner loops. Python allocates all
+# memory.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", **NUMBA_OPTIONS}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile for the CPU on first use, cached on disk, without Python's lock, so that threads run side by side.
+    """Compile for the CPU on first use, cached on disk. Kernels release Python's lock, so threads run in parallel.
 
-    It works in arrays that it is given, and makes none.
+    A kernel uses the arrays it is given and allocates none.
     """
     plain = _PLAIN or (only is not None and function.__name__ not in only)
     return function if plain else _kept(_for_types(_njit(**_OPTIONS)(function)))
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
-    """As `kernel`, for what kernels call: it is compiled as a part of them alone. From Python it runs as Python."""
+    """Compile a function that only kernels call, as a part of each. Called from Python, it runs as Python."""
     if _PLAIN:
         return function
     return _as_python(_for_types(_njit(**_OPTIONS, **NUMBA_WITHOUT_PYTHON)(function)))
 
 
 def outer(inner: Any) -> Any:
-    """An inner kernel as a kernel, for Python to call: compiled once more, alone."""
+    """Return an inner kernel as a kernel that Python can call; it is compiled separately."""
     return kernel(getattr(inner, "py_func", inner))
 
 
 def inner_sum(function: Callable[..., Any]) -> Any:
-    """As `inner_kernel`, for a loop whose terms do not depend on each other: it adds them up in any order, many
-    at a time, so that the last bits of the sum depend on the processor."""
+    """Compile an inner kernel that may add the terms of a sum in any order.
+
+    It adds many terms at a time, so the last bits of the sum depend on the processor.
+    """
     if _PLAIN:
         return function
     return _as_python(_for_types(_njit(**_OPTIONS, **NUMBA_WITHOUT_PYTHON, fastmath={"reassoc"})(function)))
 
 
 def kernel_part(function: Callable[..., Any]) -> Any:
-    """As `inner_kernel`, for what is called once: it is compiled as if it stood there."""
+    """Compile an inner kernel with a single call, inlined into its caller."""
     return function if _PLAIN else _as_python(_njit(**_OPTIONS, inline="always")(function))
 
 
 def _as_python(dispatcher: Any) -> Any:
-    """Without numba's wrapper for Python a call from there would jump to address 0."""
+    """Make calls from Python run the Python function; without numba's wrapper they would jump to address 0."""
     kind = type(dispatcher)
 
     class Inner(kind):  # type: ignore[misc, valid-type]
@@ -89,8 +92,10 @@ def _as_python(dispatcher: Any) -> Any:
 
 
 def _for_types(dispatcher: Any) -> Any:
-    """The function, compiled once for all integers: numba would compile it for each literal that it is called with,
-    and for the literal that a variable begins with."""
+    """Return the function, compiled once for all integers.
+
+    Otherwise numba compiles it again for each literal argument and for each literal initial value.
+    """
     compile_now = dispatcher.compile
 
     def compile_types(signature: Any) -> Any:
@@ -102,12 +107,12 @@ def _for_types(dispatcher: Any) -> Any:
 
 
 class _Compilations:
-    """Compilations of this process, guarded by the lock of numba's compiler.
+    """State of this process's compilations, guarded by numba's compiler lock.
 
-    running  : a kernel is being made, and all that is compiled is part of it
-    expected : names of the kernels that are not compiled yet; empty where that is not known
-    done     : how many of them were begun, or came from another process
-    report   : what hears of each; None for a line of the log
+    running  : True while a kernel is compiled; all functions compiled then are part of it
+    expected : names of the kernels that are not compiled yet; empty if unknown
+    done     : number of kernels that were started or loaded from another process
+    report   : function that gets a text for each kernel; None: the log gets it
     """
 
     def __init__(self) -> None:
@@ -124,7 +129,7 @@ class _Compilations:
         self._report(f"waiting for {name.strip('_')}{self._next()}, which another process compiles")
 
     def loaded(self, name: str) -> None:
-        # Were it not counted, the last would not seem to be the last.
+        # Count it, so that the last kernel is numbered as the last.
         self.done += name in self.expected
 
     def _next(self) -> str:
@@ -134,7 +139,7 @@ class _Compilations:
         if self.report is not None:
             self.report(text)
         else:
-            # A warning, since that is what logging shows by default.
+            # A warning, because logging shows only warnings by default.
             log.warning("%s", text)
 
 
@@ -142,7 +147,7 @@ _compilations = _Compilations()
 
 
 def waiting(kernels: Iterable[Any]) -> list[Any]:
-    """The kernels that are not compiled yet, neither in this process nor in the cache."""
+    """Return the kernels that are compiled neither in this process nor in the cache."""
     made = [k for k in kernels if not isinstance(k, FunctionType)]
     return [k for k in made if not (k.signatures or _holds_any(numba_cache(k)))]
 
@@ -152,17 +157,17 @@ def _holds_any(cache: Any) -> bool:
 
 
 def cache_folder(kernel: Any) -> Path | None:
-    """Where a kernel is kept; None where no folder can be written to, or by other users, too."""
+    """Return the cache folder of a kernel; None if it is not writable, or if other users can write to it."""
     cache = None if isinstance(kernel, FunctionType) else numba_cache(kernel)
     return cache.folder if isinstance(cache, KernelCache) and not cache.refusal() else None
 
 
 @contextmanager
 def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator[None]:
-    """While it lasts, kernels that are compiled are reported as `compiling kernels: cast_groups 3/12`.
+    """Context in which compilations are reported as `compiling kernels: cast_groups 3/12`.
 
-    expected : those that are not compiled yet
-    report   : gets the text; without it, the log does
+    expected : kernels that are not compiled yet
+    report   : function that gets the text; None: the log gets it
     """
     before = _compilations.expected, _compilations.done, _compilations.report
     names = frozenset(k.__name__ for k in expected)
@@ -174,7 +179,7 @@ def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator
 
 
 class _Outermost(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
-    """Reports the kernel that is compiled, not the functions in it. Loading is not compiling."""
+    """Listener that reports each compiled kernel, but not the functions in it and not loaded kernels."""
 
     def on_start(self, event: Any) -> None:
         if not self._depth and _compilations.running:
@@ -192,7 +197,7 @@ NUMBA.event.register("numba:compile", _Outermost())
 
 
 class _InTime(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
-    """Ends a compilation between two of its passes where a time limit is over."""
+    """Listener that ends a compilation between two passes if a time limit is over."""
 
     def on_start(self, event: Any) -> None:
         check_time("compiling kernels")
@@ -206,8 +211,8 @@ NUMBA.event.register("numba:run_pass", _InTime())
 
 @contextmanager
 def _running() -> Iterator[None]:
-    """While a kernel is compiled, with all kernels that it calls."""
-    # All that the compiler makes is in use, and to look for cyclic garbage in it takes a twelfth of the time.
+    """Context of the compilation of a kernel and of all kernels that it calls."""
+    # The compiler's objects are all in use, so searching them for cyclic garbage would waste a twelfth of the time.
     collects = gc.isenabled()
     gc.disable()
     _compilations.running = True
@@ -220,9 +225,9 @@ def _running() -> Iterator[None]:
 
 
 def _kept(dispatcher: Any) -> Any:
-    """The function, with a cache, and compiled by one process at a time."""
+    """Return the function with a cache, compiled by one process at a time."""
     cache = None
-    # Numba raises where neither the folder of the file nor the user's cache can be written to.
+    # Numba raises if neither the folder of the file nor the user's cache is writable.
     with suppress(RuntimeError):
         cache = KernelCache(dispatcher.py_func, _compilations.wait, _compilations.loaded)
         set_numba_cache(dispatcher, cache)

@@ -1,22 +1,24 @@
-"""Two processes that would write one file: the second gets an error that names the first.
+"""Locks against two processes that write the same file: the second one gets an error that names the first.
 
     with Lock(Path("a.checkpoint.npz"), "a render"):
         ...
 
-A lock is a file beside, `.a.checkpoint.npz.lock`, of which bytes are locked (`F_OFD_SETLK`): the kernel lets go of
-them when the process ends, whatever ends it, so that a killed one leaves no stale lock. What stands in the file
-says who holds it, for the message alone. It is removed at the end; what a killed process has left is taken over.
+A lock is a file beside the target, `.a.checkpoint.npz.lock`, with locked bytes (`F_OFD_SETLK`). The kernel releases
+them when the process ends for any reason, so a killed process leaves no stale lock. The content of the file names
+the holder, only for the error message. The file is removed at the end; a file left by a killed process is reused.
 
-Network file systems: on NFS (4, or 3 with its lock daemon) it holds between machines, too; when a machine dies, its
-locks end with its lease, 90 s as a rule. Where a mount has `nolock` or `local_lock`, and on Lustre with
-`localflock`, it holds within each machine. Without any locks it has no effect, as the log says.
+Network file systems: on NFS (4, or 3 with its lock daemon) a lock also works between machines. If a machine dies,
+its locks end with its lease, usually 90 s. With the mount options `nolock` or `local_lock`, and on Lustre with
+`localflock`, a lock works only within each machine. If the file system has no locks, a lock has no effect, and a
+warning is logged.
 
-Linux alone has locks of parts of a file that belong to the open file. Elsewhere filelock locks the whole file, so
-that processes with other parts meet, too, and the error names no holder.
+Only Linux has locks on parts of a file that belong to the open file. On other systems filelock locks the whole
+file. There, processes with different parts also conflict, and the error names no holder.
 
-A lock file that is a link is refused: what stands in it would be written into another file.
+A lock file that is a link is refused, because the lock would write into another file.
 
-Poor at: a lock file that is removed while it is held, by hand or with its folder: the next process makes another.
+Poor at: a lock file that is deleted while it is held, alone or with its folder, because the next process creates
+another.
 """
 
 from __future__ import annotations
@@ -40,22 +42,23 @@ log = logging.getLogger("glpath")
 _fcntl = posix_module("fcntl")
 _LOCKS_PARTS = hasattr(_fcntl, "F_OFD_SETLK")
 
-# What is locked lies beyond the text of any lock file, as some network file systems forbid to read locked bytes.
+# The locked bytes lie beyond the text of any lock file, because some network file systems forbid reading locked
+# bytes.
 _BASE = 1 << 40
-# Held for the moment in which one enters the file or leaves it.
+# Byte that is locked while a process adds or removes itself as a holder.
 _DESK = (_BASE - 1, 1)
 _HELD = (errno.EACCES, errno.EAGAIN)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 
 class Lock:
-    """Keeps other processes from a file while a `with` block runs; blocks within each other are one.
+    """Lock that keeps other processes from a file during a `with` block; nested blocks share one lock.
 
-    path        : the file; no other lock file has its name
-    what        : that holds it, in the words of the message: "a render"
-    first, stop : of what is written there in parts, which of them: processes with others do not meet
+    path        : file to protect; no other lock file has its name
+    what        : description of the holder for the message, such as "a render"
+    first, stop : range of parts that this process writes; processes with other parts do not conflict
 
-    On entering, raises GlpathError, which names who holds it, or ImageError where there can be no lock file.
+    On entering, raises GlpathError with the name of the holder, or ImageError if no lock file can be created.
     """
 
     def __init__(self, path: Path, what: str, first: int = 0, stop: int = 1) -> None:
@@ -132,7 +135,7 @@ class Lock:
                     os.close(descriptor)
 
     def _enter(self, descriptor: int) -> bool:
-        """Whether that went well; not where the file was removed between opening and locking it."""
+        """Take the lock. Returns False if the lock file was removed between opening and locking it."""
         _lock(descriptor, *_DESK, wait=True)
         if not self._is_there(descriptor):
             return False
@@ -144,7 +147,7 @@ class Lock:
             if error.errno not in _HELD:
                 raise
             raise self._refusal([each for each in held if self._meets(each)]) from None
-        # What is recorded as a holder of this part was killed.
+        # A recorded holder of this part no longer has the lock, so it was killed.
         mine = {
             "pid": os.getpid(),
             "host": socket.gethostname(),
@@ -168,11 +171,11 @@ class Lock:
                 _write(descriptor, [each for each in _read(descriptor) if not self._meets(each)])
             else:
                 self._file.unlink()
-        except OSError as error:  # a folder that is gone or read-only by now: nothing is lost by it
+        except OSError as error:  # the folder was removed or made read-only; nothing is lost
             log.info("%s: cannot be removed: %s", self._file, reason_of(error))
 
     def _is_there(self, descriptor: int) -> bool:
-        """Whether the open file is still the one of this name."""
+        """Return True if the open file still has the lock file's name."""
         try:
             named, opened = os.lstat(self._file), os.fstat(descriptor)
         except FileNotFoundError:
@@ -197,7 +200,7 @@ class Lock:
 
 
 class Locked:
-    """Holds a file's lock, `_lock`, while a `with` block runs."""
+    """Base class of objects that hold a file's lock, `_lock`, during a `with` block."""
 
     _lock: Lock
 
@@ -210,7 +213,7 @@ class Locked:
 
 
 def _lock(descriptor: int, start: int, length: int, wait: bool = False) -> None:
-    """Raises OSError, with one of `_HELD` where others hold some of it."""
+    """Lock a range of bytes. Raises OSError, with an errno in `_HELD` if another process holds a part of it."""
     command = _fcntl.F_OFD_SETLKW if wait else _fcntl.F_OFD_SETLK
     _fcntl.fcntl(descriptor, command, _flock(_fcntl.F_WRLCK, start, length))
 
@@ -220,12 +223,12 @@ def _unlock(descriptor: int, start: int, length: int) -> None:
 
 
 def _flock(kind: int, start: int, length: int) -> bytes:
-    """`struct flock`: l_type, l_whence, l_start, l_len, l_pid; the last of these is 0 for locks of open files."""
+    """Pack a `struct flock`: l_type, l_whence, l_start, l_len, l_pid. l_pid is 0 for locks of open files."""
     return struct.pack("hhqqi", kind, os.SEEK_SET, start, length, 0)
 
 
 def _read(descriptor: int) -> list[dict[str, Any]]:
-    """The holders recorded in the file; anything else in it is ignored."""
+    """Return the holders recorded in the file; other content is ignored."""
     try:
         found = json.loads(os.pread(descriptor, 1 << 20, 0) or b"[]")
     except (OSError, ValueError, RecursionError):
@@ -243,5 +246,5 @@ def _write(descriptor: int, holders: list[dict[str, Any]]) -> None:
     try:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, text, 0)
-    except OSError as error:  # a disk that is full: the lock holds, but does not name its holder
+    except OSError as error:  # full disk: the lock works, but does not name its holder
         log.info("lock: %s", reason_of(error))

@@ -1,4 +1,4 @@
-"""Memory and cores that the system gives this process."""
+"""Memory and cores available to this process."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-# Of this process, where it is limited.
+# Maximum number of threads of this process; None: no limit.
 _max_threads: int | None = None
 
 
 def posix_module(name: str) -> Any:
-    """A module of the standard library that Windows does not have; None there."""
+    """Import a standard library module that Windows does not have; return None there."""
     try:
         return import_module(name)
     except ImportError:
@@ -30,12 +30,12 @@ def status_bytes(name: str) -> int:
         lines = Path("/proc/self/status").read_text().splitlines()
         return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), 0)
     except (OSError, ValueError, IndexError):
-        return 0  # no Linux, or a /proc that is hidden or an emulator's
+        return 0  # not Linux, or /proc is hidden or emulated
 
 
 def peak_resident_bytes() -> int:
-    """The most memory that this process had at once, llvmpipe's with it; 0 where the system does not say."""
-    # Not by getrusage, whose number begins with that of the process which has started this one.
+    """Return the peak memory of this process in bytes, including llvmpipe's; 0 if the system does not report it."""
+    # getrusage is only a fallback, because its value starts from that of the parent process.
     peak = status_bytes("VmHWM")
     if peak or resource is None:
         return peak
@@ -43,16 +43,16 @@ def peak_resident_bytes() -> int:
 
 
 def core_count() -> int:
-    """Cores that this process may use: what it may run on, or fewer, see `limit_threads`."""
+    """Return the number of cores that this process may use; `limit_threads` may reduce it."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return cores if _max_threads is None else min(cores, _max_threads)
 
 
 def limit_threads(count: int) -> None:
-    """From now on this process computes with so many threads at most: solvers, llvmpipe, Open Image Denoise.
+    """Limit the threads of solvers, llvmpipe and Open Image Denoise in this process from now on.
 
-    llvmpipe reads the number when it is loaded, so a process that has a context keeps the threads of that. One
-    thread is 0 for llvmpipe, the calling one: with a thread of its own it has a race that crashes.
+    llvmpipe reads the number when it is loaded, so an existing context keeps its threads. One thread is passed to
+    llvmpipe as 0, which means the calling thread: with one thread of its own, a race makes it crash.
     """
     global _max_threads
     _max_threads = count
@@ -61,9 +61,9 @@ def limit_threads(count: int) -> None:
 
 
 def return_memory() -> None:
-    """Give the system back what was freed: glibc keeps it for this process, and pages of it lie between others.
+    """Return freed memory to the system; glibc otherwise keeps it for this process.
 
-    Some milliseconds; nothing where the C library is another.
+    Takes some milliseconds. Does nothing with another C library.
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL("libc.so.6").malloc_trim(0)

@@ -1,7 +1,8 @@
-"""Arrays from files that may be damaged or hostile: .npz and .npy.
+"""Reader of arrays from .npz and .npy files, which may be damaged or hostile.
 
-The header of an array is read before its data: its type, its shape, and that the file can hold so much. A few
-kilobytes of zip can unfold to gigabytes; what unfolds beyond reason is refused, as nothing that is rendered does.
+The header of an array is read before its data, to check the type, the shape, and that the file can hold the data. A
+few kilobytes of zip can expand to gigabytes. Data that expand too much are rejected, because no real data of a
+rendering do.
 
 Source: numpy's NEP 1 (the .npy format).
 """
@@ -23,15 +24,15 @@ from numpy.typing import NDArray
 from glpath.errors import ImageError
 from glpath.system.files import open_file, reading
 
-# Longer than the header of any array of numbers.
+# Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
-# Data may unfold to so many bytes, or to so many times their size in the file.
+# Data may expand to this size in bytes, or by this factor.
 _UNFOLDED = 256 << 20
 _RATIO = 64
 
 
 class Arrays:
-    """The arrays of an .npz file, by name; none is read before it is asked for."""
+    """Arrays of an .npz file by name, which are read on demand."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile, what: str, remedy: str) -> None:
         self._path, self._archive, self._what, self._remedy = path, archive, what, remedy
@@ -41,9 +42,10 @@ class Arrays:
         return name in self.names
 
     def read(self, name: str, kinds: str, shape: tuple[int | None, ...] | None = None) -> NDArray[Any]:
-        """An array of one of the `kinds` (as `numpy.dtype.kind`) and of a shape, in which None is any length.
+        """Read an array with one of the `kinds` (as `numpy.dtype.kind`) and a shape, in which None is any length.
 
-        Raises ImageError where it is missing or another; what the parsers raise where it is damaged.
+        Raises ImageError if the array is missing, ValueError for another kind or shape, and the parsers' errors for
+        damaged data.
         """
         if name not in self:
             raise ImageError(f"{self._path}: is not {self._what}: it holds no `{name}`.", self._remedy)
@@ -65,7 +67,7 @@ class Arrays:
 
 @contextmanager
 def open_npz(path: str | Path, what: str, remedy: str = "") -> Iterator[Arrays]:
-    """The arrays of a file that must be `what`, such as "a film". Raises ImageError, also for what fails inside."""
+    """Context with the arrays of a file that must be `what`, such as "a film". All errors become ImageError."""
     with reading(path, what, remedy), open_file(path) as file:
         if not zipfile.is_zipfile(file):
             raise ValueError("it is cut off, or not of this format")
@@ -74,7 +76,7 @@ def open_npz(path: str | Path, what: str, remedy: str = "") -> Iterator[Arrays]:
 
 
 def read_npy(path: str | Path) -> NDArray[Any]:
-    """The numbers of an .npy file. To be called within `reading`."""
+    """Return the numbers of an .npy file; must be called within `reading`."""
     with open_file(path) as file:
         _, dtype, size = _header(file)
         present = file.seek(0, io.SEEK_END)
@@ -87,7 +89,7 @@ def read_npy(path: str | Path) -> NDArray[Any]:
 
 
 def check_unfolded(unfolded: int, stored: int) -> None:
-    """Raise ValueError for data that fill far more memory than their size in the file lets expect."""
+    """Raise ValueError for data whose size in memory is implausibly large for their size in the file."""
     if unfolded > max(_UNFOLDED, _RATIO * stored):
         raise ValueError(
             f"{stored} bytes in it unfold to {unfolded / 1e9:,.3g} GB; no more than {_RATIO} times is read"
@@ -95,7 +97,7 @@ def check_unfolded(unfolded: int, stored: int) -> None:
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Shape and type of an array, and the bytes of header and data. Raises ValueError."""
+    """Return shape and type of an array, and total bytes of header and data. Raises ValueError for other data."""
     head = io.BytesIO(stream.read(_HEADER))
     version = npy.read_magic(head)
     if version not in ((1, 0), (2, 0)):

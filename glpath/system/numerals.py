@@ -1,12 +1,12 @@
-"""Numbers in texts that people or files give, of ASCII digits alone.
+"""Parsers of numbers in texts from users or files, which accept only ASCII digits.
 
-Python's own `int` and `float` also take underscores and the digits of other scripts, and whole numbers of thousands
-of digits, which no array and no formula here can hold.
+Python's `int` and `float` also accept underscores and digits of other scripts. They accept integers of thousands of
+digits, which no array and no formula here can hold.
 """
 
 from __future__ import annotations
 
-# The longest whole number that 64 bits hold in any case.
+# Maximum number of digits that always fits in 64 bits.
 _MAX_DIGITS = 18
 
 

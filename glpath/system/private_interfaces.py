@@ -1,10 +1,11 @@
-"""Private interfaces of other packages: all that are used, each once, with the releases that have it.
+"""Private interfaces of other packages: all uses in one module, with the releases that were tested.
 
-No public interface does what they do. A release may change any of them without notice. Then the function here
-raises GlpathError, which names the package, its version and what is not there; so does the test of this module.
-`SEEN` is what `pyproject.toml` bounds: numba from above as well, since no kernel is compiled without its internals.
+No public interface provides the same. A release may change a private interface without notice. Then the function
+here raises GlpathError with the package, its version and the missing name, and this module's test fails.
+`pyproject.toml` requires the releases of `SEEN`. For numba it also has an upper bound, because no kernel can be
+compiled without its internals.
 
-Cost:     none until a function is called; each imports its own package alone.
+Cost:     none until a function is called; each function imports only its own package.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from glpath.errors import GlpathError
 
 @dataclass(frozen=True)
 class Releases:
-    """Releases of a package whose private interfaces are as here, first and last that were tried."""
+    """First and last tested release of a package with the private interfaces used here."""
 
     first: str
     last: str
@@ -34,12 +35,12 @@ SEEN = {
 
 @dataclass(frozen=True)
 class NumbaInternals:
-    """What kernels are compiled and kept by.
+    """Internals of numba that compile and cache kernels.
 
-    function_cache : base class of a cache of one function, with `_impl`, `_cache_path`, `_py_func`, `_index_key`
-    dumps          : pickles what was compiled
-    compiler_lock  : of the compiler, which is not thread-safe
-    event, types   : who hears of compilations; of signatures
+    function_cache : base class of one function's cache, with `_impl`, `_cache_path`, `_py_func`, `_index_key`
+    dumps          : function that pickles compiled code
+    compiler_lock  : lock of the compiler, which is not thread-safe
+    event, types   : modules for listeners of compilations, and for types of signatures
     """
 
     function_cache: Any
@@ -49,7 +50,7 @@ class NumbaInternals:
     types: Any
 
 
-#: Options of `numba.njit` that are in no manual: without reference counts, without wrappers for C and for Python.
+#: Undocumented options of `numba.njit`: no reference counts, no wrapper for C, no wrapper for Python.
 NUMBA_OPTIONS = {"_nrt": False, "no_cfunc_wrapper": True}
 NUMBA_WITHOUT_PYTHON = {"no_cpython_wrapper": True}
 
@@ -65,38 +66,38 @@ def numba_internals() -> NumbaInternals:
 
 
 def numba_cache(dispatcher: Any) -> Any:
-    """The cache of a compiled function, one that keeps nothing as a rule."""
+    """Return the cache of a compiled function; by default it stores nothing."""
     return _of("numba", dispatcher, "_cache")
 
 
 def set_numba_cache(dispatcher: Any, cache: Any) -> None:
-    numba_cache(dispatcher)  # where there is none, nothing would ask the new one
+    numba_cache(dispatcher)  # raises if the attribute is missing, because numba would then never use the new cache
     dispatcher._cache = cache
 
 
 def given_trimesh_normals(mesh: Any) -> Any:
-    """The vertex normals that a mesh of trimesh was given; None without.
+    """Return the vertex normals that a trimesh mesh was given; None if it has none.
 
-    The attribute `vertex_normals` makes up normals; the cache has them only where they were given (trimesh's own
-    exporters ask so).
+    The attribute `vertex_normals` computes missing normals. The cache has them only if they were given; trimesh's
+    own exporters use the same test.
     """
     return mesh.vertex_normals if "vertex_normals" in _of("trimesh", mesh, "_cache") else None
 
 
 def given_trimesh_lights(scene: Any) -> Any:
-    """The lights that a `trimesh.Scene` was given; None without, where the attribute `lights` makes some up."""
-    # It is there once lights were given, so that its absence says nothing: the test of this module asks for it.
+    """Return the lights that a `trimesh.Scene` was given; None without. Its `lights` would create some."""
+    # The attribute exists only if lights were given, so its absence is no error. This module's test checks for it.
     return getattr(scene, "_lights", None)
 
 
 def is_xfail(item: Any) -> bool:
-    """Whether a marker xfail holds for a test, as pytest itself sees it."""
+    """Return True if a marker xfail applies to a test, as pytest evaluates it."""
     evaluate = _attribute("pytest", "_pytest.skipping", "evaluate_xfail_marks")
     return not item.config.getoption("runxfail", False) and evaluate(item) is not None
 
 
 def rfb_page() -> tuple[str, str]:
-    """JavaScript and CSS of a remote frame buffer in a notebook, which ours are added to."""
+    """Return the JavaScript and CSS of a remote frame buffer in a notebook, to which glpath adds its own."""
     buffer = _attribute("jupyter_rfb", "jupyter_rfb", "RemoteFrameBuffer")
     return _of("jupyter_rfb", buffer, "_esm"), _of("jupyter_rfb", buffer, "_css")
 
@@ -105,7 +106,7 @@ def _module(package: str, name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if error.name == package:  # not installed at all: the caller says what brings it
+        if error.name == package:  # not installed; the caller reports how to install it
             raise
         raise _changed(package, f"module {name}") from error
 

@@ -1,7 +1,7 @@
-"""pyrr's matrices of rotations and transforms, without what Python 3.12 and newer say of its docstrings.
+"""Rotation and transform matrices of pyrr, imported without the warnings of Python about its docstrings.
 
-They have backslashes that begin no escape, which is a SyntaxWarning when a file is compiled: for a user at the
-first command, and an error in a test suite whose warnings are errors.
+The docstrings have backslashes that begin no escape, so Python gives a SyntaxWarning when it compiles the files. A
+user would see it at the first command, and it fails test suites in which warnings are errors.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import warnings
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", SyntaxWarning)
-    warnings.simplefilter("ignore", DeprecationWarning)  # as Python 3.11 calls it
+    warnings.simplefilter("ignore", DeprecationWarning)  # category of the same warning in Python 3.11
     from pyrr import matrix33, matrix44
 
 __all__ = ["matrix33", "matrix44"]

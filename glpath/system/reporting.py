@@ -1,4 +1,4 @@
-"""How far work is, on a stream: a bar on a terminal, lines elsewhere, or JSON; whatever it is that works."""
+"""Progress reports of any work on a stream: a bar on a terminal, lines elsewhere, or JSON."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from glpath.system.terminal import clean, clean_console, report_stream
 _Progress = TypeVar("_Progress")
 
 Mode = Literal["auto", "bar", "lines", "json", "none"]
-#: Of the command line; a notebook may show something else by "auto".
+#: Modes of the command line; a notebook may display "auto" differently.
 MODES: tuple[str, ...] = get_args(Mode)
 
-# Seconds between two lines: five at first, then a twentieth of the time that went by, and at most two minutes. So
-# neither short work nor long fills a log, and continuous integration, which ends what is silent for long, hears it.
+# Interval between two lines, seconds: the minimum, a fraction of the elapsed time, and the maximum. Neither short
+# nor long work fills a log, and continuous integration, which ends silent jobs, gets output.
 _SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
 
-# Seconds between two JSON objects.
+# Interval between two JSON objects, seconds.
 _JSON_INTERVAL = 0.1
 
 
 @dataclass(frozen=True)
 class ProgressEvent:
-    """What is reported of a progress.
+    """Report of progress within a stage of work.
 
-    done, total : of the stage, for a bar, which pulses where total is None
+    done, total : amounts of the stage, for a bar, which pulses if total is None
     count       : done of total in words, beside the bar
-    detail      : what else is known, beside the bar
-    line        : the beginning of a line; "" where there is nothing to tell but the stage
-    line_detail : its end, after the time
-    values      : the same as numbers
-    renderer    : who works, where that is reported
+    detail      : further information, beside the bar
+    line        : beginning of a line; "" if only the stage is to be printed
+    line_detail : end of the line, after the time
+    values      : the same information as numbers
+    renderer    : name of the device that renders, if it is reported
     """
 
     stage: str
@@ -50,7 +50,7 @@ class ProgressEvent:
 
     @property
     def ended(self) -> bool:
-        """Whether the stage is done."""
+        """True if the stage is done."""
         return self.total is not None and self.done >= self.total
 
 
@@ -112,7 +112,7 @@ def _bar(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
 
 @contextmanager
 def _lines(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
-    """One when a stage begins or ends, and now and then."""
+    """Yield a function that prints a line when a stage begins or ends, and at intervals."""
     renderer = stage = ""
     after, ended = 0.0, False
 
@@ -151,7 +151,7 @@ def _json(stream: IO[str]) -> Iterator[Callable[[ProgressEvent], None]]:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: 7.3 s, 42 s, 3 min 05 s, 2 h 10 min."""
+    """Return a readable duration: 7.3 s, 42 s, 3 min 05 s, 2 h 10 min."""
     if seconds < 9.95:
         return f"{seconds:.1f} s"
     whole = round(seconds)
@@ -163,5 +163,5 @@ def duration(seconds: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share of 1 in percent, with two digits that count."""
+    """Return a fraction in percent with two significant digits."""
     return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"

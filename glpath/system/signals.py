@@ -1,4 +1,4 @@
-"""Signals by which people and schedulers end a program that may want to save something first."""
+"""Signals with which users and schedulers end a program, which may save its state first."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import signal
 
 
 def _existing(*names: str) -> tuple[signal.Signals, ...]:
-    """Return the signals that this system has: Windows has SIGTERM alone."""
+    """Return the signals that this system has; Windows has only SIGTERM."""
     return tuple(signal.Signals[name] for name in names if hasattr(signal, name))
 
 
-#: Signals that end the program for good soon: of schedulers (SIGTERM, SIGUSR1 and SIGUSR2), of a terminal that is
-#: closed (SIGHUP), of a limit of processor time (SIGXCPU) and of Ctrl-\ (SIGQUIT).
+#: Signals before the end of the process: from schedulers (SIGTERM, SIGUSR1 and SIGUSR2), a closed terminal
+#: (SIGHUP), a limit of processor time (SIGXCPU) and Ctrl-\ (SIGQUIT).
 TERMINATING = _existing("SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGXCPU")
 ENDING = (signal.SIGINT, *TERMINATING)
-#: Those that come again without anybody's impatience: SIGHUP of the kernel and the shell, SIGXCPU once a second.
+#: Signals that repeat without a second request: the kernel and the shell both send SIGHUP; SIGXCPU comes every
+#: second.
 REPEATED = _existing("SIGHUP", "SIGXCPU")
-#: TERMINATING in words, for help texts.
+#: Names of TERMINATING, for help texts.
 TERMINATING_TEXT = ", ".join(number.name for number in TERMINATING)

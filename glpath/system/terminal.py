@@ -1,8 +1,9 @@
-"""Text for a terminal or a log: what came with the input is shown, never obeyed.
+"""Output of text to a terminal or log, with control characters of the input shown as escapes.
 
-Names in a scene, lines of it that an error quotes and file names can hold what a terminal obeys (another title, a
-cleared screen, text over text) or what hides text (bidirectional overrides, zero-width characters). All that the
-command line prints leaves through `say`, `say_json` or a `clean_console`, which write such characters as escapes.
+Names in a scene, quoted lines of it, and file names can hold characters that control a terminal: they change its
+title, clear the screen or overwrite text. Others hide text, such as bidirectional overrides and zero-width
+characters. The command line prints only through `say`, `say_json` or a `clean_console`, which write such characters
+as escapes.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def clean(text: str) -> str:
-    """`text` with characters that control a terminal as escapes: `\\x1b` below U+0100, else `U+202E`.
+    """Return `text` with characters that control a terminal as escapes: `\\x1b` below U+0100, else `U+202E`.
 
-    Lines and tabs stay, and so does all that is to be seen. A byte of a file name that is not UTF-8 is `\\xff`.
+    Line breaks, tabs and all visible characters are kept. A byte of a file name that is not UTF-8 becomes `\\xff`.
     """
     if text.isprintable():
         return text
@@ -47,7 +48,7 @@ def _escape(character: str) -> str:
     code = ord(character)
     if unicodedata.category(character) not in _ESCAPED:
         return character
-    if 0xDC80 <= code <= 0xDCFF:  # Python's stand-in for a byte that it could not decode
+    if 0xDC80 <= code <= 0xDCFF:  # surrogate escape of a byte that Python could not decode
         code -= 0xDC00
     return f"\\x{code:02x}" if code < 0x100 else f"U+{code:04X}"
 
@@ -55,7 +56,7 @@ def _escape(character: str) -> str:
 class ReportStream:
     """Text stream for reports, which drops text that cannot be written: reports never end the work.
 
-    stream : the stream that gets the text; None drops all text
+    stream : stream that gets the text; None drops all text
     """
 
     def __init__(self, stream: IO[str] | None) -> None:
@@ -89,7 +90,7 @@ def report_stream(stream: IO[str] | None) -> IO[str]:
 
 
 def shortened(text: str) -> str:
-    """`text` with each word of hundreds of letters, such as a number of 400 digits, cut in its middle."""
+    """Return `text` with the middle cut out of each word of hundreds of letters, such as a 400-digit number."""
     return _LONG_WORD.sub(lambda word: f"{word[0][:_ENDS]}...{word[0][-_ENDS:]}", text)
 
 
@@ -107,10 +108,10 @@ def say_json(value: object, indent: int | None = None, err: bool = False) -> Non
 
 
 class _CleanConsole(Console):
-    """A console whose own control sequences are all that reaches the terminal."""
+    """Console that passes its own control sequences to the terminal, but none of the text's."""
 
     def render_str(self, text: str, **how: Any) -> Text:
-        # Before lines are broken and columns measured: an escape is longer than what it stands for.
+        # Escape before lines are wrapped and columns measured, because an escape is longer than its character.
         return super().render_str(clean(text), **how)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
@@ -119,12 +120,12 @@ class _CleanConsole(Console):
 
 
 def clean_console(stream: IO[str] | None = None, **how: Any) -> Console:
-    """A console for tables and bars, on standard output without a stream; `how` as rich has it."""
+    """Return a console for tables and bars; default: standard output. `how` are arguments of rich's `Console`."""
     return _CleanConsole(file=stream, emoji=False, **how)
 
 
 class CleanHandler(logging.Handler):
-    """Prints what is logged on standard error, as it is there at that moment."""
+    """Log handler that prints to the current standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(self.format(record), err=True)

@@ -1,14 +1,14 @@
-"""The time limit of a command or a call, which all long work before the first path set asks.
+"""Time limit of a command or call, which all long work before the first path set checks.
 
     with limited(2.0):
         ...
         check_time("building the BVH")
 
-Work without which there is no result calls `check_time` between its parts. It has a second more than the limit.
-Work that only makes a result better stands in `part_of_time`, and asks `time_is_up` where it may be cut short.
+Work that is required for a result calls `check_time` between its parts. It gets one second more than the limit.
+Work that only improves a result runs in `part_of_time`, and calls `time_is_up` if it can be cut short.
 
 Cost:     a check takes 0.2 microseconds.
-Poor at:  single calls of a driver or of a library that take longer than a second: nothing can end them.
+Poor at:  single calls of a driver or library that take longer than a second, because nothing can end them.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
 
-#: Seconds after the limit for work without which there is no result.
+#: Time after the limit for work that is required for a result, seconds.
 GRACE = 1.0
-#: Share of the time left that a part of the work may take.
+#: Fraction of the remaining time that `part_of_time` grants.
 PART = 0.5
 
 
 @dataclass
 class _Limit:
-    """A time limit that runs.
+    """Active time limit.
 
-    seconds : the limit as it was given
-    began   : since when it counts, by `time.perf_counter`
-    ends    : when it is over
-    grace   : seconds after that for work that must be done
+    seconds : limit given by the user, seconds
+    began   : start of the limit, by `time.perf_counter`
+    ends    : end of the limit, by `time.perf_counter`
+    grace   : time after the end for required work, seconds
     """
 
     seconds: float
@@ -49,9 +49,9 @@ class _Limit:
     grace: float
 
 
-# A thread begins without a limit: each render asks for the limit of its own call.
+# A thread begins without a limit, so each render checks the limit of its own call.
 _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
-# When the process's command began, by `time.perf_counter`; None if it is not the process's only one.
+# Start of the process for its command, by `time.perf_counter`; None outside of `command_clock`.
 _command_began: float | None = None
 
 
@@ -67,7 +67,7 @@ def command_clock() -> Iterator[None]:
 
 
 def _process_age() -> float:
-    """Seconds since this process started; 0 if the system does not tell."""
+    """Return the seconds since this process started; 0 if the system does not report it."""
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         assert _os is not None, "there is a /proc"
@@ -88,12 +88,12 @@ def check_time_limit(seconds: object) -> None:
 
 @contextmanager
 def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
-    """Context with a time limit, which counts from here, or from the start of the process's command.
+    """Context with a time limit that counts from its entry, or from the start of the process for its command.
 
-    Within another limit nothing changes: the outermost call's limit holds.
+    Inside another limit it has no effect, because the limit of the outermost call applies.
 
-    seconds : None for no limit; the time counts all the same, see `counted_from`
-    anew    : count from here, also within another limit and in a command: one frame of many
+    seconds : None: no limit, but the time is still counted, see `counted_from`
+    anew    : count from the entry, even inside another limit or command; for one of many frames
 
     Raises UsageError as `check_time_limit`.
     """
@@ -113,8 +113,8 @@ def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
 def part_of_time(*, required: bool = False) -> Iterator[None]:
     """Context of work that has `PART` of the time left as its limit.
 
-    required : False for work that may be left out: `check_time` within raises TimeLimitError, which the caller
-               catches, when its part is over; True for work that may be cut short, but not left out
+    required : False for work that may be left out: after its part, `check_time` raises TimeLimitError, which the
+               caller catches. True for work that may be cut short, but not left out
     """
     limit = _limit.get()
     if limit is None or limit.ends == math.inf:
@@ -127,13 +127,13 @@ def part_of_time(*, required: bool = False) -> Iterator[None]:
 
 @contextmanager
 def without_limit() -> Iterator[None]:
-    """Context of work that makes a result of what is computed already, and has no limit."""
+    """Context without a limit, for work that makes a result from finished computations."""
     with _set(None):
         yield
 
 
 def lift_limit() -> None:
-    """End the limit: the result is there, and what follows, such as denoising and writing, does not count."""
+    """End the limit, because the result exists and later work, such as denoising and writing, does not count."""
     limit = _limit.get()
     if limit is not None:
         limit.ends = math.inf
@@ -149,14 +149,14 @@ def _set(limit: _Limit | None) -> Iterator[None]:
 
 
 def count_earlier(seconds: float) -> None:
-    """Count seconds of an earlier run, whose result this one resumes."""
+    """Count the seconds of an earlier run that this run resumes."""
     limit = _limit.get()
     if limit is not None:
         limit.ends -= seconds
 
 
 def counted_from() -> float:
-    """Return since when the time of the outermost call counts, by `time.perf_counter`; now outside of any call."""
+    """Return the start of the outermost call's time, by `time.perf_counter`; the present time outside of calls."""
     limit = _limit.get()
     return time.perf_counter() if limit is None else limit.began
 
@@ -175,7 +175,7 @@ def time_is_up() -> bool:
 def check_time(doing: str) -> None:
     """Raise TimeLimitError if the limit and its grace are over.
 
-    doing : what is being done, for the message: "building the BVH"
+    doing : current work for the message, such as "building the BVH"
     """
     limit = _limit.get()
     if limit is None or time.perf_counter() < limit.ends + limit.grace:

@@ -1,4 +1,4 @@
-"""A height field: samples of the ground on a regular grid, and the triangles between them."""
+"""Height field: samples of the ground on a regular grid, and the triangles between them."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-#: Heights of more than that are no metres above the sea: values that stand for "no data", as -9999 and 3.4e38 do.
+#: Maximum height, which rejects some values that stand for "no data", such as 3.4e38.
 _HIGHEST = 1e5
-# Distances of samples whose squares 32 bits hold.
+# Minimum and maximum spacing; their squares fit in float32.
 _FINEST, _COARSEST = 1e-9, 1e9
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """Heights above a plane, at the samples of a regular grid. x is east, y is north, z is up.
+    """Heights above a plane at the samples of a regular grid; x is east, y is north, z is up.
 
-    heights : (R, C) float32, row 0 in the north, as in a raster; NaN where there is none
-    spacing : (2,) between columns and between rows, in the unit of the heights
+    heights : (R, C) float32, row 0 in the north, as in a raster; NaN in holes
+    spacing : (2,) distances between columns and between rows, in the unit of the heights
     origin  : (2,) x and y of sample [0, 0], the north-western one
-    source  : where it was read from, for errors
-    crs     : of x and y, as text (WKT), or ""
+    source  : file name or other source, for error messages
+    crs     : coordinate reference system of x and y, as text (WKT), or ""
 
-    The surface between samples is triangles: each cell has two, divided from its north-western to its south-eastern
-    sample. Where a sample is missing, so are its triangles. Beyond the field there is nothing.
+    Each cell of four samples has two triangles, divided from its north-western to its south-eastern sample.
+    Triangles with a missing sample are missing. The terrain ends at the field's border.
     """
 
     heights: Float32
@@ -52,12 +52,12 @@ class HeightField:
         source: str = "height field",
         crs: str = "",
     ) -> HeightField:
-        """Check and make one. Raises SceneError.
+        """Check the arguments and return a height field. Raises SceneError.
 
-        heights : (R, C) numbers, row 0 in the north; 2 x 2 at least
-        spacing : between samples, or between columns and between rows; the unit of the heights
-        mask    : (R, C) bool, True where there is a height
-        holes   : samples may be missing; they shadow nothing, and results there are NaN
+        heights : (R, C) numbers, row 0 in the north; at least 2 x 2
+        spacing : distance between samples, or between columns and between rows, in the unit of the heights
+        mask    : (R, C) bool, True if the sample has a height
+        holes   : True if samples may be missing; they cast no shadow, and their results are NaN
         """
         try:
             given = np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else np.asarray(heights)
@@ -116,31 +116,31 @@ class HeightField:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and columns."""
         rows, columns = self.heights.shape
         return rows, columns
 
     @property
     def triangle_count(self) -> int:
-        """Two for each cell, with those that are missing."""
+        """Number of triangles, two per cell, including missing ones."""
         return 2 * (self.shape[0] - 1) * (self.shape[1] - 1)
 
     def coordinates(self) -> tuple[Float64, Float64]:
-        """x of the columns, and y of the rows."""
+        """Return x of the columns, and y of the rows."""
         rows, columns = self.shape
         x = self.origin[0] + self.spacing[0] * np.arange(columns, dtype=np.float64)
         return x, self.origin[1] - self.spacing[1] * np.arange(rows, dtype=np.float64)
 
     def grid_positions(self, points: Float64) -> Float64:
-        """(N, 2) column and row, not whole, of points (N, 2 or 3)."""
+        """Return fractional column and row (N, 2) of points (N, 2 or 3)."""
         return np.asarray((points[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
 
     def heights_at(self, points: ArrayLike) -> Float64:
-        """(N,) heights of the surface at points (N, 2 or 3); NaN outside the field and in holes."""
+        """Return heights (N,) of the surface at points (N, 2 or 3); NaN outside the field and in holes."""
         return self._planes_at(np.asarray(points, np.float64))[0]
 
     def normals_at(self, points: ArrayLike) -> Float32:
-        """(N, 3) unit normals of the triangles at points (N, 2 or 3); upwards where there is none."""
+        """Return unit normals (N, 3) of the triangles at points (N, 2 or 3); upward if no triangle exists."""
         _, east, south = self._planes_at(np.asarray(points, np.float64))
         slopes = [-east / self.spacing[0], south / self.spacing[1], np.ones_like(east)]
         normals = np.stack(slopes, axis=1)
@@ -148,7 +148,7 @@ class HeightField:
         return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True), np.float32)
 
     def _planes_at(self, points: Float64) -> tuple[Float64, Float64, Float64]:
-        """(N,) each: the height, and the rise of the triangle by a column and by a row."""
+        """Return height, rise per column and rise per row (N,) of the triangles at points."""
         at = self.grid_positions(points)
         rows, columns = self.shape
         edge = 1e-9 * max(rows, columns)
@@ -158,14 +158,14 @@ class HeightField:
         r = np.clip(np.floor(at[:, 1]).astype(int), 0, rows - 2)
         u, v = at[:, 0] - c, at[:, 1] - r
         a, b, d, e = (self.heights[r + i, c + j].astype(np.float64) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
-        # North-east of the diagonal, or south-west of it; on it a third sample is not needed.
+        # Choose the triangle north-east or south-west of the diagonal; on the diagonal, no third sample is needed.
         north_east = (u > v) | ((u == v) & ~np.isnan(b))
         east, south = np.where(north_east, b - a, e - d), np.where(north_east, e - b, d - a)
         height = np.where(u == v, a + u * (e - a), a + u * east + v * south)
         return np.where(inside, height, np.nan), east, south
 
     def triangles(self) -> tuple[Float64, NDArray[np.int32]]:
-        """Vertices (V, 3) and faces (F, 3) of the surface, counter-clockwise seen from above."""
+        """Return vertices (V, 3) and faces (F, 3) of the surface, counter-clockwise seen from above."""
         x, y = self.coordinates()
         rows, columns = self.shape
         vertices = np.stack([*np.meshgrid(x, y), self.heights.astype(np.float64)], axis=-1).reshape(-1, 3)
@@ -177,7 +177,7 @@ class HeightField:
         return vertices, faces
 
     def normals(self) -> Float32:
-        """(R, C, 3) unit normals at the samples, by differences to both neighbours; upwards beside holes."""
+        """Return unit normals (R, C, 3) at the samples, from differences of neighbours; upward beside holes."""
         result = np.empty((*self.shape, 3), np.float32)
         result[..., 2] = 1.0
         for axis, component, step in ((1, 0, self.spacing[0]), (0, 1, -self.spacing[1])):

@@ -1,9 +1,10 @@
-"""Horizons of terrain: sky view factors, sun hours, direct irradiation at samples of a height field or at points.
+"""Horizons of terrain: sky view factors, sun hours and direct irradiation at height field samples or points.
 
-Cost:     sky view factors of samples: a sweep for each azimuth, 0.2 microseconds a sample on one core. Of points: a
-          ray for each azimuth, a microsecond. Sun hours: a ray for each sun, below a microsecond.
-Memory:   4 bytes a sample for the field, 12 more while it is swept, 12 for normals of its own surface.
-Poor at:  what overhangs: bridges, balconies, crowns of trees. Those are meshes, for `glpath.irradiance`.
+Cost:     Sky view factors of samples: a sweep for each azimuth, 0.2 microseconds per sample on one core. Sky view
+          factors of points: a ray for each azimuth, a microsecond. Sun hours: a ray for each sun, less than a
+          microsecond.
+Memory:   4 bytes per sample for the field, 12 more during a sweep, 12 for normals of its own surface.
+Poor at:  overhangs, such as bridges, balconies and tree crowns, which need meshes and `glpath.irradiance`.
 Source:   Dozier & Frew 1990; see `glpath.terrain.sweep` and `glpath.terrain.pyramid`.
 """
 
@@ -34,26 +35,26 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Report = Callable[[ProgressEvent], None]
 
-#: Azimuths of sky view factors.
+#: Default number of azimuths for sky view factors.
 AZIMUTHS = 64
-#: Points whose rays are cast together.
+#: Number of points whose rays a thread traces in one task.
 _CHUNK = 1 << 13
-#: Samples that a thread adds up at once.
+#: Number of samples that a thread sums in one task.
 _PART = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
 class Horizon:
-    """Receivers on or over a height field, to be asked for what terrain leaves of sky and sun.
+    """Receivers on or over a height field, with methods for the visible part of sky and sun.
 
-    field    : the terrain
+    field    : terrain
     points   : (N, 3) float64, x, y, z of the receivers; None: the samples of the field
-    normals  : (N, 3) or (1, 3) float32, unit; with `points` None (R * C, 3) or (1, 3)
-    azimuths : of sky view factors
-    height   : of samples' receivers above the surface
-    report   : gets a `ProgressEvent` now and then
+    normals  : (N, 3) or (1, 3) float32, unit; if `points` is None, (R * C, 3) or (1, 3)
+    azimuths : number of azimuths for sky view factors
+    height   : height above the surface of receivers at samples
+    report   : function that gets a `ProgressEvent` at intervals
 
-    Results are arrays (R, C) of samples, (N,) of points; NaN in holes, and at points below ground.
+    Results are arrays (R, C) for samples, (N,) for points; NaN in holes and at points below ground.
     """
 
     field: HeightField
@@ -65,13 +66,13 @@ class Horizon:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of results."""
+        """Shape of the results."""
         return self.field.shape if self.points is None else (len(self.points),)
 
     def angles(self, azimuth: float) -> Float32:
-        """The horizon's angle above the horizontal, degrees, in an azimuth in degrees clockwise from north.
+        """Return the elevation of the horizon, degrees, in an azimuth in degrees clockwise from north.
 
-        0 where no terrain is higher. Exact for the field's triangles.
+        It is 0 if no terrain is higher. The result is exact for the field's triangles.
         """
         found = np.zeros(math.prod(self.shape), np.float32)
         gradient = self._gradient(math.radians(azimuth))
@@ -84,10 +85,10 @@ class Horizon:
         return np.asarray(self._shaped(np.degrees(np.arctan(found))))
 
     def sky_view_factor(self) -> Float32:
-        """The share of an even sky's light that arrives, 0 to 1: weighted by the cosine to the receiver's normal.
+        """Return the fraction of a uniform sky's light that arrives, 0 to 1, weighted by the cosine to the normal.
 
-        1 is an open horizontal surface. A surface that is tilted by s in an open plane has (1 + cos s) / 2: light
-        of the ground does not count.
+        An open horizontal surface has 1. A surface tilted by s in an open plane has (1 + cos s) / 2, because light
+        from the ground does not count.
         """
         sums = np.zeros(math.prod(self.shape), np.float32)
         if self.points is None and not self.height:
@@ -97,28 +98,29 @@ class Horizon:
         return np.asarray(self._shaped(sums))
 
     def sun_hours(self, azimuth: ArrayLike, altitude: ArrayLike, hours: ArrayLike = 1.0) -> Float64:
-        """Hours of sun on the receivers' fronts: the sum of the hours of those suns that they see.
+        """Return the hours of sun on the receivers' fronts: the sum of the hours of the visible suns.
 
-        azimuth, altitude : (S,) of suns, degrees, clockwise from north and above the horizontal; suns at or below 0
+        azimuth, altitude : (S,) degrees clockwise from north and above the horizontal; suns with altitude 0 or less
                             do not count
-        hours             : (S,) or one for all: of each sun
+        hours             : (S,) hours of each sun, or one value for all
 
-        The sun is the middle of its disc. Exact for the field's triangles; suns that share an azimuth cost one ray.
+        The sun is the centre of its disc. The result is exact for the field's triangles. Suns of the same azimuth
+        share one ray.
         """
         return np.asarray(self._shaped(self._sums(azimuth, altitude, hours, "hours")[:, 0]), np.float64)
 
     def direct_irradiation(self, azimuth: ArrayLike, altitude: ArrayLike, energy: ArrayLike) -> Float64:
-        """The direct sunlight on the receivers, in the unit of `energy`: each sun's times its cosine to the normal.
+        """Return the direct sunlight on the receivers, in the unit of `energy`, weighted by the cosine.
 
-        azimuth, altitude : as of `sun_hours`
-        energy            : (S,) on a surface across its direction, such as hours times W m^-2
+        azimuth, altitude : arrays (S,) as in `sun_hours`
+        energy            : (S,) energy on a surface that faces the sun, such as hours times W m^-2
         """
         return np.asarray(self._shaped(self._sums(azimuth, altitude, energy, "energy")[:, 1]), np.float64)
 
     def to_xarray(self, **values: Any) -> Any:
-        """An `xarray.Dataset` of results by name, with coordinates x and y, of points also z.
+        """Return an `xarray.Dataset` of results by name, with coordinates x and y, and z for points.
 
-        Raises GlpathError where xarray is missing, UsageError for another shape.
+        Raises GlpathError if xarray is missing, UsageError for another shape.
         """
         for name, each in values.items():
             if np.shape(each) != self.shape:
@@ -131,7 +133,7 @@ class Horizon:
         return data_set({name: ("point", each) for name, each in values.items()}, at, attributes)
 
     def save(self, path: Any, values: ArrayLike) -> None:
-        """Write a result: .tif with the field's georeference, .npy, .npz, or .csv of points; see the guide."""
+        """Write a result as .tif with the field's georeference, .npy, .npz, or .csv for points; see the guide."""
         from glpath.terrain.saving import save
 
         save(path, self, np.asarray(values))
@@ -141,11 +143,11 @@ class Horizon:
         return pyramid_of(self.field.heights)
 
     def _gradient(self, azimuth: float) -> tuple[float, float]:
-        """Columns and rows for a unit of distance; rows count southwards."""
+        """Return columns and rows per unit of distance; rows count southwards."""
         return _along(math.sin(azimuth)) / self.field.spacing[0], -_along(math.cos(azimuth)) / self.field.spacing[1]
 
     def _on_grid(self, begin: int, end: int) -> Float64:
-        """(n, 3): column, row, height of some receivers. Holes are at height 0."""
+        """Return column, row, height (n, 3) of some receivers. Holes have height 0."""
         found = np.empty((end - begin, 3))
         if self.points is None:
             row, column = np.divmod(np.arange(begin, end), self.field.shape[1])
@@ -163,7 +165,7 @@ class Horizon:
     def _sweep_sky(self, sums: Float32) -> None:
         directions = lattice_directions(self.azimuths, self.field.spacing)
         azimuths = np.array([each.azimuth for each in directions])
-        # Of each the half of the sectors to both neighbours.
+        # The width of an azimuth's sector is half the angle between its two neighbours.
         following = (np.roll(azimuths, -1) - azimuths) % (2 * np.pi)
         widths = 0.5 * (following + np.roll(following, 1))
         tangents = np.empty(self.field.shape, np.float32)
@@ -208,7 +210,7 @@ class Horizon:
         return sums
 
     def _suns(self, azimuth: ArrayLike, altitude: ArrayLike, weight: ArrayLike, name: str) -> Float64:
-        """(S, 7) for `add_suns`: those above the horizon, by azimuth, each azimuth's by falling altitude."""
+        """Return (S, 7) suns above the horizon for `add_suns`, sorted by azimuth, then by falling altitude."""
         around, up, weights = (np.asarray(each, np.float64) for each in (azimuth, altitude, weight))
         if around.ndim != 1 or up.shape != around.shape or weights.shape not in ((), around.shape):
             raise UsageError(
@@ -243,10 +245,10 @@ class Horizon:
         )
 
     def _in_parts(self, work: Callable[[int, int], None], size: int, stage: str = "") -> None:
-        """Call `work` for parts of the receivers, in as many threads as there are cores."""
+        """Call `work` for parts of the receivers, with one thread per core."""
         count, started = math.prod(self.shape), time.perf_counter()
         if stage:
-            self._pyramid  # noqa: B018  # before threads would all make it
+            self._pyramid  # noqa: B018 # built before the threads start, otherwise each would build it
         begins = range(0, count, size)
         with ThreadPoolExecutor(core_count()) as pool:
             for done, _ in enumerate(pool.map(lambda a: work(a, min(a + size, count)), begins), start=1):
@@ -277,20 +279,21 @@ def horizon(
     holes: bool = False,
     on_progress: Report | None = None,
 ) -> Horizon:
-    """The horizons of terrain, which give sky view factors, sun hours and direct irradiation.
+    """Return the horizons of terrain, which give sky view factors, sun hours and direct irradiation.
 
     Parameters
     ----------
-    field       : what `load_height_field` takes: a GeoTIFF, an ESRI ASCII grid, .npy, .npz, an array (R, C)
-    points      : (N, 2) x and y of receivers on the surface, or (N, 3) anywhere on or over it; None: the samples of
-                  the field. Points up to half a spacing below the surface are lifted onto it; deeper ones get NaN
-    normals     : of the receivers: None: they are horizontal; "surface": as the surface there; (3,) or (N, 3), of
-                  any length but 0
-    height      : of receivers above the surface, of points (N, 2) and of samples
-    azimuths    : directions of sky view factors, 8 to 720; the error falls with their square on smooth terrain
-    spacing     : of an array's or a .npy's samples, in the unit of its heights
-    holes       : heights may be missing; they shadow nothing
-    on_progress : called with a `glpath.system.reporting.ProgressEvent`
+    field       : any source of `load_height_field`: a GeoTIFF, an ESRI ASCII grid, .npy, .npz, an array (R, C)
+    points      : (N, 2) x and y of receivers on the surface, or (N, 3) on or above it; None: the samples of the
+                  field. Points up to half a spacing below the surface are lifted onto it; deeper points get NaN
+    normals     : normals of the receivers, (3,) or (N, 3), of any nonzero length; None: upward; "surface": normals
+                  of the terrain
+    height      : height above the surface of receivers at points (N, 2) and at samples
+    azimuths    : number of azimuths for sky view factors, 8 to 720; the error falls with their square on smooth
+                  terrain
+    spacing     : distance between samples of an array or .npy, in the unit of its heights
+    holes       : True if heights may be missing; holes cast no shadow
+    on_progress : function called with a `glpath.system.reporting.ProgressEvent`
 
     x is east, y is north, z is up. Raises SceneError for the field, UsageError for the rest.
 
@@ -312,7 +315,7 @@ def horizon(
 
 
 def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
-    """(N, 3) on or above the surface; NaN for z where that is far below it. Raises UsageError."""
+    """Return points (N, 3) on or above the surface; z is NaN for points far below it. Raises UsageError."""
     try:
         given = np.array(points, np.float64)
     except (TypeError, ValueError):
@@ -353,7 +356,7 @@ def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
 
 
 def _along(component: Any) -> Any:
-    """0 for the rounding of a direction along an axis, so that a ray along the field's border stays in it."""
+    """Return 0 for components near 0, so that rounding does not move a ray off the field's border."""
     return np.where(np.abs(component) < 1e-12, 0.0, component)[()]
 
 
@@ -363,7 +366,7 @@ def _extent(terrain: HeightField) -> str:
 
 
 def _facing(normals: Any, terrain: HeightField, points: Float64 | None) -> Float32:
-    """Unit normals of receivers, or (1, 3) of all. Raises UsageError."""
+    """Return unit normals of the receivers, or (1, 3) for all. Raises UsageError."""
     if normals is None:
         return np.array([[0.0, 0.0, 1.0]], np.float32)
     if isinstance(normals, str):

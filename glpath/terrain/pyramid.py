@@ -1,10 +1,10 @@
-"""Horizons and shadows at any points over a height field, in any azimuth: rays through a pyramid of maxima.
+"""Horizons and shadows at any points over a height field, in any azimuth, by rays through a pyramid of maxima.
 
-Blocks of 2, 4, 8 ... cells a side know their highest sample. A ray passes over a block that lies below what it has
-seen so far, and looks into all others, down to the edges of triangles: what is found is exact.
+The pyramid stores the highest sample of blocks of 2, 4, 8 ... cells a side. A ray skips a block below the steepest
+terrain found so far. It descends into all other blocks, down to the edges of triangles, so the result is exact.
 
-Cost:     some 0.3 microseconds a horizon on one core, depending on how rough the field is; 1.4 bytes a sample.
-Poor at:  all samples of a field, which `glpath.terrain.sweep` does several times as fast.
+Cost:     about 0.3 microseconds per horizon on one core, more for rough terrain; 1.4 bytes per sample.
+Poor at:  all samples of a field, for which `glpath.terrain.sweep` is several times as fast.
 Source:   Tevs, Ihrke & Seidel 2008, Maximum mipmaps for fast, accurate, and scalable dynamic height field
           rendering.
 """
@@ -19,17 +19,18 @@ from glpath.system.kernels import inner_kernel, kernel
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
 
-#: Of a cell: how far beyond a border the next block begins, and the nearest that counts as an occluder.
+#: Offset across a border to find the next block, and minimum distance of an occluder; in cells.
 _BEYOND = 1e-9
 _NEAREST = 1e-6
 
 
 def pyramid_of(heights: Float32) -> tuple[Float32, Int64]:
-    """Maxima of the blocks of all levels, one after the other, and (L, 3) where each begins, its rows and columns.
+    """Return the maxima of the blocks of all levels, concatenated, and the table of levels.
 
-    heights : (R, C), NaN where there is none
+    heights : (R, C), NaN in holes
 
-    Level 0 has blocks of 2 x 2 cells, so of 3 x 3 samples; each following one has 2 x 2 of these. The last is one.
+    The table (L, 3) has the start, rows and columns of each level. Level 0 has blocks of 2 x 2 cells, hence of 3 x
+    3 samples. A block of a higher level has 2 x 2 blocks of the level below. The last level is one block.
     """
     rows, columns = (max(1, -(-(n - 1) // 2)) for n in heights.shape)
     shapes = [(rows, columns)]
@@ -65,18 +66,18 @@ def _fill(heights, levels, maxima):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-def]
-    """The tangent of the highest terrain seen from a point in a direction, or `best` where all is lower.
+    """Return the tangent of the steepest terrain seen from a point in a direction, or `best` if none is steeper.
 
-    field   : heights, maxima and levels
-    x, y, z : the point: column, row and height
-    gx, gy  : columns and rows for a unit of distance
-    best    : 0 or more: terrain below it does not count
-    enough  : the search ends at the first tangent above it
+    field   : tuple of heights, maxima and levels
+    x, y, z : column, row and height of the point
+    gx, gy  : columns and rows per unit of distance
+    best    : initial tangent, 0 or more; lower terrain does not count
+    enough  : tangent at which the search ends, because a higher result is not needed
     """
     heights, maxima, levels = field
     rows, columns = heights.shape
     top = len(levels) - 1
-    # Where the ray enters the field and leaves it.
+    # Distances at which the ray enters and leaves the field.
     distance, leave = 0.0, np.inf
     for axis in range(2):
         p, g, size = (x, gx, columns - 1.0) if axis == 0 else (y, gy, rows - 1.0)
@@ -101,12 +102,12 @@ def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-d
         exit_y = ((r + ahead_y << shift) - y) * per_row if gy != 0.0 else np.inf
         after = min(exit_x, exit_y)
         if level >= 0:
-            # No terrain of the block is steeper than its highest sample at its near side.
+            # Upper bound of the block's tangents: its highest sample at its near side.
             if maxima[levels[level, 0] + r * levels[level, 2] + c] - z > best * distance:
                 level -= 1
                 continue
         else:
-            # Edges of the cell's triangles: the diagonal, and the one through which the ray leaves.
+            # Test edges of the cell's triangles: the diagonal, and the edge through which the ray leaves.
             found = best
             if gx != gy:
                 at = ((x - column) - (y - row)) / (gy - gx)
@@ -132,7 +133,7 @@ def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-d
                 best = found
                 if best > enough:
                     return best
-        # Rounding must not keep it on a border.
+        # Advance at least a little, so that rounding cannot keep the ray on a border.
         distance = after if after > distance else distance + nearest
         level = min(level + 1, top)
     return best
@@ -140,9 +141,9 @@ def steepest(field, x, y, z, gx, gy, best, enough):  # type: ignore[no-untyped-d
 
 @kernel
 def tangents_at(heights, maxima, levels, points, gradient, tangents):  # type: ignore[no-untyped-def]
-    """Fill tangents (N,) of the horizon's angle at points (N, 3): column, row, height; 0 where no terrain is above.
+    """Fill tangents (N,) of horizon angles at points (N, 3) of column, row, height; 0 if no terrain is above.
 
-    gradient : columns and rows for a unit of distance
+    gradient : columns and rows per unit of distance
     """
     field = (heights, maxima, levels)
     gx, gy = gradient
@@ -152,12 +153,12 @@ def tangents_at(heights, maxima, levels, points, gradient, tangents):  # type: i
 
 @kernel
 def add_suns(heights, maxima, levels, points, suns, sums):  # type: ignore[no-untyped-def]
-    """Add up weights of the suns that points see.
+    """Add the weights of the suns that are visible from points.
 
-    points : (N, 6): column, row, height, and the normal, x east, y south, z up
-    suns   : (S, 7): columns and rows for a unit of distance, the tangent of the altitude, where to the sun is, x
-             east, y south, z up, and the weight. By azimuth, each azimuth's by falling altitude
-    sums   : (N, 2): of weights, and of weights times cosines to the normal
+    points : (N, 6) column, row, height, and normal with x east, y south, z up
+    suns   : (S, 7) columns and rows per unit of distance, tangent of the altitude, unit vector to the sun (x east,
+             y south, z up), and weight; sorted by azimuth, then by falling altitude
+    sums   : (N, 2) sums of weights, and of weights times cosines to the normal
     """
     field = (heights, maxima, levels)
     for i in range(len(points)):
@@ -168,11 +169,12 @@ def add_suns(heights, maxima, levels, points, suns, sums):  # type: ignore[no-un
             end = begin + 1
             while end < len(suns) and suns[end, 0] == gx and suns[end, 1] == gy:
                 end += 1
-            # One horizon for all suns of an azimuth; beyond the highest it is of no interest.
+            # One ray serves all suns of an azimuth. It ends above the highest sun.
             tangent = steepest(field, x, y, z, gx, gy, suns[end - 1, 2], suns[begin, 2])
             lowest = suns[end - 1, 2]
             for k in range(begin, end):
-                # The lowest one is seen where nothing was steeper than it.
+                # The search starts at the lowest sun's tangent, so an equal result means that nothing hides that
+                # sun.
                 if suns[k, 2] > tangent or (suns[k, 2] == lowest and tangent == lowest):
                     cosine = points[i, 3] * suns[k, 3] + points[i, 4] * suns[k, 4] + points[i, 5] * suns[k, 5]
                     if cosine > 0.0:

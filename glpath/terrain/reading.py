@@ -1,4 +1,4 @@
-"""Readers of height fields and of point clouds: GeoTIFF, ESRI ASCII grid, numpy; LAS and LAZ."""
+"""Readers of height fields (GeoTIFF, ESRI ASCII grid, numpy) and of point clouds (LAS and LAZ)."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from glpath.terrain.height_field import HeightField
 
 Float64 = NDArray[np.float64]
 
-#: What height fields are read from.
+#: Suffixes of files with height fields.
 FIELD_SUFFIXES = (".tif", ".tiff", ".asc", ".npy", ".npz")
-#: What clouds of points are read from.
+#: Suffixes of files with point clouds.
 CLOUD_SUFFIXES = (".las", ".laz")
 
-# Suffixes of the files that say where a TIFF lies [ESRI], and their maximum size in bytes.
+# Suffixes of world files, which hold the georeference of a TIFF [ESRI], and their maximum size in bytes.
 _WORLD_FILES, _MAX_WORLD_BYTES = (".tfw", ".tifw", ".wld"), 4096
 
-# LAS: layers and minimum size in bytes of layered formats of points; each further byte is a layer.
+# LAS: number of layers and minimum record size in bytes of layered point formats; each further byte is a layer.
 _LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
 _LAS_FORMAT = 0x3F
-# LAS: sizes in bytes of the headers before and since 1.4 and of the smallest record; a bit of the format.
+# LAS: sizes of the headers before and since 1.4 and of the smallest record, bytes; bit of a compressed format.
 _LAS_HEADER, _LAS_HEADER_1_4, _LAS_RECORD, _LAS_COMPRESSED = 227, 375, 54, 0x80
 
 # Metres of a unit of heights, by its names in GDAL, PROJ and EPSG.
@@ -59,19 +59,20 @@ def load_height_field(
     origin: tuple[float, float] | None = None,
     holes: bool = False,
 ) -> HeightField:
-    """A height field of a file or an array.
+    """Read a height field from a file or an array.
 
     Parameters
     ----------
-    source  : .tif (the extra `terrain`), .asc (an ESRI ASCII grid), .npy, .npz (`heights`, and `spacing`, `origin`
-              and `mask` where they are there), or an array (R, C), row 0 in the north
-    spacing : between samples, or between columns and between rows: of an array or a .npy; others have their own.
-              The unit of the heights; default 1
-    origin  : x and y of the north-western sample, of an array or a .npy
-    holes   : heights may be missing: NaN, masked, or what the file has for no data. Holes shadow nothing
+    source  : .tif (needs the extra `terrain`), .asc (ESRI ASCII grid), .npy, .npz (`heights`, and optionally
+              `spacing`, `origin` and `mask`), or an array (R, C) with row 0 in the north
+    spacing : distance between samples, or between columns and between rows, in the unit of the heights; only for an
+              array or .npy; default 1
+    origin  : x and y of the north-western sample; only for an array or .npy
+    holes   : True if heights may be missing: NaN, masked, or equal to the file's no-data value. Holes cast no
+              shadow
 
-    A value of a raster is the height at the middle of its pixel. A field as large as the memory allows: 4 bytes a
-    sample. Raises SceneError, which names what was found.
+    A value of a raster is the height at the centre of its pixel. Memory limits the size of a field: 4 bytes per
+    sample. Raises SceneError for invalid sources.
     """
     if isinstance(source, HeightField):
         return source
@@ -112,7 +113,7 @@ def _npz(path: Path, holes: bool) -> HeightField:
 
 
 def _ascii_grid(path: Path, holes: bool) -> HeightField:
-    """An ESRI ASCII grid: lines of a name and a number, then rows from north to south."""
+    """Read an ESRI ASCII grid: header lines of a name and a number, then rows from north to south."""
     with _readable(path):
         content = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     header: dict[str, float] = {}
@@ -213,16 +214,17 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
 
 @contextmanager
 def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
-    """An open TIFF of rasterio's. Raises SceneError.
+    """Open a TIFF with rasterio. Raises SceneError.
 
-    GDAL has a hundred formats, some of which name other files and addresses. It would use any of them for this
-    file, whatever its suffix, and for files beside it. So it is confined to TIFF, and sees no file beside it.
+    GDAL supports a hundred formats, and some refer to other files and addresses. It would accept any of them for
+    this file, whatever its suffix, and for files beside it. Therefore only TIFF is allowed, and GDAL sees no other
+    file.
     """
     check_file(path)
     try:
         with rasterio.Env(GDAL_PAM_ENABLED="NO", GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"):
             with warnings.catch_warnings():
-                # Of a picture without a position; that it has none is an error of `_geotiff`.
+                # Hide the warning about a missing georeference, which `_geotiff` reports as an error.
                 warnings.simplefilter("ignore")
                 opened = rasterio.open(path.absolute(), driver="GTiff")
             with opened as raster:
@@ -233,7 +235,7 @@ def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
 
 
 def _transform(path: Path, raster: Any) -> Any:
-    """The geotransform of a TIFF, or that of a world file beside it."""
+    """Return the geotransform of a TIFF, or that of a world file beside it."""
     if not raster.transform.is_identity:
         return raster.transform
     beside = _world_file(path)
@@ -283,9 +285,9 @@ def _height_unit(path: Path, raster: Any) -> float:
 
 
 def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64:
-    """(N, 3) points of a LAS or LAZ file, in its units (the extra `terrain`).
+    """Return points (N, 3) of a LAS or LAZ file, in its units; needs the extra `terrain`.
 
-    classes : of ASPRS, such as 2 for ground and 6 for buildings; all without. Raises SceneError.
+    classes : ASPRS classes to read, such as 2 for ground and 6 for buildings; () for all. Raises SceneError.
     """
     laspy = package_for("laspy", "this file is read")
     path = Path(path)
@@ -297,7 +299,7 @@ def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64
                 cloud = laspy.read(file, laz_backend=laspy.LazBackend.Lazrs)
         except (KeyboardInterrupt, SystemExit):
             raise
-        except BaseException as error:  # laspy and lazrs raise all kinds; a panic of Rust's is no Exception
+        except BaseException as error:  # laspy and lazrs raise any type; a Rust panic is not an Exception
             raise SceneError(f"{path}: cannot be read: {reason_of(error)}.") from error
     with np.errstate(over="ignore", invalid="ignore"):
         points = np.stack([np.asarray(cloud[axis], np.float64) for axis in ("x", "y", "z")], axis=1)
@@ -315,7 +317,7 @@ def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64
 
 
 def _check_las(file: BinaryIO, total: int) -> None:
-    """Raise ValueError for a LAS header that announces more than the file can hold; laspy allocates it at once.
+    """Raise ValueError for a LAS header that announces more than the file holds; laspy would allocate it.
 
     Source: ASPRS, LAS 1.4-R15, table 3; Isenburg 2013, LASzip, for the table of chunks.
     """
@@ -335,7 +337,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
         check_unfolded(points * length, stored)
         file.seek(points_at)
         (table_at,) = struct.unpack("<q", file.read(8))
-        if table_at == -1:  # of a file written into a pipe, which has it at its end
+        if table_at == -1:  # file written into a pipe, with the offset at its end
             file.seek(total - 8)
             (table_at,) = struct.unpack("<q", file.read(8))
         if not points_at <= table_at <= total - 8:
@@ -345,7 +347,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
         if chunks > stored:
             raise ValueError(f"{chunks:,} chunks do not fit in {total:,} bytes")
         form = kind & _LAS_FORMAT
-        if form in _LAS_LAYERS:  # whose sizes follow the first point and the count of a chunk
+        if form in _LAS_LAYERS:  # sizes of layers follow the first point and the count of a chunk
             layers, plain = _LAS_LAYERS[form]
             file.seek(points_at + 8 + length + 4)
             sizes = np.frombuffer(file.read(4 * (layers + max(0, length - plain))), "<u4")
@@ -366,7 +368,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def package_for(name: str, use: str) -> Any:
-    """A module of the extra `terrain`. Raises GlpathError with the line to type where it is missing."""
+    """Import a module of the extra `terrain`. Raises GlpathError with the install command if it is missing."""
     try:
         module = import_module(name)
         import_module(f"{name}.errors")

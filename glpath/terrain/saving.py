@@ -1,4 +1,4 @@
-"""Results of `glpath.terrain.horizon` as files."""
+"""Writer of results of `glpath.terrain.horizon`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from glpath.terrain.reading import package_for
 if TYPE_CHECKING:
     from glpath.terrain.horizon import Horizon
 
-#: Of samples; .npy and .npz are also of points.
+#: Suffixes of files with results at samples.
 MAP_SUFFIXES = (".tif", ".tiff", ".npy", ".npz")
-#: Of points.
+#: Suffixes of files with results at points.
 POINT_SUFFIXES = (".csv", ".npy", ".npz")
 
 
 def check_kind(path: str | Path, of_points: bool, more: tuple[str, ...] = ()) -> None:
-    """Raise ImageError for a file that `save` does not write.
+    """Raise ImageError for a suffix that `save` does not support.
 
-    more : suffixes that the caller writes
+    more : further suffixes that the caller writes
     """
     allowed = (*(POINT_SUFFIXES if of_points else MAP_SUFFIXES), *more)
     if Path(path).suffix.lower() not in allowed:
@@ -34,14 +34,12 @@ def check_kind(path: str | Path, of_points: bool, more: tuple[str, ...] = ()) ->
 
 
 def save(path: str | Path, found: Horizon, values: NDArray[Any]) -> None:
-    """Write values of receivers.
+    """Write values of receivers in the format of the path's suffix.
 
-    .tif : float32, with the field's georeference; NaN is no data
-    .npy : the values alone
-    .npz : `values`, with `x` (C,) and `y` (R,) of samples, or `points` (N, 3)
-    .csv : x, y, z, value of points
+    .tif : float32 raster with the field's georeference; NaN means no data .npy : only the values .npz : `values`,
+    with `x` (C,) and `y` (R,) for samples, or `points` (N, 3) .csv : columns x, y, z, value, for points
 
-    Raises UsageError for values of another shape, ImageError for another kind of file.
+    Raises UsageError for values of another shape, ImageError for another suffix.
     """
     path = Path(path)
     if values.shape != found.shape:
@@ -82,7 +80,7 @@ def _save_geotiff(path: Path, found: Horizon, values: NDArray[Any]) -> None:
         "compress": "deflate",
         "predictor": 3,
     }
-    # GDAL writes into a file of that name, not into one that is open.
+    # GDAL opens the file by its name; it cannot write to an open file.
     with whole_file(path) as part:
         try:
             with rasterio.open(part, "w", **made) as raster:

@@ -1,4 +1,4 @@
-"""What horizons of one azimuth add to sky view factors."""
+"""Contribution of horizons in one azimuth to sky view factors."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from glpath.system.kernels import kernel
 def add_sky(tangents, normals, direction, weight, sums):  # type: ignore[no-untyped-def]
     """Add the light of a white sky of radiance 1 / pi from a sector of azimuths.
 
-    tangents  : (N,) of the horizon's angle
-    normals   : (N, 3) unit, x east, y north, z up; or (1, 3) of all
-    direction : where the sector's middle is: x and y of a unit vector
+    tangents  : (N,) tangents of the horizon angles
+    normals   : (N, 3) unit normals, x east, y north, z up; or (1, 3) for all
+    direction : x and y of a unit vector to the middle of the sector
     weight    : width of the sector, radians
-    sums      : (N,), of which 1 is the whole sky of a horizontal surface
+    sums      : (N,) sums; the whole sky gives 1 on a horizontal surface
 
-    The integral over the zenith angle t, from 0 to the horizon's, of max(0, n . w) sin t is exact: with the part a
-    of the normal along the azimuth it is nz sin^2 t / 2 + a (t - sin t cos t) / 2 [Dozier & Frew 1990, eq. 7].
+    The integral of max(0, n . w) sin t over the zenith angle t, from 0 to the horizon's, is exact. If a is the
+    component of the normal n along the azimuth, it is nz sin^2 t / 2 + a (t - sin t cos t) / 2 [Dozier & Frew 1990,
+    eq. 7].
     """
     scale = weight / math.pi
     for i in range(len(tangents)):
@@ -29,7 +30,7 @@ def add_sky(tangents, normals, direction, weight, sums):  # type: ignore[no-unty
         if along == 0.0 and nz > 0.0:
             sums[i] += scale * 0.5 * nz / (1.0 + tangent * tangent)
             continue
-        # Zenith angles on the front of the surface: within a right angle of that of its normal.
+        # Range of zenith angles in front of the surface: within a right angle of the normal's zenith angle.
         facing = math.atan2(along, nz)
         last = min(math.atan2(1.0, tangent), facing + 0.5 * math.pi)
         first = max(0.0, facing - 0.5 * math.pi)

@@ -1,15 +1,15 @@
-"""Horizons at all samples of a height field in one azimuth: sweeps along lines, with the hull of what was passed.
+"""Horizons at all samples of a height field in one azimuth, by sweeps along lines with a convex hull.
 
-An azimuth here is a lattice direction: `columns` and `rows` from a sample to the next one of its line, coprime
-whole numbers. Each sample then lies on one line, whose profile is exact: its vertices are where it crosses edges of
-the triangles. From the far end on, a stack holds the upper convex hull of the profile beyond; the tangent from a
-sample to it is the horizon.
+An azimuth is a lattice direction: the step from a sample to the next sample of its line, in `columns` and `rows`,
+which are coprime. Each sample then lies on exactly one line. The line's height profile is exact, because its
+vertices are the crossings with edges of triangles. The sweep starts at the far end. A stack holds the upper convex
+hull of the profile passed so far, and the tangent from a sample to that hull is the horizon.
 
-Cost:     per sample 2 max(columns, rows) points of a profile, each put on the stack once and taken off once,
-          however far the field extends. Some 10 ns a point on one core.
+Cost:     2 max(columns, rows) profile points per sample, each pushed and popped once, for a field of any size.
+          About 10 ns per point on one core.
 Poor at:  azimuths that need long steps; points between samples (`glpath.terrain.pyramid`).
 Source:   Dozier & Frew 1990, Rapid calculation of terrain parameters for radiation modeling; Timonen & Westerholm
-          2010, Scalable height field self-shadowing. Theirs samples lines that pass beside the samples.
+          2010, Scalable height field self-shadowing, whose lines pass beside the samples.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from glpath.system.machine import core_count
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: Steps of lattice directions at most, in samples.
+#: Maximum step of lattice directions, in samples.
 MAX_STEP = 40
 
 
 @dataclass(frozen=True)
 class LatticeDirection:
-    """A direction from sample to sample.
+    """Direction from sample to sample.
 
-    columns, rows : of a step, coprime; rows count southwards
+    columns, rows : coprime numbers of columns and rows in a step; rows count southwards
     azimuth       : radians, clockwise from north
     """
 
@@ -45,11 +45,12 @@ class LatticeDirection:
 
 
 def lattice_directions(count: int, spacing: tuple[float, float]) -> list[LatticeDirection]:
-    """`count` directions around, in order: the shortest steps that are within half of an even sector's half.
+    """Return `count` directions around the horizon, in order of azimuth.
 
-    spacing : between columns and between rows
+    spacing : distances between columns and between rows
 
-    They differ from even ones by a quarter of a sector at most, if steps of `MAX_STEP` suffice for that.
+    Each is the shortest step within a quarter of a sector of a uniform direction. If no step up to `MAX_STEP` is
+    that close, the closest is taken.
     """
     candidates = [
         (max(abs(c), abs(r)), math.atan2(c * spacing[0], -r * spacing[1]) % (2 * math.pi), c, r)
@@ -70,8 +71,11 @@ def lattice_directions(count: int, spacing: tuple[float, float]) -> list[Lattice
 
 
 def _crossings(columns: int, rows: int) -> tuple[Float64, NDArray[np.int64]]:
-    """Where a step crosses edges of triangles, in order: (P, 2) its part of the step and the weight of the second
-    end; (P, 4) column and row of both ends, from the step's start."""
+    """Return the crossings of a step with edges of triangles, in order.
+
+    The first array (P, 2) has the fraction of the step and the weight of the edge's second end. The second array
+    (P, 4) has column and row of both ends, relative to the start of the step.
+    """
     found = []
     for i in range(1, abs(columns)):
         t = i / abs(columns)
@@ -96,18 +100,18 @@ def _crossings(columns: int, rows: int) -> tuple[Float64, NDArray[np.int64]]:
 def horizon_tangents(
     heights: Float32, spacing: tuple[float, float], direction: LatticeDirection, tangents: Float32
 ) -> None:
-    """Fill tangents (R, C): of the horizon's angle at each sample; 0 where no terrain stands above it.
+    """Fill tangents (R, C) of the horizon's elevation at each sample; 0 if no terrain is higher.
 
-    heights : (R, C), NaN where there is none; what has no height gets 0
+    heights : (R, C), NaN in holes, whose tangents are 0
 
-    In as many threads as there are cores.
+    Uses one thread per core.
     """
     rows, columns = heights.shape
     length = math.hypot(direction.columns * spacing[0], direction.rows * spacing[1])
     at, ends = _crossings(direction.columns, direction.rows)
     step = max(abs(direction.columns), abs(direction.rows))
     room = (len(at) + 1) * (max(rows, columns) // step + 2)
-    # Lines start at the samples that a step backwards from leaves the field: first those of whole rows.
+    # A line starts at a sample from which a step backwards leaves the field. Starts in whole rows come first.
     first_rows = min(abs(direction.rows), rows)
     count = rows * columns - (rows - first_rows) * max(columns - abs(direction.columns), 0)
     threads = core_count()
@@ -125,14 +129,14 @@ def horizon_tangents(
 
 @kernel
 def _sweep(heights, at, ends, step, begin, end, stack, tangents):  # type: ignore[no-untyped-def]
-    """Lines `begin` to `end`; stack: room for distances and heights of a hull."""
+    """Sweep lines `begin` to `end`; `stack` is scratch memory for distances and heights of a hull."""
     rows, columns = heights.shape
     dc, dr, length = step
     first_rows, first_columns = min(abs(dr), rows), min(abs(dc), columns)
     of_rows = first_rows * columns
     crossings = len(at)
     for line in range(begin, end):
-        # Neighbours of a line come soon after it, as they read the same memory.
+        # Neighbouring lines follow each other, because they read the same memory.
         if line < of_rows:
             c, r = line // first_rows, line % first_rows
         else:
@@ -141,7 +145,7 @@ def _sweep(heights, at, ends, step, begin, end, stack, tangents):  # type: ignor
             c = columns - 1 - c
         if dr < 0:
             r = rows - 1 - r
-        # How many samples the line has.
+        # Number of samples on the line.
         count = max(rows, columns)
         if dc > 0:
             count = min(count, (columns - 1 - c) // dc + 1)
@@ -156,7 +160,7 @@ def _sweep(heights, at, ends, step, begin, end, stack, tangents):  # type: ignor
             x, y = c + k * dc, r + k * dr
             for i in range(crossings - 1, -1, -1):
                 xa, ya, xb, yb = x + ends[i, 0], y + ends[i, 1], x + ends[i, 2], y + ends[i, 3]
-                # The line continues beyond its last sample.
+                # The line continues beyond its last sample, where crossings may lie outside the field.
                 if k == count - 1 and (
                     min(xa, xb) < 0 or min(ya, yb) < 0 or max(xa, xb) >= columns or max(ya, yb) >= rows
                 ):
@@ -166,7 +170,7 @@ def _sweep(heights, at, ends, step, begin, end, stack, tangents):  # type: ignor
                 if height != height:
                     continue
                 distance = (k + at[i, 0]) * length
-                # Below the line to what is seen behind it, the last one is no corner of the hull.
+                # Pop the last hull point while it lies below the line from this point to the one before.
                 while top > 1 and (stack[top - 1, 1] - height) * (stack[top - 2, 0] - distance) <= (
                     stack[top - 2, 1] - height
                 ) * (stack[top - 1, 0] - distance):
