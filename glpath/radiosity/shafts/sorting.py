@@ -1,4 +1,4 @@
-"""A stable sort for kernels, because numpy's would take longer to compile than all other kernels."""
+"""Stable merge sort for kernels, because numpy's would take longer to compile than all other kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A batch of particles: their starts, the surfaces that they hit, and their paths, which one kernel traces.
+"""Batch of particles: their starts, the surfaces that they hit, and their paths, which one kernel traces.
 
 Particles of the solver leave lamps or lit surfaces; those of a camera leave its eye and estimate importance.
 """
