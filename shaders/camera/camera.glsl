@@ -8,8 +8,8 @@ uniform vec3 eye_position;  // common point of the rays, or a point ahead of it,
 uniform vec3 eye_right;
 uniform vec3 eye_up;
 uniform vec3 eye_forward;
-uniform float eye_ahead;   // how far ahead of the eye its position is: rays start in the plane there, since those of a
-                           // distant eye would lose the digits of what they meet. 0: at the eye
+uniform float eye_ahead;   // distance of eye_position ahead of the eye; rays start in the plane there, because rays of a
+                           // distant eye would lose digits of their hits; 0: at the eye
 uniform vec2 eye_focal;    // pixels per unit at distance 1; for parallel rays per scene unit
 uniform vec2 eye_centre;   // pixel position on eye_forward, minus the sub-pixel position
 uniform ivec2 eye_corner;  // of the window in the image, pixels

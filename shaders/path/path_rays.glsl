@@ -455,8 +455,7 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 }
 
 #ifdef HAS_LOBES
-// Samples microfacets, clearcoat, a mirror or glass; chosen: random number minus the diffuse lobe's probability. Returns 1 in
-// place of the cosine.
+// Samples microfacets, clearcoat, a mirror or glass; chosen: random number minus the diffuse lobe's probability. Returns 1 instead of a cosine.
 float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;
