@@ -1,4 +1,4 @@
-"""Light between diffuse surfaces, on the CPU: shafts and visibility [SC], form factors, radiosity. No GL."""
+"""Light between diffuse surfaces, on the CPU without GL: shafts and visibility [SC], form factors, radiosity."""
 
 from glpath.radiosity.picture import picture_of
 from glpath.radiosity.shafts.clusters import cluster

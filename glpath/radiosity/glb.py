@@ -1,10 +1,11 @@
-"""A radiosity solution as glTF 2.0: the scene's triangles with their radiance as vertex colours, unlit.
+"""Write a radiosity solution as glTF 2.0: the scene's triangles with their radiance as vertex colours, unlit.
 
-Any glTF viewer shows the baked light. COLOR_0 is linear Rec. 709 [glTF 2.0, 3.9.2]: radiance times 2^exposure, from
-0 to 1, so that lamps are white. Fronts and backs are triangles of their own, each shown from its side alone; a side
-that is black, such as the back of a one-sided material, is left out, so that one looks into a room from outside.
+Any glTF viewer shows the baked light. COLOR_0 is linear Rec. 709 [glTF 2.0, 3.9.2]: radiance times 2^exposure,
+clipped to 0 to 1, so that lamps are white. Fronts and backs are separate triangles, each visible from its own side
+only. A black side, such as the back of a one-sided material, is left out, so that a room can be viewed from
+outside.
 
-Cost:     24 to 36 bytes a vertex, and 12 an element and side.
+Cost:     24 to 36 bytes a vertex, and 12 for each element and side.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def write_glb(solution: RadiositySolution, scene: Scene, path: str | Path, expos
 
 
 def check_suffix(path: str | Path) -> Path:
-    """`path`, if a baked scene can be written to a file of that name; else UsageError."""
+    """Return `path` as a Path. Raises UsageError unless its suffix is .glb."""
     path = Path(path)
     if path.suffix.lower() != ".glb":
         raise UsageError(f"{path}: a baked scene is written as .glb.", "For example -o baked.glb.")
@@ -59,7 +60,7 @@ def check_suffix(path: str | Path) -> Path:
 def _primitives(
     file: Glb, solution: RadiositySolution, scene: Scene, number: int, exposure: float
 ) -> list[gltf_json.Primitive]:
-    """Of one shape: its fronts and its backs, as far as they aren't black by their nature."""
+    """Return the primitives of one shape: fronts and backs, without sides whose material is black."""
     shape = scene.shapes[number]
     material = scene.materials[shape.material]
     part = scene.shapes.ranges[number]
@@ -79,7 +80,7 @@ def _primitives(
         if emits:
             radiance = radiance + emission
         colour = np.clip(radiance * 2.0**exposure, 0.0, 1.0).astype(np.float32)
-        if found:  # the front is there
+        if found:  # the front exists
             behind_it = points - behind(scene) * scene.normals[triangle]
             position = file.add_array(behind_it.astype(np.float32), bounds=True)
         corners = faces[:, ::-1] if back else faces
@@ -96,9 +97,9 @@ def _primitives(
 def _lattices(
     solution: RadiositySolution, scene: Scene, triangles: range
 ) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64], Float64]:
-    """Vertices (V, 3) of some triangles' lattices and their elements (E, 3).
+    """Return vertices (V, 3) and elements (E, 3) of some triangles' lattices.
 
-    Beside them the triangle (V,) of each vertex and its barycentric coordinates there (V, 2).
+    Return also the triangle (V,) of each vertex and its barycentric coordinates there (V, 2).
     """
     points, faces, barycentric, first = [], [], [], 0
     for t in triangles:

@@ -1,13 +1,13 @@
-"""Irradiance by position and normal, for surfaces that a radiosity solution does not have: those of proxy geometry.
+"""Irradiance by position and normal, for streamed triangles, which have proxies but no radiosity solution.
 
-A point of a streamed triangle lies on no element, but near some of the proxy's. Their irradiance is kept in the
-cells of a grid, of each by the six directions along the axes: a normal (x, y, z) has the sum of those that it
-faces, with the weights x^2, y^2 and z^2, which add up to one (ambient cubes). Between the middles of cells it is
-interpolated.
+A point of a streamed triangle lies on no element, but near elements of the proxy. Their irradiance is stored in the
+cells of a grid, for six directions along the axes (ambient cubes). A normal (x, y, z) gets the sum of the three
+directions that it faces. Their weights x^2, y^2 and z^2 add up to one. Values are interpolated between the middles
+of cells.
 
 Cost:     16 bytes for each side and direction of an occupied cell, 192 in all for each of some ten thousand; an
-          index of a megabyte at most.
-Poor at:  light that changes within a cell: it is for indirect light, a bounce away from the eye.
+          index of at most a megabyte.
+Poor at:  light that changes within a cell. Use it for indirect light, a bounce away from the eye.
 Source:   Greger et al. 1998, The irradiance volume; McTaggart 2004, Half-Life 2 / Valve Source Shading.
 """
 
@@ -25,22 +25,22 @@ from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import RadiositySolution
 from glpath.scene.model import Float64, Scene
 
-#: Cells that surfaces are to occupy, of the whole grid at most, and along an axis.
+#: Target number of occupied cells; maximum number of cells in the grid, and along an axis.
 OCCUPIED, CELLS, ALONG = 1 << 14, 1 << 18, 512
-# Points on a surface as large as a side of a cell.
+# Number of sample points on a surface as large as a cell's face.
 _POINTS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class IrradianceVolume:
-    """The table of a grid.
+    """Grid of irradiance by position and direction.
 
-    lower : (3,) its lowest corner, of the scene's coordinates
-    cell  : side of a cell, scene units
-    size  : (3,) cells along x, y, z
-    rows  : (size[2], size[1], size[0]) int32, whose irradiance a cell has: that of the nearest cell with surfaces
-    values : (R, 2, 6, 4) float32 of rows, fronts and backs, directions x, -x, y, -y, z, -z: irradiance W m^-2, and
-             how much of the direct light is in it, 0 to 1
+    lower : (3,) lowest corner of the grid, in scene coordinates
+    cell  : side length of a cell, scene units
+    size  : (3,) number of cells along x, y, z
+    rows : (size[2], size[1], size[0]) int32, row of `values` for each cell: that of the nearest cell with surfaces
+    values : (R, 2, 6, 4) float32, [row, front or back, direction x, -x, y, -y, z, -z]: irradiance W m^-2, and the
+             fraction of direct light that it includes, 0 to 1
     """
 
     lower: Float64
@@ -51,10 +51,11 @@ class IrradianceVolume:
 
     @classmethod
     def of(cls, scene: Scene, solution: RadiositySolution, first: int, *, traced: bool) -> IrradianceVolume | None:
-        """Of the triangles of a scene from a number on, as `Proxies` has them; None where there is none.
+        """Build the volume of the proxy triangles (see `Proxies`), from index `first` on; None if there are none.
 
-        solution : of the scene
-        traced   : direct light is, but near lamps, else all of it is in the table
+        solution : solution of the scene
+        traced   : True to leave out direct light, which is then traced, except near lamps; False to include all of
+                   it
         """
         corners = scene.triangles[first:]
         if not len(corners):
@@ -79,7 +80,7 @@ class IrradianceVolume:
 
 
 def _grid(lower: Float64, upper: Float64, area: float) -> tuple[float, NDArray[np.int64]]:
-    """Side of a cell, and (3,) how many there are along each axis."""
+    """Return the side length of a cell, and the number of cells (3,) along each axis."""
     extent = np.maximum(upper - lower, 0.0)
     cell = max(np.sqrt(area / OCCUPIED), float(extent.max()) / ALONG)
     size = np.maximum(np.ceil(extent / cell), 1.0)
@@ -92,8 +93,10 @@ def _grid(lower: Float64, upper: Float64, area: float) -> tuple[float, NDArray[n
 def _points(
     scene: Scene, first: int, cell: float
 ) -> tuple[Float64, Float64, NDArray[np.int64], NDArray[np.float64]]:
-    """Points (N, 3), some in each cell, each in the middle of an area (N,), of a triangle (N,), and where in it,
-    (N, 2)."""
+    """Return points (N, 3), areas (N,), triangles (N,) and barycentric coordinates (N, 2).
+
+    Each point is the middle of its area, and each cell with surfaces has some points.
+    """
     corners, areas = scene.triangles[first:], scene.areas[first:]
     parts = np.maximum(np.ceil(np.sqrt(_POINTS * areas) / cell), 1).astype(np.int64)
     elements = Elements.of_lattices(parts)
@@ -105,7 +108,7 @@ def _points(
 
 
 def _by_axis(row: NDArray[np.int64], rows: int, known: Float64, normals: Float64, areas: Float64) -> Float64:
-    """(R, 6, 4) means of what is known (N, 4) in each row, by the axes that normals (N, 3) face."""
+    """Return (R, 6, 4) means of the values `known` (N, 4) in each row, by the axes that normals (N, 3) face."""
     sums, weights = np.zeros((rows, 6, 4)), np.zeros((rows, 6))
     for axis in range(6):
         facing = np.maximum(normals[:, axis // 2] * (1 - 2 * (axis % 2)), 0.0)
@@ -113,7 +116,7 @@ def _by_axis(row: NDArray[np.int64], rows: int, known: Float64, normals: Float64
         weights[:, axis] = np.bincount(row, weight, rows)
         for k in range(4):
             sums[:, axis, k] = np.bincount(row, weight * known[:, k], rows)
-    # What no surface in the cell faces has the mean of what the others get.
+    # Directions that no surface in the cell faces get the mean of the other directions.
     mean = sums.sum(axis=1, keepdims=True) / weights.sum(axis=1)[:, None, None]
     found = weights[..., None] > 0
     return np.where(found, sums / np.where(found, weights[..., None], 1.0), mean)

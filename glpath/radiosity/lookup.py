@@ -1,12 +1,11 @@
 """Make the table of irradiance that a gather looks up, from a radiosity solution.
 
 The gather traces direct light, and looks up indirect light alone. Near a lamp the 1/r^2 of a light sample is
-unbounded, and a sample that all pixels share would show as a bright spot. There the table also holds a share of the
-direct light, which rises from 0 to 1 over half a lamp's width. The rest is traced.
+unbounded, and a sample that all pixels share would show as a bright spot. Near lamps the table therefore also holds
+a fraction of the direct light, which rises from 0 to 1 over half a lamp's width. The rest is traced.
 
-An element holds a mean. A path that comes from nearer than the element is wide sees only a part of it, and beside
-an edge of light even a distant path may see only its dark or its bright part. Such paths continue instead
-(`min_distance`).
+An element holds a mean. A path from a point nearer than the element's width sees only a part of it. Beside an edge
+of light even a distant path may see only the dark or the bright part. Such paths continue instead (`min_distance`).
 """
 
 from __future__ import annotations
@@ -27,22 +26,22 @@ from glpath.sampling.sobol import sobol_points
 from glpath.scene.model import Float64, Scene
 from glpath.system.kernels import kernel
 
-# What a light sample sends to a point, in units of what a surface gets under a sky of the lamp's radiance: from the
-# first on the table has some direct light, from the second on all of it.
+# Irradiance of a light sample, relative to that of a sky with the lamp's radiance. From the first value on the
+# table holds some of the direct light, from the second on all of it.
 _FIRST, _ALL = 0.5, 1.5
 _LIGHT_SAMPLES = 512
-#: Minimum distance of a look-up that no path has.
+#: Minimum distance of elements that are never looked up.
 NEVER = 1e30
 
 
 class LookupTable(NamedTuple):
     """Irradiance that a gather looks up, for the elements of a scene's lattices, triangle after triangle.
 
-    corners      : (2, E, 3, 4) float64, irradiance W m^-2 at the corners of fronts and backs, and how much of the
-                   direct light is in it, 0 to 1
-    all_light    : (2, E, 3) float64, irradiance of elements with all of the direct light in it
-    min_distance : (2, E) float64, distance in scene units from which on an element's front and back may be looked
-                   up: the width of the solver's element, or `NEVER`
+    corners      : (2, E, 3, 4) float64, irradiance W m^-2 at the corners of fronts and backs, and the fraction of
+                   direct light that it includes, 0 to 1
+    all_light    : (2, E, 3) float64, irradiance of elements including all direct light
+    min_distance : (2, E) float64, minimum distance in scene units for a look-up of an element's front or back: the
+                   width of the solver's element, or `NEVER`
     """
 
     corners: Float64
@@ -57,8 +56,8 @@ def lookup_table(
 
     traced  : True to leave out direct light where the gather traces it, which is everywhere but near lamps
     in_gaps : True if paths may start in gaps that no camera sees, such as below a rug. Elements beside much
-              brighter or darker ones are then never looked up, as an edge of light may cross them. The same holds
-              for all solutions whose elements are not split where light changes
+              brighter or darker ones are then never looked up, because an edge of light may cross them. The same
+              holds for all solutions whose elements are not split at changes of light
     """
     interpolated = lookup == "interpolated"
     divisions = solution.divisions.astype(np.int64)
@@ -81,13 +80,13 @@ def lookup_table(
 
 
 def _with_share(parts: NDArray[np.float32], share: Float64) -> Float64:
-    """Return (2, N, 4): indirect plus `share` (N,) times direct light of `parts` (2, 2, N, 3); last, the share."""
+    """Return (2, N, 4): indirect plus `share` (N,) times direct light of `parts` (2, 2, N, 3), then the share."""
     light = parts[INDIRECT] + share[:, None] * parts[DIRECT].astype(np.float64)
     return np.concatenate([light, np.broadcast_to(share[:, None], (2, len(share), 1))], axis=2)
 
 
 def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
-    """Return, for each lattice element, the width (E,) of its solver's element: of a square of twice its area."""
+    """Return for each lattice element the width (E,) of its solver's element, a square of twice its area."""
     count = solution.divisions.astype(np.int64) ** 2
     return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
 
@@ -103,7 +102,7 @@ def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
     points, scale = samples.position[on_shapes], np.pi * samples.density[on_shapes]
     if not len(points):
         return closeness
-    # A matrix product is avoided, as BLAS threads keep the processor busy for a while after it.
+    # A matrix product is avoided, because BLAS threads keep the processor busy for a while after it.
     _closest(np.ascontiguousarray(receivers), np.ascontiguousarray(points), 1.0 / scale, closeness)
     return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
 
@@ -121,7 +120,7 @@ def _closest(receivers, points, weight, closeness):  # type: ignore[no-untyped-d
 
 
 def _lattice_points(scene: Scene, n: NDArray[np.int64], interpolated: bool) -> Float64:
-    """Return (N, 3) the vertices of all triangles' lattices, or the middles of their elements."""
+    """Return (N, 3), the vertices of all triangles' lattices, or the middles of their elements."""
     if not interpolated:
         return Elements.of_lattices(n).points(scene, np.full((1, 3), 1 / 3))[:, 0]
     triangle = np.repeat(np.arange(len(n)), lattice.vertex_count(n))

@@ -1,4 +1,4 @@
-"""How much memory there is, so that what needs more is refused before it begins."""
+"""Available memory, and a check that refuses a computation before it begins if it needs more."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from glpath.system.machine import resource, status_bytes
 
 
 def available_bytes() -> int:
-    """Memory that can still be had: the machine's, or what a container leaves of it."""
+    """Return the available memory in bytes, limited by the machine, its container and `ulimit`."""
     free = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 free = int(line.split()[1]) * 1024
     except (OSError, ValueError):
-        pass  # not Linux: what is installed is the best that is known
+        pass  # not Linux: the installed memory is the best estimate
     group = Path("/sys/fs/cgroup")
     try:
         limit = (group / "memory.max").read_text().strip()
         if limit != "max":
             free = min(free, int(limit) - int((group / "memory.current").read_text()))
     except (OSError, ValueError):
-        pass  # without a limit
+        pass  # no limit by a container
     if resource is not None:
         for kind, used in ((resource.RLIMIT_AS, "VmSize"), (resource.RLIMIT_DATA, "VmData")):
-            limit_bytes, _ = resource.getrlimit(kind)  # of `ulimit -v` and `ulimit -d`
+            limit_bytes, _ = resource.getrlimit(kind)  # set by `ulimit -v` and `ulimit -d`
             if limit_bytes != resource.RLIM_INFINITY:
                 free = min(free, limit_bytes - status_bytes(used))
     return max(free, 0)
 
 
 def require_memory(need: float, what: str, remedy: str) -> None:
-    """Raises UsageError if there are not so many bytes."""
+    """Raise UsageError if fewer than `need` bytes are available."""
     available = available_bytes()
     if need > available:
         raise UsageError(f"{what} would need about {_size(need)} of memory; there are {_size(available)}.", remedy)

@@ -1,6 +1,6 @@
-"""A radiosity solution as the eye sees it, on the CPU: what its elements look like, before any gather.
+"""Image of a radiosity solution as the camera sees it, on the CPU: radiance of the elements without a gather.
 
-Masks and blended surfaces are seen as if they were opaque, reflecting what they do in the mean.
+Masked and blended surfaces are rendered as opaque, with their mean reflectance.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from glpath.system.kernels import kernel
 
 
 def picture_of(solution: RadiositySolution, scene: Scene, mode: Mode = "smooth") -> Float64:
-    """(H, W, 3) float64 radiance at the middles of the camera's pixels: emitted, and reflected radiosity / pi.
+    """Return the radiance (H, W, 3) float64 at the camera's pixel centres: emission plus reflected radiosity / pi.
 
-    scene  : that it is a solution of, with the camera to look from
-    mode   : of `RadiositySolution.irradiance`
+    scene  : scene of this solution, with the camera to render from
+    mode   : mode of `RadiositySolution.irradiance`
 
-    Black where nothing is seen. Raises SceneError for a solution of another scene, UsageError for another mode.
+    Pixels without a hit are black. Raises SceneError for a solution of another scene, UsageError for another mode.
     """
     solution.check_scene(scene)
     return EyeHits.of(scene, 1).radiance(solution, mode)
@@ -33,11 +33,11 @@ def picture_of(solution: RadiositySolution, scene: Scene, mode: Mode = "smooth")
 
 @dataclass(frozen=True)
 class EyeHits:
-    """The hits of rays through a picture: k x k of them in every pixel, at the middles of its k x k parts.
+    """First hits of camera rays, k x k in every pixel, through the middles of its k x k parts.
 
-    triangle    : (H, W, k * k) int64, -1 for nothing
+    triangle    : (H, W, k * k) int64, -1 for no hit
     barycentric : (H, W, k * k, 2) float64, b1 and b2
-    back        : (H, W, k * k) int64, 1 where the back is seen
+    back        : (H, W, k * k) int64, 1 if the back is hit
     """
 
     scene: Scene
@@ -47,7 +47,7 @@ class EyeHits:
 
     @classmethod
     def of(cls, scene: Scene, k: int = 4) -> Self:
-        """Of a scene, seen by its camera."""
+        """Trace the rays of a scene's camera."""
         triangles = path_traceable(scene.still())
         camera = triangles.camera.at()
         width, height = camera.resolution
@@ -61,7 +61,7 @@ class EyeHits:
         return cls(triangles, hit.reshape(shape), found[:, 1:].reshape(*shape, 2), back.astype(int).reshape(shape))
 
     def radiance(self, solution: RadiositySolution, mode: Mode) -> Float64:
-        """(H, W, 3) radiance: what is emitted and what the solution says is reflected, each pixel the mean."""
+        """Return the radiance (H, W, 3), emitted plus reflected light of `solution`, averaged over each pixel."""
         seen = self.triangle >= 0
         t, back = self.triangle[seen], self.back[seen]
         shapes = self.scene.shapes

@@ -1,8 +1,8 @@
-"""A radiosity solution: the light that arrives at every element of a scene's surfaces, as arrays, saved and loaded.
+"""Radiosity solution: irradiance of every element of a scene's surfaces, as arrays that can be saved and loaded.
 
-Irradiance is smooth where what reflects it is not: the reflectance is applied where the solution is looked up.
-Direct light, which comes straight from a lamp, and indirect light are apart, for those who find direct light better
-themselves. Emission is not in it: who looks it up finds lamps by other means, and adds pi * Le where that is seen.
+Irradiance is smooth even if the reflectance of a surface is not, so the reflectance is applied at look-up. Direct
+light, which comes straight from a lamp, and indirect light are separate, because some integrators sample direct
+light better themselves. Emission is not included; callers find lamps by other means, and add pi * Le if needed.
 
 Cost:     48 bytes per element and per vertex.
 """
@@ -34,35 +34,36 @@ Lookup = Literal["interpolated", "constant"]
 Mode = Literal["interpolated", "constant", "smooth"]
 Part = Literal["both", "direct", "indirect"]
 
-#: Of the file: another number is another layout.
+#: Format number of the file; it changes with the layout.
 FORMAT = 2
-# Of a triangle's edge: with more, int32 does not count its elements.
+# Maximum number of parts of a triangle's edge, so that int32 can count its elements.
 _MAX_DIVISIONS = 1 << 15
-#: Parts of the light, as the arrays of a solution have them.
+#: Indices of direct and indirect light in the arrays of a solution.
 DIRECT, INDIRECT = 0, 1
 _PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DIRECT,), "indirect": (INDIRECT,)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiositySolution:
-    """The irradiance of the surfaces of a scene, in elements.
+    """Irradiance of a scene's surfaces, in elements.
 
     Each edge of triangle t has n = divisions[t] equal parts. Its n * n elements start at the sum of n * n over
-    earlier triangles. It has (n + 1)(n + 2) / 2 vertices; `glpath.radiosity.mesh.lattice` has the order of both.
+    earlier triangles. It has (n + 1)(n + 2) / 2 vertices; `glpath.radiosity.mesh.lattice` defines the order of
+    both.
 
     scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
     divisions  : (T,) int32, n of each triangle
-    elements   : (2, 2, E, 3) float32, irradiance H, W m^-2 (lx of a photometric scene), the mean over each element,
-                 linear Rec. 709; [DIRECT] straight from a lamp, [INDIRECT] after one reflection or more; of each
-                 [0] at the front, [1] at the back. 0 if a side neither reflects nor emits. An element that a solid
-                 covers has the mean of its neighbours
-    vertices   : (2, 2, V, 3) float32, the same at the vertices, for interpolation: equal where the triangles of a
-                 surface meet, so that nothing tears there
-    method     : how it was solved
-    settings   : all else that decides the result, as JSON has values
-    statistics : what it took, as JSON has values
-    leaf_size  : (E,) uint16, edge of the solver's element that each element is part of, in elements: above 1 where
-                 the lattice is finer than the mesh that was solved. Left out, 1 everywhere
+    elements   : (2, 2, E, 3) float32, irradiance H, W m^-2 (lx in a photometric scene), mean over each element,
+                 linear Rec. 709. First axis: [DIRECT] straight from a lamp, [INDIRECT] after at least one
+                 reflection; second axis: [0] front, [1] back. 0 if a side neither reflects nor emits. An element
+                 that a solid covers has the mean of its neighbours
+    vertices   : (2, 2, V, 3) float32, irradiance at the vertices, for interpolation; equal where triangles of one
+                 surface meet, so that no seams appear
+    method     : name of the solution method
+    settings   : all other settings that affect the result, as JSON values
+    statistics : cost of the solution, such as time, as JSON values
+    leaf_size  : (E,) uint16, edge of the solver's element that each element is part of, in elements; above 1 if the
+                 lattice is finer than the solved mesh. By default 1 everywhere
     """
 
     scene_hash: str
@@ -98,27 +99,27 @@ class RadiositySolution:
 
     @cached_property
     def first_element(self) -> NDArray[np.int64]:
-        """(T + 1,): where each triangle's elements begin, and the number of them all."""
+        """Start indices (T + 1,) of each triangle's elements, followed by their total number."""
         return lattice.starts(lattice.element_count(self.divisions))
 
     @cached_property
     def first_vertex(self) -> NDArray[np.int64]:
-        """(T + 1,): where each triangle's vertices begin, and the number of them all."""
+        """Start indices (T + 1,) of each triangle's vertices, followed by their total number."""
         return lattice.starts(lattice.vertex_count(self.divisions))
 
     @cached_property
     def leaf(self) -> NDArray[np.int64]:
-        """(E,): number of the solver's element that each element is part of, from 0."""
+        """Index (E,) of the solver's element that each element is part of, from 0."""
         return leaves(self.divisions.astype(np.int64), self.leaf_size)
 
     @cached_property
     def _vertices_of(self) -> NDArray[np.int64]:
-        """(E, 3): indices of the vertices of each element."""
+        """Indices (E, 3) of the vertices of each element."""
         return vertices_of_elements(self.divisions.astype(np.int64))
 
     @cached_property
     def _corners(self) -> Float64:
-        """(2, 2, E, 3, 3): direct and indirect irradiance at the corners of the fronts and backs of elements."""
+        """Direct and indirect irradiance (2, 2, E, 3, 3) at the corners of the elements' fronts and backs."""
         parts = zip(self.vertices.astype(np.float64), self.elements.astype(np.float64), strict=True)
         return np.stack([interpolate(self._vertices_of, self.leaf, *part) for part in parts])
 
@@ -139,7 +140,7 @@ class RadiositySolution:
 
         triangle    : (N,) indices of the scene's triangles
         barycentric : (N, 2), b1 and b2 of c0 + b1 (c1 - c0) + b2 (c2 - c0)
-        back        : (N,) or one: 0 the front, 1 the back
+        back        : (N,) or a scalar: 0 for the front, 1 for the back
         mode        : "interpolated" within each element, which keeps its mean; "constant" over each element; or
                       "smooth" between the vertices, without steps, for display: light leaks around edges
         light       : "direct", straight from a lamp; "indirect", after one reflection or more; or "both"
@@ -180,7 +181,8 @@ class RadiositySolution:
     ) -> Float64:
         """Return the radiosity (N, 3) at points of triangles, float64, W m^-2.
 
-        It is rho H of direct and indirect light, plus light that a diffuse base transmits from the other side.
+        The radiosity is rho H of direct and indirect light, plus light that a diffuse base transmits from the other
+        side.
 
         scene : scene of this solution, see `check_scene`
 
@@ -196,11 +198,11 @@ class RadiositySolution:
         return np.asarray(found)
 
     def reflected(self, scene: Scene) -> Float64:
-        """(2, E, 3) float64: radiosity that the elements' fronts and backs send on, in W m^-2, of all light.
+        """Return (2, E, 3) float64, the radiosity that the elements' fronts and backs reflect and transmit, W m^-2.
 
-        That is rho H, and of light on the other side what a diffuse base transmits.
+        It is rho H of all light, plus light that a diffuse base transmits from the other side.
 
-        scene : that it is a solution of, see `check_scene`; whose reflectance it is
+        scene : scene of this solution, see `check_scene`; it provides the reflectance
         """
         triangles = path_traceable(scene.still())
         count = self.divisions.astype(np.int64) ** 2
@@ -209,7 +211,7 @@ class RadiositySolution:
         return np.asarray(np.repeat(triangles.side_reflectance, count, axis=1) * arrived + through[::-1])
 
     def check_scene(self, scene: Scene) -> None:
-        """Raises SceneError unless this is a solution of `scene`, whatever its camera."""
+        """Raise SceneError unless this is a solution of `scene`; the camera may differ."""
         triangles = path_traceable(scene.still())
         if triangles.digest(camera=False) != self.scene_hash or len(triangles.triangles) != len(self.divisions):
             raise SceneError(
@@ -221,7 +223,7 @@ class RadiositySolution:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write the solution as .npz, whole or not at all.
+        """Write the solution as .npz; an error leaves no partial file.
 
         Raises UsageError for another suffix, and ImageError if the file cannot be written.
         """
@@ -244,14 +246,14 @@ class RadiositySolution:
             )
 
     def to_glb(self, scene: Scene, path: str | Path, *, exposure: float = 0.0) -> None:
-        """Write the scene with its radiosity as vertex colours, unlit, as glTF 2.0 (.glb), whole or not at all.
+        """Write the scene as unlit glTF 2.0 (.glb) with radiosity as vertex colours; errors leave no partial file.
 
-        scene    : that it is a solution of; its camera goes into the file
-        exposure : stops; colours are radiance (emission and reflected radiosity / pi) times 2^exposure, linear
-                   Rec. 709, clipped to [0, 1]. The file has it as `extras.exposure_stops`
+        scene    : scene of this solution; its camera is written to the file
+        exposure : stops; colours are radiance (emission and reflected radiosity / pi) times 2^exposure, linear Rec.
+                   709, clipped to [0, 1]. The file stores it as `extras.exposure_stops`
 
         Sides that neither reflect nor emit are left out. Raises SceneError for another scene, UsageError for
-        another suffix, ImageError if it can't be written.
+        another suffix, ImageError if the file cannot be written.
         """
         from glpath.radiosity.glb import write_glb
 
@@ -259,13 +261,13 @@ class RadiositySolution:
         write_glb(self, path_traceable(scene.still()), path, exposure)
 
     def to_vtk(self, scene: Scene) -> VtkMesh:
-        """The elements as triangles, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
+        """Return the elements as triangles, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
 
         scene : scene of this solution, see `check_scene`
 
         Arrays of cells: irradiance in `front` and `back` (E, 3), reflected light in `radiosity_front` and
-        `radiosity_back`. Arrays of points: `front` and `back`, for smooth pictures. Raises SceneError for another
-        scene.
+        `radiosity_back`. Arrays of points: irradiance in `front` and `back`, for smooth images. Raises SceneError
+        for another scene.
         """
         self.check_scene(scene)
         corners = path_traceable(scene.still()).triangles
@@ -285,7 +287,7 @@ class RadiositySolution:
 
     @classmethod
     def load(cls, path: str | Path, scene: Scene | None = None) -> RadiositySolution:
-        """Read what `save` wrote.
+        """Read a solution that `save` wrote.
 
         scene : if given, the scene that it must belong to, see `check_scene`
 

@@ -1,14 +1,14 @@
-// bsdf.glsl: what a point of a surface does with light: a diffuse base (Lambert's, with Phong's highlight), sheen, under or beside
-// lobes that mirror: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled alone.
+// bsdf.glsl: scattering at a point of a surface: a diffuse base (Lambert's, with Phong's highlight) and sheen, under or beside
+// mirroring lobes: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled separately.
 // Needs:  constants.py (PI, LAYERING_GLTF and the other layerings)
 //         HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
 //         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING, HAS_FRESNEL, HAS_PLASTIC, HAS_DISNEY,
-//         HAS_BECKMANN, HAS_METAL_INDICES: where materials have them
+//         HAS_BECKMANN, HAS_METAL_INDICES: if materials have them
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  a BRDF is given in units of a white Lambertian surface's, 1 / pi.
-// Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the
-//         strength of a dielectric's reflection (specular); Phong 1975 [TB IV]. Of other layerings than glTF's see
-//         `Material.layering`: plastic is Mitsuba's; Burley 2012, Physically based shading at Disney.
+// Units:  a BRDF is in units of a white Lambertian surface's, 1 / pi.
+// Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the strength
+//         of a dielectric's reflection (specular); Phong 1975 [TB IV]. For layerings other than glTF's see `Material.layering`:
+//         plastic is Mitsuba's; Burley 2012, Physically based shading at Disney.
 #include "sampling/directions.glsl"
 #ifdef HAS_MICROFACETS
 #include "bsdf/microfacets.glsl"
@@ -25,61 +25,61 @@ struct Bsdf
     vec3 diffuse;   // reflectance
     vec3 specular;  // Phong's coefficient
     float exponent;
-    vec3 mirror;    // share of the light from the mirror direction
+    vec3 mirror;    // reflectance for light from the mirror direction
 #ifdef HAS_MICROFACETS
-    vec3 metal;       // what metal reflects at normal incidence, by its share
-    float metallic;   // that share, which it reflects at grazing incidence
-    vec3 dielectric;  // what a dielectric reflects at normal incidence
-    float grazing;    // and at grazing incidence
-    float layered;    // share of the surface that is one
-    vec2 alpha;       // GGX's, along the tangent and across
+    vec3 metal;       // metal's reflectance at normal incidence, times its fraction
+    float metallic;   // fraction of metal, which is its reflectance at grazing incidence
+    vec3 dielectric;  // dielectric's reflectance at normal incidence
+    float grazing;    // dielectric's reflectance at grazing incidence
+    float layered;    // fraction of the surface that is a dielectric
+    vec2 alpha;       // of GGX, along the tangent and across
 #ifdef HAS_ANISOTROPY
     vec3 tangent;       // along the surface; 0 for none
 #endif
 #ifdef HAS_IRIDESCENCE
-    vec3 film;        // share under a thin film; its thickness, nm; its index
+    vec3 film;        // fraction under a thin film; film thickness, nm; its index
 #endif
-    float coat;       // share under clearcoat
+    float coat;       // fraction under clearcoat
     float coat_alpha;
 #ifdef HAS_COAT_NORMALS
-    vec3 coat_normal;   // to mirror with, on wo's side
-    float coat_cosine;  // of wo to the normal that the clearcoat is shaded with
+    vec3 coat_normal;   // mirror normal, on wo's side
+    float coat_cosine;  // between wo and the clearcoat's shading normal
 #endif
 #ifdef HAS_SHEEN
-    vec3 sheen;           // its colour; sampled with the diffuse lobe
-    float sheen_alpha;    // Charlie's
-    mat2x4 sheen_albedo;  // logarithm of white sheen's, a polynomial of the cosine's root
+    vec3 sheen;           // colour; sampled with the diffuse lobe
+    float sheen_alpha;    // of Charlie's distribution
+    mat2x4 sheen_albedo;  // logarithm of white sheen's albedo, a polynomial of the cosine's root
     vec4 sheen_lambda;    // b, c, d, e of Charlie's lambda
     float sheen_lambda_a;
 #endif
-    vec3 transmission;       // share that is let through
+    vec3 transmission;       // transmitted fraction
 #ifdef HAS_MULTIPLE_SCATTERING
-    vec3 metal_gain;    // by which metal's lobe makes up for light that it would scatter more than once
-    float glass_share;  // of what is layered
-    float base_share;   // of light, what a dielectric leaves for the base; below 0: by the half vector's angle
+    vec3 metal_gain;    // factor of metal's lobe that compensates for multiple scattering
+    float glass_share;  // fraction of glass in the dielectric
+    float base_share;   // fraction of light that a dielectric transmits to the base; below 0: computed from the half vector's angle
 #endif
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    vec3 diffuse_through;  // what Lambert's base sends to the other side
+    vec3 diffuse_through;  // diffuse transmittance of Lambert's base
 #endif
 #ifdef HAS_BECKMANN
     bool is_beckmann;  // Beckmann's distribution instead of GGX's
 #endif
 #ifdef HAS_METAL_INDICES
-    vec3 metal_n;     // index of metal; 0: Schlick's formula
+    vec3 metal_n;     // refractive index of metal; 0: Schlick's formula
     vec3 metal_k;
-    vec3 metal_tint;  // by which what an untinted metal reflects is multiplied
+    vec3 metal_tint;  // factor of an untinted metal's reflectance
 #endif
 #ifdef HAS_FRESNEL
-    float ior;   // of Fresnel's equations
-    vec3 tint;   // by which what an untinted dielectric reflects is multiplied
+    float ior;   // for Fresnel's equations
+    vec3 tint;   // factor of an untinted dielectric's reflectance
     int layering;  // LAYERING_GLTF, with Schlick's formula, or another
 #ifdef HAS_PLASTIC
-    mat2x4 entry;      // share of light that crosses the boundary to plastic's base, a polynomial of the cosine's root
-    float entry_mean;  // its mean over light from everywhere
+    mat2x4 entry;      // fraction of light that crosses the boundary to plastic's base, a polynomial of the cosine's root
+    float entry_mean;  // mean of entry for uniform light
 #endif
 #endif
-    // Index of the far side over that of the near one; 0: thin, which does not refract; THIN_DIELECTRIC; or, below that, less
-    // the index of a slab, whose transmission is what its glass lets through once.
+    // Index of the far side over that of the near side; 0: thin, without refraction; THIN_DIELECTRIC; below that: minus the
+    // index of a slab, whose transmission is that of one pass through its glass.
     float eta;
 #endif
 };
@@ -147,8 +147,8 @@ float mean(vec3 v)
 const float THIN_DIELECTRIC = -1.0;  // smooth and thin: light goes straight through
 const float COAT_REFLECTS = 0.04;
 
-// `plain` but for the share that is under a thin film; weight: what is reflected at grazing incidence, f0 at normal
-// incidence without it.
+// Returns `plain`, mixed with the reflectance of a thin film by the fraction under one; weight: reflectance at grazing
+// incidence; f0: reflectance at normal incidence without the film.
 vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
 {
 #ifdef HAS_IRIDESCENCE
@@ -166,7 +166,7 @@ vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
 #endif
 
 #ifdef HAS_FRESNEL
-// Share that an untinted dielectric reflects; a thin one at both faces, without polarization.
+// Reflectance of an untinted dielectric; for a thin one of both faces, without polarization.
 float boundary_reflects(Bsdf b, float cosine)
 {
     float F = fresnel(cosine, b.eta > 0.0 ? b.eta : b.ior);
@@ -174,14 +174,14 @@ float boundary_reflects(Bsdf b, float cosine)
 }
 #endif
 
-// Of a dielectric; `cosine` of the angle to the microfacet's normal.
+// Reflectance of a dielectric; `cosine`: of the angle to the microfacet's normal.
 vec3 dielectric_reflects(Bsdf b, float cosine)
 {
 #ifdef HAS_FRESNEL
     if (b.layering != LAYERING_GLTF) return b.tint * boundary_reflects(b, cosine);
 #endif
 #ifdef HAS_GLASS
-    // Schlick's formula does not know total reflection. From inside a film changes nothing.
+    // Schlick's formula has no total reflection. From inside a film has no effect.
     if (b.eta > 0.0) {
         vec3 plain = vec3(fresnel(cosine, b.eta));
         return b.eta > 1.0 ? under_film(b, cosine, plain, 1.0, b.dielectric) : plain;
@@ -210,7 +210,7 @@ vec3 microfacet_reflects(Bsdf b, float cosine)
     return metal + b.layered * dielectric_reflects(b, cosine);
 }
 
-// What is left for the base under a dielectric.
+// Fraction of light that a dielectric leaves for the base.
 float base_transmittance(Bsdf b, float cosine)
 {
 #ifdef HAS_MULTIPLE_SCATTERING
@@ -223,7 +223,7 @@ float base_transmittance(Bsdf b, float cosine)
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
 }
 
-// What glass lets through.
+// Transmittance of glass.
 vec3 glass_transmittance(Bsdf b, float cosine)
 {
 #ifdef HAS_SLABS
@@ -242,7 +242,7 @@ float coat_reflects(Bsdf b, float cosine)
 #endif
 }
 
-// What the clearcoat takes from under it; `cosine` of wo to the base's normal.
+// Fraction of light that the clearcoat takes from the layers below; `cosine`: between wo and the base's normal.
 float coat_takes(Bsdf b, float cosine)
 {
 #ifdef HAS_COAT_NORMALS
@@ -253,7 +253,7 @@ float coat_takes(Bsdf b, float cosine)
 }
 
 #ifdef HAS_SHEEN
-// Of white sheen, what it sends to the eye of light from everywhere.
+// Directional albedo of white sheen.
 float sheen_albedo(Bsdf b, float cosine)
 {
     float x = sqrt(clamp(cosine, 0.0, 1.0)), x2 = x * x;
@@ -273,8 +273,8 @@ float charlie_lambda(Bsdf b, float cosine)
     return exp(2.0 * charlie_exponent(b, 0.5) - charlie_exponent(b, max(1.0 - x, 1e-6)));
 }
 
-// Estevez & Kulla 2017: Charlie's distribution and visibility. Where they send back more than there is, at grazing
-// angles of a small alpha, they are divided by that, which goes by the angle to the eye alone.
+// Estevez & Kulla 2017: Charlie's distribution and visibility. At grazing angles with a small alpha they reflect more than all
+// light, so they are divided by the albedo, which only depends on the angle to the eye.
 vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     float o = max(dot(n, wo), 1e-4), i = max(dot(n, wi), 1e-4);
@@ -286,8 +286,8 @@ vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 }
 #endif
 
-// What is left for all that lies under the layers that cover a surface: the clearcoat and sheen [KHR_materials_sheen];
-// `cosine` of wo to the normal.
+// Fraction of light left under the covering layers, clearcoat and sheen [KHR_materials_sheen]; `cosine`: between wo and the
+// normal.
 float under_layers(Bsdf b, float cosine)
 {
     float left = 1.0 - coat_takes(b, cosine);
@@ -309,8 +309,8 @@ float plastic_entry(Bsdf b, float cosine)
 #endif
 
 #ifdef HAS_DISNEY
-// Burley's base over Lambert's: darker at grazing angles, and retroreflective by the roughness; `d`: cosine of half the angle
-// between the two directions, squared.
+// Ratio of Burley's base to Lambert's: darker at grazing angles, and retroreflective depending on roughness; d2: squared cosine
+// of half the angle between the two directions.
 float disney_base(Bsdf b, float o, float i, float d2)
 {
     float Fo = schlick(o), Fi = schlick(i), R = 2.0 * sqrt(sqrt(b.alpha.x * b.alpha.y)) * d2;
@@ -318,7 +318,7 @@ float disney_base(Bsdf b, float o, float i, float d2)
 }
 #endif
 
-// By what a base differs from Lambert's, for light from wi.
+// Factor of a base relative to Lambert's, for light from wi.
 float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
 #ifdef HAS_FRESNEL
@@ -333,7 +333,7 @@ float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
     return base_transmittance(b, dot(wo, normalize(wo + wi)));
 }
 
-// The same for light from everywhere; of Burley's base about, as the directions between count as their mean.
+// Factor of a base for uniform light; approximate for Burley's base, for which a mean angle between the directions is used.
 float base_response(Bsdf b, float cosine)
 {
 #ifdef HAS_FRESNEL
@@ -349,7 +349,7 @@ float base_response(Bsdf b, float cosine)
 }
 #endif
 
-// Of light from everywhere, what the diffuse lobe sends to a cosine, about: its share of the paths goes by it.
+// Approximate reflectance of the diffuse lobe for uniform light, towards a cosine; used as probability of the lobe.
 float diffuse_importance(Bsdf b, float cosine)
 {
     float share = mean(b.diffuse + b.specular);
@@ -362,7 +362,7 @@ float diffuse_importance(Bsdf b, float cosine)
     return share;
 }
 
-// Of the diffuse lobe, the base and sheen, seen at a cosine to the normal.
+// Reflectance of the diffuse lobe, base and sheen, at a cosine to the normal.
 vec3 diffuse_reflectance(Bsdf b, float cosine)
 {
     vec3 sent = b.diffuse;
@@ -376,14 +376,14 @@ vec3 diffuse_reflectance(Bsdf b, float cosine)
 }
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Lambert's lobe on the other side: of light from there, alike from everywhere.
+// Lambertian transmission to the other side.
 vec3 diffuse_transmittance(Bsdf b, float cosine)
 {
     return b.diffuse_through * (base_transmittance(b, cosine) * under_layers(b, cosine));
 }
 #endif
 
-// What a denoiser takes for the surface's colour, and what is reflected of light from everywhere, about.
+// Albedo for a denoiser, which is about the reflectance for uniform light.
 vec3 bsdf_albedo(Bsdf b)
 {
     vec3 all = b.diffuse;
@@ -403,8 +403,8 @@ vec3 bsdf_albedo(Bsdf b)
     return all;
 }
 
-// Share of the light from the mirror direction, of a mirror and of smooth microfacets. Without a clearcoat that has normals
-// of its own.
+// Reflectance of a mirror and of smooth microfacets for light from the mirror direction, without a clearcoat that has its own
+// normals.
 vec3 mirrored(Bsdf b, float cosine)
 {
     vec3 share = b.mirror;
@@ -418,14 +418,14 @@ vec3 mirrored(Bsdf b, float cosine)
 }
 
 #ifdef HAS_COAT_NORMALS
-// The same of a smooth clearcoat, whose mirror direction is another.
+// Reflectance of a smooth clearcoat with its own normals, whose mirror direction differs.
 float coat_mirrored(Bsdf b)
 {
     return b.coat_alpha < SMOOTH ? coat_reflects(b, b.coat_cosine) : 0.0;
 }
 #endif
 
-// Lambert, sheen, and Phong's highlight: the cosine is not in the highlight's definition, so it is divided out.
+// Lambert, sheen, and Phong's highlight; the highlight's definition has no cosine, so it is divided out.
 vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = b.diffuse;
@@ -443,14 +443,14 @@ vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 }
 
 #ifdef HAS_MICROFACETS
-// A reflection, and the density per solid angle with which its lobe is sampled.
+// Value of a lobe, and the density per solid angle of its sampling.
 struct Lobe
 {
     vec3 f;
     float pdf;
 };
 
-// Columns: along the tangent, across it, and the normal to shade with.
+// Columns: along the tangent, across it, and the shading normal.
 mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
@@ -465,14 +465,14 @@ mat3 surface_axes(Bsdf b, vec3 n)
     return mat3(x, y, n);
 }
 
-// Of the share that microfacets reflect or let through, the part that is reflected.
+// Fraction of the light that microfacets reflect or transmit which is reflected.
 float reflected_part(Bsdf b, float cosine)
 {
     float reflected = mean(microfacet_reflects(b, cosine)), through = mean(glass_transmittance(b, cosine));
     return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
 }
 
-// wo and wi in the surface's own axes; black for a mirror, which no light sample meets.
+// wo and wi are in the surface's own axes. 0 for a mirror, which no light sample hits.
 Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
@@ -484,8 +484,8 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 
 #ifdef HAS_GLASS
-// Between two equal indices nothing bends, however rough the boundary is: all microfacets send light straight on, which is
-// no density. Nearly equal ones bend by less than a thousandth, and the half vector below would be rounding alone.
+// With equal indices light is not bent, however rough the boundary is. All microfacets send it straight on, without a density.
+// Nearly equal indices bend it by less than a thousandth, and the half vector below would be only rounding.
 bool is_unbent(Bsdf b)
 {
     return abs(b.eta - 1.0) < 1e-3;
@@ -498,8 +498,8 @@ bool is_rough_transmission(Bsdf b)
     return !is_unbent(b) && largest > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
 
-// The same of light from the other side, wi.z < 0. Through a thin dielectric as it would be reflected; into a solid by
-// Walter et al., eq. 16, of radiance over the square of the index, which is the same on both ends of a path that begins and ends in air.
+// Lobe for light from the other side, wi.z < 0. A thin dielectric transmits as it would reflect. A solid uses Walter et al.,
+// eq. 16, for radiance over the square of the index, which is the same at both ends of a path in air.
 Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (!is_rough_transmission(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
@@ -517,7 +517,7 @@ Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 #endif
 #endif
 
-// Those of the clearcoat, which is alike along all tangents; `axes`: those of the base.
+// Axes of the clearcoat, which is isotropic; `axes`: those of the base.
 mat3 coat_axes(Bsdf b, mat3 axes)
 {
 #ifdef HAS_COAT_NORMALS
@@ -529,7 +529,7 @@ mat3 coat_axes(Bsdf b, mat3 axes)
 #endif
 }
 
-// wo and wi in the clearcoat's own axes.
+// wo and wi are in the clearcoat's own axes.
 Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
 #ifdef HAS_COAT
@@ -545,7 +545,7 @@ Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 #endif
 
-// All of what is reflected but mirrors.
+// BRDF of all lobes except mirrors.
 vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = diffuse_eval(b, n, wo, wi);

@@ -1,8 +1,8 @@
-// cosine.glsl: directions about a normal, as many as their cosine.
+// cosine.glsl: cosine-weighted directions about a normal.
 #include <CONSTANTS>
 #include "sampling/directions.glsl"
 
-// Of a point of the unit square, about a unit normal.
+// Maps a point of the unit square to a direction about a unit normal.
 vec3 cosine_direction(vec3 normal, vec2 u)
 {
     vec3 x, y;

@@ -1,14 +1,14 @@
-// iridescence.glsl: what a thin film over a surface reflects, by interference of light from its two sides.
-// Units:  thickness nm; what is reflected linear Rec. 709.
+// iridescence.glsl: reflectance of a thin film over a surface, by interference of light from its two sides.
+// Units:  thickness nm; reflectance linear Rec. 709.
 // Source: Belcour & Barla 2017, A practical extension to microfacet theory for the modeling of varying iridescence; with
-//         Schlick's Fresnel, as in Khronos' sample renderer [KHR_materials_iridescence]; glpath/scene/iridescence.py is
-//         the same.
+//         Schlick's Fresnel, as in Khronos' sample renderer [KHR_materials_iridescence]; glpath/scene/iridescence.py is the
+//         same.
 
-// The eye's sensitivities to wave numbers are Gaussians, whose Fourier transform this is; path: of light, nm.
+// Fourier transform of the eye's sensitivities to wave numbers, which are approximated by Gaussians; path: path difference, nm.
 vec3 film_sensitivity(float path, vec3 shift)
 {
     float phase = 2e-9 * PI * path, square = phase * phase;
-    // Value times the root of 2 pi variance, over what the whole of Y is.
+    // Value times the root of 2 pi variance, divided by the integral of Y.
     const vec3 weight = vec3(0.846590, 1.000222, 1.001122);
     const vec3 centre = vec3(1.6810e6, 1.7953e6, 2.2084e6), variance = vec3(4.3278e9, 9.3046e9, 6.6121e9);
     vec3 xyz = weight * cos(centre * phase + shift) * exp(-square * variance);
@@ -21,7 +21,7 @@ vec3 film_schlick(vec3 f0, float cosine)
     return f0 + (1.0 - f0) * schlick(cosine);
 }
 
-// f0: of what is under the film, beside air, at normal incidence.
+// f0: reflectance in air of the surface under the film, at normal incidence.
 vec3 film_reflects(float cosine, float thickness, float ior, vec3 f0)
 {
     float index = mix(1.0, ior, smoothstep(0.0, 0.03, thickness));

@@ -1,12 +1,12 @@
-// lobes.glsl: in which lobe of its surface a path continues, and where in it. Each lobe has its own share of the light,
-// and its own density beside the light samples'.
+// lobes.glsl: chooses the lobe in which a path continues, and a direction in it. Each lobe has its own probability, and its own
+// MIS weight against light samples.
 // Needs:  path_vertex.glsl, light_sample.glsl; HAS_THIN_DIELECTRICS, HAS_VARYING_THIN_DIELECTRICS
 // Frame:  world.
 
-// Density of a direction that no light sample finds.
+// Density that marks a direction which no light sample finds.
 const float DELTA_LOBE = 1e18;
 
-// Chances; what they lack of one is that the path ends.
+// Probabilities of the lobes; the rest is the probability that the path ends.
 struct Lobes
 {
     float diffuse;
@@ -18,7 +18,8 @@ struct Lobes
 #endif
 };
 
-// diffuse_continues: a path that is looked up leaves by the others alone, as often as they reflect.
+// diffuse_continues: false for a path whose diffuse light is looked up; it continues only in the other lobes, with the
+// probability of their reflectance.
 Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
 {
     Bsdf b = v.bsdf;
@@ -50,22 +51,21 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     return q;
 }
 
-// Veach's share of a light sample beside the direction of a lobe; punctual lights (density 0) are found by nothing
-// else.
+// Veach's weight of a light sample against the direction sample of a lobe. Only light samples find punctual lights (density 0).
 float mis_weight(float light, float direction)
 {
     return light > 0.0 ? power_heuristic(light, direction) : 1.0;
 }
 
 #ifdef HAS_MICROFACETS
-// Of microfacets, glass and clearcoat.
+// Axes of microfacets, glass and clearcoat.
 mat3 mirroring_axes(PathVertex v)
 {
     return surface_axes(v.bsdf, mirroring_normal(v.n, v.normal, v.wo));
 }
 #endif
 
-// What a vertex reflects of a light sample given without shares: by the diffuse lobe and by the others.
+// Light of an unweighted light sample that a vertex reflects, by the diffuse lobe and by the others.
 void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);
@@ -94,7 +94,7 @@ void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, ou
 }
 
 #ifdef HAS_ROUGH_TRANSMISSION
-// Of a light sample on the other side.
+// Transmitted light of a light sample on the other side.
 vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 {
     mat3 axes = mirroring_axes(v);
@@ -107,7 +107,7 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 #endif
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Of a light sample on the other side, by the diffuse lobe.
+// Transmitted light of a light sample on the other side, by the diffuse lobe.
 vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 {
     float cosine = -dot(v.normal, direct.wi);
@@ -120,13 +120,13 @@ vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 struct BsdfSample
 {
     vec3 direction;
-    vec3 weight;    // that of the lobe's choice included
+    vec3 weight;    // including the lobe's probability
     float pdf;  // per solid angle
-    bool through;   // to the other side
-    bool straight;  // by a thin dielectric, which light samples see through
+    bool through;   // true if it goes to the other side
+    bool straight;  // true if it passes a thin dielectric, which light samples see through
 };
 
-// By microfacets, clearcoat or a mirror. chosen: beyond the diffuse lobe's chance.
+// Samples microfacets, clearcoat or a mirror. chosen: random number minus the diffuse lobe's probability.
 BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 {
     Bsdf b = v.bsdf;
@@ -150,11 +150,11 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         vec3 m = smooth_one ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, alpha, is_beckmann, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
-        // What the choice of the lobe leaves of its number.
+        // Reuse the remainder of the random number that chose the lobe.
         d.through = chosen - q.mirror - q.coat >= part * q.microfacets && !coat;
         if (d.through) {
 #ifdef HAS_GLASS
-            // Radiance over the square of the index is kept, and both ends of a path lie in air.
+            // Radiance over the square of the index is constant along the path, and both ends of a path lie in air.
             d.weight = glass_transmittance(b, cosine) / (1.0 - part);
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
@@ -175,13 +175,13 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
     }
 #endif
     float side = dot(d.direction, v.normal);
-    // A smooth normal has sent it to the wrong side.
+    // The smooth normal may have sent it to the wrong side.
     if (d.through ? side >= 0.0 : side <= 0.0) d.weight = vec3(0.0);
     return d;
 }
 
 #ifdef HAS_THIN_DIELECTRICS
-// ray: along it, of any length.
+// ray: direction, of any length.
 vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 {
     vec4 plane = triangle_plane(triangle);
@@ -198,7 +198,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #else
     Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
 #endif
-    see_coat_along(b, s, front, wo);  // it is smooth: no microfacet keeps light from another
+    see_coat_along(b, s, front, wo);  // smooth, so energy compensation is not needed
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta > THIN_DIELECTRIC) return vec3(0.0);
     return glass_transmittance(b, cosine) * under_layers(b, cosine);

@@ -1,13 +1,13 @@
-// microfacets.glsl: microfacets of GGX's or Beckmann's distribution, and Fresnel's equations.
+// microfacets.glsl: microfacets with GGX's or Beckmann's distribution, and Fresnel's equations.
 // Needs:  HAS_BECKMANN, HAS_METAL_INDICES: if materials have them
-// Frame:  the surface's own: z is the normal to shade with, x goes along the tangent; w, m are unit.
+// Frame:  the surface's own: z is the shading normal, x is along the tangent; w, m are unit.
 // Source: Walter et al. 2007, Microfacet models for refraction; Dupuy & Benyoub 2023, Sampling visible GGX normals with
-//         spherical caps; Heitz & d'Eon 2014 and Jakob 2014 (An improved visible normal sampling routine) for Beckmann;
-//         masking and shadowing are independent, as in glTF 2.0, B.3.2.
+//         spherical caps; Heitz & d'Eon 2014 and Jakob 2014 (An improved visible normal sampling routine) for Beckmann; masking
+//         and shadowing are independent, as in glTF 2.0, B.3.2.
 #include <CONSTANTS>
 
-// Of a roughness: along the tangent and across [KHR_materials_anisotropy]. A tangent leaves grooves, so that across it is
-// never quite a mirror, whose density has no value.
+// Alpha of a roughness, along the tangent and across [KHR_materials_anisotropy]. With anisotropy, alpha across is at least
+// SMOOTH, because a perfect mirror has no density.
 vec2 ggx_alpha(float roughness, float anisotropy)
 {
     float across = roughness * roughness;
@@ -23,7 +23,7 @@ float ggx(vec3 m, vec2 alpha)
     return 1.0 / (PI * alpha.x * alpha.y * a * a);
 }
 
-// Share of the microfacets that look along w and are seen from there.
+// Fraction of the microfacets facing w that are visible from there.
 float ggx_seen(vec3 w, vec2 alpha)
 {
     vec2 s = alpha * w.xy;
@@ -31,7 +31,7 @@ float ggx_seen(vec3 w, vec2 alpha)
     return 2.0 * z / (z + sqrt(z * z + dot(s, s)));
 }
 
-// A normal, as dense as they are seen along w, which is above the surface.
+// Samples a normal with the density of visible normals along w, which is above the surface.
 vec3 visible_normal(vec3 w, vec2 alpha, vec2 u)
 {
     vec3 stretched = normalize(vec3(alpha * w.xy, w.z));
@@ -84,7 +84,7 @@ float inverse_error_function(float x)
     return x * (2.83297682 + w * (1.00167406 + w * p));
 }
 
-// Slopes of a surface of alpha 1 as they are seen along a direction of the plane y = 0: Jakob 2014, by Newton's method.
+// Samples visible slopes of a surface of alpha 1, along a direction of the plane y = 0: Jakob 2014, by Newton's method.
 vec2 visible_beckmann_slope(float cosine, vec2 u)
 {
     float tangent = sqrt(max(1.0 - cosine * cosine, 1e-12)) / max(cosine, 1e-6), cotangent = 1.0 / tangent;
@@ -112,7 +112,7 @@ vec3 visible_beckmann_normal(vec3 w, vec2 alpha, vec2 u)
 }
 #endif
 
-// Density of normals, masking, and a normal as dense as they are seen; is_beckmann: of Beckmann's distribution.
+// Density of normals, masking, and sampling of visible normals; is_beckmann: true for Beckmann's distribution.
 
 float normal_density(vec3 m, vec2 alpha, bool is_beckmann)
 {
@@ -150,7 +150,7 @@ float schlick(float cosine)
     return x2 * x2 * x;
 }
 
-// Share that a smooth surface between two dielectrics reflects; eta: index of the far side over that of the near one.
+// Reflectance of a smooth surface between two dielectrics; eta: index of the far side over that of the near side.
 float fresnel(float cosine, float eta)
 {
     float sine2 = (1.0 - cosine * cosine) / (eta * eta);
@@ -161,7 +161,7 @@ float fresnel(float cosine, float eta)
 }
 
 #ifdef HAS_METAL_INDICES
-// Share that metal of the index n + ik reflects. Source: Born & Wolf 1999, Principles of optics, 14.2.
+// Reflectance of metal with the index n + ik. Source: Born & Wolf 1999, Principles of optics, 14.2.
 vec3 metal_reflects(float cosine, vec3 n, vec3 k)
 {
     float c2 = cosine * cosine, s2 = 1.0 - c2;

@@ -1,27 +1,27 @@
-// camera.glsl: the camera's rays, one through each pixel; `glpath.gl.camera` sets it.
-// Needs:  nothing for a pinhole; EYE_ORTHOGRAPHIC: parallel rays; EYE_PANORAMA: equirectangular; EYE_LENS: a thin lens,
-//         of which each pixel has a point of its own (a lens whose rays share a point is a pinhole)
-// Frame:  eye_right, eye_up, eye_forward unit; pixels of the whole image, y from the bottom, so that a picture in
-//         tiles has the bits of the picture in one.
+// camera.glsl: rays of the camera, one through each pixel; `glpath.gl.camera` sets the uniforms.
+// Needs:  nothing for a pinhole; EYE_ORTHOGRAPHIC: parallel rays; EYE_PANORAMA: equirectangular; EYE_LENS: a thin lens, on
+//         which each pixel has its own point (a lens whose rays share a point is a pinhole)
+// Frame:  eye_right, eye_up, eye_forward unit; pixels of the whole image, y from the bottom, so that an image in tiles has the
+//         same bits as a whole image.
 #include "sampling/random.glsl"
-uniform vec3 eye_position;  // where rays meet in one point; or ahead of it, see eye_ahead
+uniform vec3 eye_position;  // common point of the rays, or a point ahead of it, see eye_ahead
 uniform vec3 eye_right;
 uniform vec3 eye_up;
 uniform vec3 eye_forward;
-uniform float eye_ahead;   // how far ahead of the eye its position is: rays start in the plane there, since those of a
-                           // distant eye would lose the digits of what they meet. 0: at the eye
-uniform vec2 eye_focal;    // pixels at distance 1, or of what is 1 wide and high
-uniform vec2 eye_centre;   // the pixel position that eye_forward goes through, the sub-pixel position taken off
+uniform float eye_ahead;   // distance of eye_position ahead of the eye; rays start in the plane there, because rays of a
+                           // distant eye would lose digits of their hits; 0: at the eye
+uniform vec2 eye_focal;    // pixels per unit at distance 1; for parallel rays per scene unit
+uniform vec2 eye_centre;   // pixel position on eye_forward, minus the sub-pixel position
 uniform ivec2 eye_corner;  // of the window in the image, pixels
 uniform ivec2 eye_size;    // of the window, pixels
 
 #ifdef EYE_LENS
-uniform uvec2 lens_point;  // of the path set, fractions of 2**32
-uniform uint lens_seed;    // of the pixels' shifts
-uniform vec2 lens;         // its radius; 1 over the distance that is sharp
+uniform uvec2 lens_point;  // point of the path set, in units of 2^-32
+uniform uint lens_seed;    // seed of the pixels' shifts
+uniform vec2 lens;         // radius; 1 over the focus distance
 
-// The pixel's point of the lens, scene units: that of the set, shifted, so that the points of each pixel are as even as
-// the sequence. Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
+// The pixel's point on the lens, scene units: that of the set, shifted, so that each pixel's points are as even as the
+// sequence. Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
 vec2 lens_position(ivec2 pixel)
 {
     uvec2 at = uvec2(pixel + eye_corner);
@@ -39,7 +39,7 @@ vec2 lens_position(ivec2 pixel)
 uniform vec2 eye_angle;  // radians of a pixel, to the right and up
 #endif
 
-// Unit, through the sub-pixel position of a pixel of the window, and so many pixels beside it.
+// Unit direction through the sub-pixel position of a pixel of the window, plus an offset in pixels.
 vec3 eye_direction(ivec2 pixel, vec2 beside)
 {
 #if defined(EYE_ORTHOGRAPHIC)
@@ -69,7 +69,7 @@ vec3 eye_direction(ivec2 pixel)
     return eye_direction(pixel, vec2(0.0));
 }
 
-// Where that ray starts.
+// Start of that ray.
 vec3 eye_origin(ivec2 pixel, vec2 beside)
 {
 #if defined(EYE_ORTHOGRAPHIC)
@@ -98,15 +98,15 @@ vec3 eye_origin(ivec2 pixel)
     return eye_origin(pixel, vec2(0.0));
 }
 
-// From the world to the eye's axes, about eye_position.
+// Converts a position to the eye's axes, relative to eye_position.
 vec3 eye_from_world(vec3 position)
 {
     vec3 r = position - eye_position;
     return vec3(dot(r, eye_right), dot(r, eye_up), dot(r, eye_forward));
 }
 
-// Clip coordinates of the window, whose rasteriser asks at the centres of pixels; near and far distance, from
-// eye_position. The depth of what is nearer than the far plane is never beyond it by rounding.
+// Clip coordinates of the window, for a rasteriser that samples at pixel centres; range: near and far distance from
+// eye_position. Rounding never moves depth in front of the far plane beyond it.
 vec4 clip_from_eye(vec3 p, vec2 range)
 {
     vec2 middle = eye_centre - vec2(eye_corner);

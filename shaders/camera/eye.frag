@@ -1,13 +1,13 @@
-// eye.frag: which triangle the eye sees; its number + 1, 0 for none.
-// Depth is linear: a perspective depth with so near a near plane has no digits left. Of a distant eye that plane is near
-// the scene.
+// eye.frag: writes the triangle that the eye sees; its number + 1, 0 for none.
+// Depth is linear, because a perspective depth with such a near plane has no precision left. For a distant eye the near plane
+// is near the scene.
 #include "gl/texels.glsl"
 #include <SCENE>
 #include "camera/camera.glsl"
 #include "scene/opacity.glsl"
 uniform vec2 eye_range;
 #ifdef STREAMED_CHUNK
-uniform int chunk_first;  // number of its first triangle
+uniform int chunk_first;  // index of the chunk's first triangle
 #else
 const int chunk_first = 0;
 #endif

@@ -1,4 +1,4 @@
-// eye.vert: a vertex as the eye sees it.
+// eye.vert: projects a vertex to the eye's window.
 #include <SCENE>
 #include "camera/camera.glsl"
 

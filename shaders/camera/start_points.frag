@@ -1,4 +1,4 @@
-// start_points.frag: which triangle each point lies on; its number + 1, 0 for none.
+// start_points.frag: writes the triangle that each point lies on; its number + 1, 0 for none.
 // Needs:  <SCENE>, <RAY_BVH>
 // Runs over: the points of the window. Frame: world
 #include "gl/texels.glsl"
@@ -9,7 +9,7 @@
 
 layout(location = 0) out uint seen;
 
-// In roundings: how far above its surface a point may lie, or below.
+// Maximum distance of a point from its surface, above or below, in units of rounding.
 const float NEAR = 4.0;
 
 void main()

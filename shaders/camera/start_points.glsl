@@ -1,17 +1,17 @@
-// start_points.glsl: points where paths start, each as if a white Lambertian surface were there, lit on one side.
-// Needs:  <CONSTANTS>; START_SHADING: normals to shade with. For start_vertex: path_vertex.glsl
+// start_points.glsl: points at which paths start, each as if on a white Lambertian surface lit from one side.
+// Needs:  <CONSTANTS>; START_SHADING: points have shading normals. For start_vertex: path_vertex.glsl
 // Frame:  world.
-TEXELS(rgba32f, start_positions);  // a: is there a point?
-TEXELS(rgba32f, start_normals);    // unit, on the side that is lit
+TEXELS(rgba32f, start_positions);  // a: 0 without a point
+TEXELS(rgba32f, start_normals);    // unit, on the lit side
 #ifdef START_SHADING
 TEXELS(rgba32f, start_shading);    // unit
 #endif
-uniform float start_extent;        // of the scene about the origin of the world
+uniform float start_extent;        // of the scene around the world's origin
 
-// Cosine from which on a point's normal is that of the surface that it lies on.
+// Minimum cosine for which a point's normal counts as that of its surface.
 const float SAME_NORMAL = 0.99999;
 
-// By how much a point is lifted off its surface, over RAY_ROUNDING.
+// Distance by which a point is lifted off its surface, divided by RAY_ROUNDING.
 float start_distance(vec3 position)
 {
     vec3 far = abs(position);
@@ -19,13 +19,13 @@ float start_distance(vec3 position)
 }
 
 #ifdef START_VERTEX
-// triangle: that the point lies on, -1 for none.
+// triangle: index of the triangle that the point lies on, -1 for none.
 PathVertex start_vertex(ivec2 pixel, int triangle)
 {
     vec3 position = texel(start_positions, pixel).xyz, normal = texel(start_normals, pixel).xyz;
     vec4 plane = vec4(normal, dot(normal, position));
     bool front = true;
-    // What is askew to its surface is lit past it, and lies on none.
+    // A point whose normal differs from its surface's lies on no triangle, and gets light past the surface.
     if (triangle >= 0) {
         vec4 found = facet_texel(triangle, FACET_PLANE);
         float cosine = dot(found.xyz, normal);

@@ -1,17 +1,18 @@
-// parallel_rays.frag: whether points see out of the scene along directions that all of them share, a bit for each.
-// Lanes of a vector are neighbouring points and one direction, so their rays walk through the same nodes of the BVH.
-// With thin dielectrics: the share of light that they let through instead, by its luminance.
-// ASKED: a word has bits already, and those of rays that meet something are cleared: a scene in parts, one after the other.
+// parallel_rays.frag: tests if points see out of the scene along directions that all of them share; one bit for each direction.
+// Lanes of a vector are neighbouring points with one direction, so their rays visit the same nodes of the BVH.
+// With thin dielectrics it outputs their transmittance instead, by luminance.
+// ASKED: the words have bits already, and the bits of rays that hit something are cleared; for scenes in parts, one after the
+// other.
 // Needs:  <SCENE>, <RAY_BVH>
-// Runs over: squares of points, one above the other for each word of 32 directions; with thin dielectrics for each direction.
-// Output: the word, bit k for direction k; or the share
+// Runs over: squares of points, stacked for each word of 32 directions; with thin dielectrics for each direction.
+// Output: the word, bit k for direction k; or the transmittance
 // Frame:  world
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>
 #include "scene/ray_bvh.glsl"
 #ifdef HAS_THIN_DIELECTRICS
-// What lobes.glsl needs for whole paths; of it only thin_transmittance is called.
+// Needs of lobes.glsl for whole paths; only its thin_transmittance is called.
 #include "scene/surface.glsl"
 #include "sampling/random.glsl"
 #include "lights/light_sample.glsl"
@@ -20,13 +21,13 @@
 #include "bsdf/lobes.glsl"
 #endif
 
-TEXELS(rgba32f, point_positions);   // a: number of the point + 1, for random numbers; 0 where there is none
-TEXELS(rgba32f, point_normals);     // directions behind the plane across it are not cast; 0 where there is no plane
-TEXELS(rgba32f, shared_directions); // unit, a row of 32 for each word; a: is there a direction?
-uniform int square;                 // points along its sides
-uniform int first_direction;        // number of the first one, for random numbers
+TEXELS(rgba32f, point_positions);   // a: index of the point + 1, for random numbers; 0 without a point
+TEXELS(rgba32f, point_normals);     // directions below this normal's plane are not cast; 0 without a plane
+TEXELS(rgba32f, shared_directions); // unit, a row of 32 for each word; a: 0 without a direction
+uniform int square;                 // number of points along its sides
+uniform int first_direction;        // index of the first direction, for random numbers
 
-// Whether a direction is before a point's plane; the ray's random numbers are set for it.
+// Returns true if a direction is in front of a point's plane; sets the ray's random numbers.
 bool is_cast(float point, vec3 normal, vec4 direction, int number)
 {
 #ifdef HAS_ALPHA
@@ -53,7 +54,7 @@ void main()
 #else
 layout(location = 0) out uint seen;
 
-// occluder: the item that blocked the ray before, which is asked first: it blocks the next direction most often.
+// occluder: item that blocked the previous ray; it is tested first, because it often blocks the next direction too.
 bool sees_out(vec3 origin, vec3 direction, inout int occluder)
 {
 #if defined(HAS_ALPHA) || defined(HAS_INSTANCES)
@@ -78,7 +79,7 @@ bool sees_out(vec3 origin, vec3 direction, inout int occluder)
 }
 
 #ifdef ASKED
-UINT_TEXELS(r32ui, asked_words);  // as the output
+UINT_TEXELS(r32ui, asked_words);  // format of the output
 
 void main()
 {
@@ -92,7 +93,7 @@ void main()
     {
         vec4 direction = texel(shared_directions, ivec2(k, word));
         uint bit = 1u << uint(k);
-        // In a only where any of the points may meet the part.
+        // a is set only for directions in which any of the points may hit the part.
         if ((seen & bit) != 0u && direction.w != 0.0 && !sees_out(position, direction.xyz, occluder)) seen &= ~bit;
     } while (++k < 32);
 }

@@ -1,10 +1,10 @@
 // accumulate.glsl: adds a sample to the sums, exactly.
-// The sums are 64-bit integers, a low and a high word a channel, of a quantum that is a power of two: adding integers
-// is associative, so any split of the path sets gives the same bits.
-//   low.rgb, high.rgb  the sums
-//   low.a              rays cast
-//   high.a             of these lost, and from bit DROPPED_SHIFT on samples dropped
-// Where direct light is summed apart (SPLIT_LIGHT) it leaves as quanta of this sample alone, for direct_sums.frag.
+// The sums are 64-bit integers, a low and a high word for each channel, in quanta, which are powers of two. Integer addition is
+// associative, so any split of the path sets gives the same bits.
+//   low.rgb, high.rgb  sums
+//   low.a              number of rays cast
+//   high.a             number of lost rays; from bit DROPPED_SHIFT on, number of dropped samples
+// If direct light is summed separately (SPLIT_LIGHT), it is written as quanta of this sample only, for direct_sums.frag.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "film/split_light.glsl"
@@ -28,13 +28,12 @@ layout(location = 2) out vec4 direct;
 #endif
 #endif
 
-// radiance.a: events of a path, its casts below CAST_BITS and its losses above (path_result.glsl)
+// radiance.a: events of a path, its casts in the low CAST_BITS bits and its losses above (path_result.glsl)
 void accumulate(ivec2 pixel, vec4 radiance)
 {
     vec3 scaled = floor(radiance.rgb * quanta + 0.5);
-    // No NaN, no infinity, nothing that a block of path sets could add up beyond the words, and nothing negative, which
-    // words have not, and light is not. Asked of the bits: a compiler may turn a comparison around, which is not the
-    // same for a NaN.
+    // Drop NaN, infinities, values that could overflow the words within a block of path sets, and negative values, which light
+    // does not have. NaN is detected by bits, because compilers may invert a comparison, which changes the result for NaN.
     uvec3 exponent = floatBitsToUint(scaled) & 0x7f800000u;
     bool bad = any(equal(exponent, uvec3(0x7f800000u))) || any(greaterThan(scaled, vec3(1.0e18)));
 #ifdef CONTROL_VARIATE
@@ -49,7 +48,7 @@ void accumulate(ivec2 pixel, vec4 radiance)
     vec3 upper = floor(abs(scaled) * (1.0 / 4294967296.0));
     uvec3 add_low = uvec3(abs(scaled) - upper * 4294967296.0), add_high = uvec3(upper);
 #ifdef CONTROL_VARIATE
-    // Minus a number, in two's complement.
+    // Two's complement of a negative number.
     uvec3 minus = uvec3(lessThan(scaled, vec3(0.0))), ones = 0xffffffffu * minus;
     add_low = (add_low ^ ones) + minus;
     add_high = (add_high ^ ones) + minus * uvec3(equal(add_low, uvec3(0u)));

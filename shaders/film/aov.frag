@@ -1,4 +1,4 @@
-// aov.frag: see aov.glsl. For engines that know triangles alone.
+// aov.frag: AOVs (see aov.glsl) for engines that only support triangles.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>
@@ -13,7 +13,7 @@
 
 UINT_TEXELS(r32ui, eye_buffer);  // triangle + 1
 
-// False: the sky, along d.
+// Returns false if the ray along d sees the sky.
 bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
 {
     int triangle = int(texel(eye_buffer, pixel).r) - 1;

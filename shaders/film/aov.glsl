@@ -1,22 +1,24 @@
-// aov.glsl: what the eye sees of the surfaces themselves, for a denoiser or a compositor.
-// Needs:  <SCENE>, surface.glsl, camera.glsl, background.glsl; seen() of the including shader; AOV_QUANTA: of colours and normals,
-//         per unit; AOV_SURFACE, AOV_POSITION, AOV_UV, AOV_NEAREST: what is summed, and where its first output is; _1 its second
-// Runs over: the pixels of the window. Output: sums, whole numbers of quanta, which add up to the same in any order
-// Frame:  world. Units: lengths in scene units; a normal's coordinates are 1 more than they are.
+// aov.glsl: properties of the surfaces that the eye sees, for a denoiser or a compositor.
+// Needs:  <SCENE>, surface.glsl, camera.glsl, background.glsl; seen() of the including shader; AOV_QUANTA: quanta of colours
+//         and normals per unit; AOV_SURFACE, AOV_POSITION, AOV_UV, AOV_NEAREST: requested sums, and the location of the first
+//         output of each; _1: location of its second output
+// Runs over: the pixels of the window. Output: sums of integer quanta, which are the same in any order of addition
+// Frame:  world. Units: lengths in scene units; coordinates of normals are stored plus 1.
 //
 //   AOV_SURFACE  first   albedo; normal.x
-//                second  normal.yz; 0; normals that were dropped as not finite
-//     albedo: diffuse reflectance, and where light comes from the surface itself or from the sky, its radiance too: cut
-//             at 1, as Open Image Denoise wants it, lamps and a bright sky are white
-//             FOLLOWS_MIRRORS: of what mirrors and clear glass show, by their share of it; and so is the normal
-//     normal: unit, to shade with, on the side that is seen; 0 where nothing is
-//   AOV_POSITION    low     the lower words of position and of depth along the view, of a panorama the distance, in two's complement
-//                high    the upper ones; above the lower HITS_SHIFT bits of depth's, how many surfaces were hit
-//   AOV_UV       uv_low  the lower words of u and v, as AOV_POSITION has its numbers
-//                uv_high the upper ones, and how many surfaces were hit
-//   AOV_NEAREST  nearest  the least depth: bits of infinity less its bits, so that the greatest is kept; 0 for none
+//                second  normal.yz; 0; number of normals dropped because they were not finite
+//     albedo: diffuse reflectance plus radiance that the surface or the sky emits, clipped at 1 as Open Image Denoise expects;
+//             lamps and a bright sky are white
+//             FOLLOWS_MIRRORS: albedo and normal of the surfaces visible in mirrors and through clear glass, weighted by their
+//             share
+//     normal: unit shading normal on the visible side; 0 without a hit
+//   AOV_POSITION    low     low words of position and of depth along the view (distance in a panorama), in two's complement
+//                high    high words; in depth's, above the low HITS_SHIFT bits, number of hits
+//   AOV_UV       uv_low  low words of u and v, in the format of AOV_POSITION
+//                uv_high high words, and number of hits
+//   AOV_NEAREST  nearest  minimum depth, stored as bits of infinity minus its bits, so that the maximum is kept; 0 for none
 uniform float position_quanta;  // per scene unit
-uniform float position_extent;  // of which no coordinate is more
+uniform float position_extent;  // maximum of a coordinate
 uniform float uv_quanta;     // per unit
 uniform float uv_extent;
 
@@ -43,7 +45,7 @@ layout(location = AOV_UV_1) out uvec4 uv_high;
 layout(location = AOV_NEAREST) out uint nearest;
 #endif
 
-// Asked of the bits, as a compiler may turn a comparison around, which is not the same for a NaN.
+// Tested by bits, because compilers may invert a comparison, which changes the result for NaN.
 bool is_finite(vec3 value)
 {
     return all(notEqual(floatBitsToUint(value) & 0x7f800000u, uvec3(0x7f800000u)));
@@ -79,7 +81,7 @@ void add_surface(ivec2 pixel, bool hit, bool front, vec3 d, Surface s)
 #endif
 
 #if defined(AOV_POSITION) || defined(AOV_NEAREST)
-// Along the view; of a panorama the distance.
+// Depth along the view, or the distance in a panorama.
 float depth_of(vec3 position)
 {
 #ifdef EYE_PANORAMA
@@ -100,7 +102,7 @@ void keep_nearest(ivec2 pixel, bool hit, vec3 position)
 #endif
 
 #if defined(AOV_POSITION) || defined(AOV_UV)
-// Add whole numbers of quanta in two words each, and one hit above the lower HITS_SHIFT bits of the last upper word.
+// Adds integer quanta in two words each, and one hit above the low HITS_SHIFT bits of the last high word.
 void add_exactly(inout uvec4 lower, inout uvec4 higher, vec4 value, float per_unit, float extent)
 {
     vec4 scaled = floor(clamp(value, -extent, extent) * per_unit + 0.5);
@@ -108,7 +110,7 @@ void add_exactly(inout uvec4 lower, inout uvec4 higher, vec4 value, float per_un
     scaled = abs(scaled);
     vec4 upper = floor(scaled * (1.0 / 4294967296.0));
     uvec4 words = uvec4(scaled - upper * 4294967296.0), upper_words = uvec4(upper);
-    // Negated: all bits turned over, and one more.
+    // Two's complement: invert all bits and add one.
     uvec4 turned = uvec4(negative) * 0xffffffffu;
     words ^= turned;
     upper_words ^= turned;

@@ -1,4 +1,4 @@
-// aov_primitives.frag: see aov.glsl. For engines that know every kind of primitive.
+// aov_primitives.frag: AOVs (see aov.glsl) for engines that support every kind of primitive.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>
@@ -10,7 +10,7 @@
 
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
 
-// False: the sky, along d.
+// Returns false if the ray along d sees the sky.
 bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
 {
     uvec2 found = texel(eye_buffer, pixel).rg;

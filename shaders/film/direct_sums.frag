@@ -1,4 +1,4 @@
-// direct_sums.frag: what a path set's samples have of direct light, in quanta, to the sums of it.
+// direct_sums.frag: adds the direct light of a path set's samples, in quanta, to its sums.
 // Runs over: the pixels of the window. Output: the sums, see accumulate.glsl
 #include "gl/texels.glsl"
 #include "film/accumulate.glsl"

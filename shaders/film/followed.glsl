@@ -1,11 +1,14 @@
-// followed.glsl: what is seen in a mirror, and behind clear glass. A denoiser that has only the mirror itself blurs what it shows.
+// followed.glsl: follows the eye's ray through mirrors and clear glass, because a denoiser that only gets features of the
+// mirror itself blurs the reflection.
 // Needs:  ray_bvh.glsl, surface.glsl, sky.glsl
 // Frame:  world.
-// Source: Open Image Denoise, documentation, "Albedos" and "Normals": along the path that a perfect mirror or dielectric has.
-const int FOLLOWED = 6;  // mirrors at most
+// Source: Open Image Denoise, documentation, "Albedos" and "Normals": features along the path of a perfect mirror or
+//         dielectric.
+const int FOLLOWED = 6;  // maximum number of mirrors
 
-// Where most of a surface's light comes from, if from one direction: sets that and the share of it. False: it does not.
-// straight: by a thin dielectric.
+// Sets d to the direction that most of a surface's light comes from, and `share` to its fraction of it; returns false if there
+// is no such direction.
+// straight: true if a thin dielectric transmits most.
 bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float side, out bool straight)
 {
     vec3 wo = -d, n = shading_normal(s, front, wo), m = mirroring_normal(n, front ? s.normal : -s.normal, wo);
@@ -30,8 +33,9 @@ bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float sid
     return true;
 }
 
-// From what the eye's ray along d has hit to what it shows; returns the share of light that comes from there. hit: false
-// where that is the sky, or behind thin glass alone (`straight`) the background. What solid glass absorbs is left out.
+// Moves from the hit of the eye's ray along d to the surface that it shows; returns the fraction of light from there. hit:
+// false if that is the sky, or the background if all surfaces were thin glass (`straight`). Absorption in solid glass is
+// ignored.
 vec3 follow(inout bool hit, inout vec3 d, inout bool front, inout Surface s, vec3 eye, out bool straight)
 {
     vec3 share = vec3(1.0), from = eye;

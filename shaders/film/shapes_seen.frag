@@ -1,6 +1,6 @@
-// shapes_seen.frag: the shape that every pixel sees in one path set.
+// shapes_seen.frag: writes the shape that every pixel sees in one path set.
 // Needs:  <SCENE>
-// Runs over: the pixels of the window. Output: number of the shape + 1, 0 for none
+// Runs over: the pixels of the window. Output: index of the shape + 1, 0 for none
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>

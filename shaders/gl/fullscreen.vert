@@ -1,4 +1,4 @@
-// fullscreen.vert: one triangle over the whole target; a pass that is a map over texels.
+// fullscreen.vert: draws one triangle over the whole target, for passes that compute each texel.
 void main()
 {
     vec2 corner = vec2((gl_VertexID & 1) * 4 - 1, (gl_VertexID >> 1) * 4 - 1);

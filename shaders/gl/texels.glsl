@@ -1,9 +1,9 @@
 // texels.glsl: textures that are read texel by texel and never filtered.
-//   TEXELS(format, name)       declares one of floats
-//   UINT_TEXELS(format, name)  one of unsigned integers
-//   texel(name, at)            fetches
-// Where TEXELS_ARE_IMAGES is set they are images: llvmpipe calls a function of some 180 instructions for every
-// texelFetch, but a third as many for imageLoad. Cards have too few units of images, and texture caches.
+//   TEXELS(format, name)       declares a texture of floats
+//   UINT_TEXELS(format, name)  declares a texture of unsigned integers
+//   texel(name, at)            fetches a texel
+// With TEXELS_ARE_IMAGES they are images, because llvmpipe calls a function of some 180 instructions for every texelFetch, and
+// only a third as many for imageLoad. Graphics cards have too few image units, and have texture caches.
 #ifdef TEXELS_ARE_IMAGES
 #define TEXELS(format, name) layout(format) readonly uniform image2D name
 #define UINT_TEXELS(format, name) layout(format) readonly uniform uimage2D name

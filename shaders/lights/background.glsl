@@ -1,5 +1,5 @@
-// background.glsl: what the eye sees behind all shapes, `glpath.scene.background`: a colour, or the sky.
-// Needs:  sky.glsl, where HAS_SKY is set or no HAS_BACKGROUND
+// background.glsl: background that the eye sees behind all shapes, `glpath.scene.background`: a colour, or the sky.
+// Needs:  sky.glsl, if HAS_SKY is set or HAS_BACKGROUND is not
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #if defined(HAS_BACKGROUND)
 uniform vec3 background;

@@ -1,9 +1,9 @@
 // direct.glsl: light that reaches a surface from the light sample of this path set [PB A.3].
-// Needs:  <CONSTANTS>, <SCENE>; those of light_sample.glsl
+// Needs:  <CONSTANTS>, <SCENE>; the needs of light_sample.glsl
 //
-// The shadow-buffer holds which triangle each of its texels sees. A lookup does not compare a stored depth: it meets the
-// plane of the triangle seen, so that neither the depth's precision nor the texel's extent make a surface shadow itself.
-// At a silhouette the ray to the light may pass through what only the next texel sees: that triangle is tested exactly.
+// The shadow-buffer stores the triangle that each of its texels sees. A lookup does not compare a stored depth, but intersects
+// the plane of that triangle. Neither depth precision nor texel size can thus make a surface shadow itself. At a silhouette the
+// ray to the light may pass through a triangle that only the next texel sees, which is tested exactly.
 #include "gl/texels.glsl"
 #include "shadow/hemicube.glsl"
 #include "lights/light_sample.glsl"
@@ -11,7 +11,7 @@
 
 UINT_TEXELS(r32ui, light_buffer);
 uniform float light_resolution;
-uniform vec3 light_radiance;   // of a light sample, see light_sample.glsl; 0 without light
+uniform vec3 light_radiance;   // radiance of a light sample, see light_sample.glsl; 0 without light
 uniform float light_pdf;
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 uniform uint light_kind;
@@ -22,7 +22,7 @@ uniform int light_profile;
 #endif
 #endif
 
-// The plane and the corners of a triangle that a texel of the shadow-buffer sees; it may be a streamed one.
+// Plane and corners of a triangle that a texel of the shadow-buffer sees; it may be streamed.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"
 TEXELS(rgba32f, light_records);
@@ -49,7 +49,8 @@ mat3 corners_lit(int triangle, ivec2 at)
 #define IS_RESIDENT(triangle) true
 #endif
 
-// Does the segment from the light sample along w, from 0 to just before 1, pass through the triangle? Either side counts.
+// Returns true if the segment from the light sample along w, from 0 to just before 1, passes through the triangle, on either
+// side.
 // Source: Moeller & Trumbore 1997.
 bool passes_through(vec3 w, int triangle, ivec2 seen_at)
 {
@@ -69,7 +70,7 @@ bool passes_through(vec3 w, int triangle, ivec2 seen_at)
     return min(uvt.x, uvt.y) >= 0.0 && uvt.x + uvt.y <= 1.0 && uvt.z > 0.0 && uvt.z < 1.0 - ROUNDING;
 }
 
-// Does something stand between the light sample and `position` on `receiver`?
+// Returns true if something occludes `position` on `receiver` from the light sample.
 bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
 {
     vec3 w = position - light_position;
@@ -84,7 +85,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec2 in_face = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
     vec2 centre = clamp(floor(in_face), vec2(0.0), extent - 1.0) + 0.5;
 
-    // The four texels around it; one of them is its own. Of the others, one that sees something else.
+    // The four texels around the position. One contains it; of the others, take one that sees another triangle.
     vec2 lower = floor(clamp(in_face, vec2(1.0), extent - 1.0) - 0.5);
     ivec2 at = ivec2(corner + lower + 0.5);
     uvec4 four = uvec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
@@ -95,7 +96,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     uint beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
     int other = int(beside != own ? beside : above != own ? above : across) - 1;
 #ifdef HAS_ALPHA
-    // What lets light through is known at the centres of texels alone.
+    // Transparency is only known at the centres of texels.
     if (other >= 0 && IS_RESIDENT(other) && is_see_through(int(face_texel(other, FACE_CORNERS).w))) other = -1;
 #endif
     ivec2 other_at = at;
@@ -107,14 +108,14 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     int seen = int(own) - 1;
     if (seen < 0 || seen == receiver) return false;
 
-    // Where does the occluder's plane cut the segment from the light (0) to the surface (1)?
+    // Position at which the occluder's plane cuts the segment from the light (0) to the surface (1).
     vec4 plane = plane_lit(seen, at + ivec2(upper));
     float offset = plane.w - dot(plane.xyz, light_position);
     float cut = offset / dot(plane.xyz, w);
     if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;
 
-    // Two triangles that meet at an edge hide each other when one is continued past it. At the texel's centre, where
-    // the buffer knows for certain, the occluder must be in front as well.
+    // Two triangles that meet at an edge would hide each other if one plane is extended past it. Therefore the occluder must be
+    // in front at the texel's centre too, where the buffer is exact.
     vec2 share = centre / extent;
     vec3 l = hemicube_from_face(face, vec3(2.0 * share.x - 1.0, low + height * share.y, 1.0));
     vec3 c = l.x * light_tangent + l.y * light_bitangent + l.z * light_normal;
@@ -123,7 +124,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
 }
 
-// `normal` is on the lit side; views: see mis_weight_light. Light from infinitely far is not known to arrive yet.
+// `normal` is on the lit side; views: see mis_weight_light. Visibility of infinitely distant light is not tested yet.
 DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)

@@ -1,6 +1,6 @@
-// emitter_silhouettes.frag: radiance of the lamps and of the sky that the eye sees, the mean of a pixel's subsamples.
+// emitter_silhouettes.frag: radiance of visible lamps and sky, the mean of a pixel's subsamples.
 // Needs:  <SCENE>, <RAY_BVH>; SUBSAMPLES: their number; HAS_SKY
-// Runs over: the pixels of the window where a lamp ends, side by side. Output: W sr^-1 m^-2, linear Rec. 709
+// Runs over: the window's pixels at edges of lamps, packed. Output: W sr^-1 m^-2, linear Rec. 709
 // Frame:  world
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -13,8 +13,8 @@
 #include "scene/ray_bvh.glsl"
 #include "lights/emitter_silhouettes.glsl"
 
-UINT_TEXELS(r32ui, lamp_pixels);  // whose light goes here
-uniform vec2 subsamples[SUBSAMPLES];  // from the set's own sample, pixels, y up
+UINT_TEXELS(r32ui, lamp_pixels);  // packed pixel that each texel belongs to
+uniform vec2 subsamples[SUBSAMPLES];  // offsets from the set's own sample, in pixels, y up
 
 layout(location = 0) out vec4 light;
 

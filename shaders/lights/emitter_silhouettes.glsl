@@ -1,6 +1,6 @@
-// emitter_silhouettes.glsl: lamps that a pixel sees by several subsamples; see `glpath.integrators.emitter_silhouettes`.
-// Texels are packed into a number: x + (y << 16) + 1; 0 for none.
-UINT_TEXELS(r32ui, lamp_texel);  // of a pixel: where its light is
+// emitter_silhouettes.glsl: lamps that a pixel sees with several subsamples; see `glpath.integrators.emitter_silhouettes`.
+// A texel is packed into a number: x + (y << 16) + 1; 0 for none.
+UINT_TEXELS(r32ui, lamp_texel);  // packed position of each pixel's light
 TEXELS(rgba32f, lamp_light);
 
 ivec2 unpacked_texel(uint number)
@@ -8,7 +8,7 @@ ivec2 unpacked_texel(uint number)
     return ivec2((number - 1u) & 0xffffu, (number - 1u) >> 16u);
 }
 
-// Radiance of lamps and sky; false where the pixel's path has that as all else.
+// Sets the radiance of lamps and sky; returns false if the pixel's path computes it.
 bool lamps_seen(ivec2 pixel, out vec3 light)
 {
     uint packed_texel = texel(lamp_texel, pixel).r;

@@ -1,10 +1,10 @@
-// ground.glsl: where a ray of the eye that meets no shape meets the ground that catches shadows, `glpath.integrators.ground`.
+// ground.glsl: hit of the eye's ray with the ground that catches shadows, if it hits no shape; `glpath.integrators.ground`.
 // Needs:  random.glsl; GROUND_LIGHTS; RAY_ROUNDING
-uniform vec4 ground;                        // its unit normal, and how far along that it is
-uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, as dense as the light that they bring to the ground
+uniform vec4 ground;                        // unit normal, and distance along it
+uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, distributed by their irradiance on the ground
 
-// The ray from there to the light, by one direction of the set; false where the eye's ray meets no ground.
-// chance: which direction, another number for each pixel
+// Sets the ray from the ground to the light, in one direction of the set; returns false if the eye's ray misses the ground.
+// chance: selects the direction; a different number for each pixel
 bool ground_ray(vec3 origin, vec3 direction, uint chance, out vec3 start, out vec3 to_light)
 {
     float cosine = dot(ground.xyz, direction), height = dot(ground.xyz, origin) - ground.w;

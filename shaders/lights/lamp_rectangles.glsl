@@ -1,16 +1,15 @@
-// lamp_rectangles.glsl: rectangular lamps of two triangles, sampled by the solid angle that they fill; which these are says
-// `glpath.lights.rectangles`.
+// lamp_rectangles.glsl: rectangular lamps of two triangles, sampled by solid angle; `glpath.lights.rectangles` selects them.
 // Needs:  LAMP_RECTANGLES: their number
 // Frame:  world.
 #include "sampling/rectangle.glsl"
-uniform vec3 lamp_rectangles[3 * LAMP_RECTANGLES];  // of each a corner and two edges, whose cross product is out of the front
-uniform int lamp_triangles[LAMP_RECTANGLES];        // the first of its two triangles
+uniform vec3 lamp_rectangles[3 * LAMP_RECTANGLES];  // a corner and two edges of each, whose cross product points out of the front
+uniform int lamp_triangles[LAMP_RECTANGLES];        // first of its two triangles
 
-// Nearer to its plane than this share of coordinates, no position knows on which side of a lamp it is.
+// Distance from a lamp's plane, as a fraction of coordinates, within which rounding hides the side of a position.
 const float IN_PLANE = 1e-5;
 
-// The lamp that a triangle is of, seen from a position; a solid angle of 0 where points of it are uniform by area: it is
-// no such lamp, or is seen so small, or the position may as well be in its plane.
+// The lamp of a triangle, seen from a position. The solid angle is 0 if its points are sampled uniformly by area: it is not a
+// rectangular lamp, appears too small, or the position may be in its plane.
 SeenRectangle seen_lamp(int triangle, bool front, vec3 from)
 {
     int lamp = -1;
@@ -24,7 +23,7 @@ SeenRectangle seen_lamp(int triangle, bool front, vec3 from)
     return r;
 }
 
-// Per area of a point in a unit direction at a distance; pdf_area: of the same point by area.
+// Density per area of a point in a unit direction at a distance; pdf_area: density of the same point in sampling by area.
 float lamp_pdf_area(SeenRectangle r, float pdf_area, vec3 direction, float t)
 {
     vec2 extent = r.high - r.low;

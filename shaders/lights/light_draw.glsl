@@ -1,21 +1,22 @@
-// light_draw.glsl: light samples that a path draws for itself, where those that a path set shares would make the errors
-// of all paths alike; `glpath.lighting` is the same on the CPU, and says what is drawn how densely.
-// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS of the lights, those of a tree aside; surface.glsl, light_sample.glsl
+// light_draw.glsl: light samples that each path draws separately, used where samples shared by a path set would correlate the
+// errors of all paths. `glpath.lighting` is the same on the CPU, and defines the densities.
+// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS: parts of the lights, except those of a tree; surface.glsl,
+//         light_sample.glsl
 // Frame:  world.
 #include <LIGHT_DRAWS>
 #ifdef PARTS
-uniform uvec4 light_parts[PARTS];  // the first of its numbers, how many these are; its first piece, its last
+uniform uvec4 light_parts[PARTS];  // first of its numbers and their count; first and last piece
 #endif
 #ifdef HAS_ENVIRONMENT
-uniform int sky_halves;            // of the rows of the map
+uniform int sky_halves;            // number of half rows of the map
 #ifdef HAS_SUN
-uniform float sun_share;           // of the sky's light
+uniform float sun_share;           // fraction of the sky's light
 #endif
 #endif
 
 float fraction(uint number) { return float(number >> 8u) * (1.0 / 16777216.0); }
 
-// The last entry, from `first` to `last`, that numbers from this on choose.
+// Sets `first` to the last entry of `first` to `last` whose numbers begin at `number` or below.
 #define SEARCH(first, last, number, begins_at)                 \
     while (first < last)                                       \
     {                                                          \
@@ -41,8 +42,8 @@ uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE
 
 uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)[at & 3]; }
 
-// A direction of the map, of the density of its radiance but for `weight`: `Environment.directions`, where a tent's angle
-// from up has the sine in it, which here is in the weight.
+// Draws a direction of the map, whose density is its radiance over `weight`, like `Environment.directions`. There the tent's
+// angle from up includes the sine, which here is in the weight.
 vec3 map_drawn(vec3 u, out float weight)
 {
     uint number = uint(u.x * 16777216.0) << 8u;
@@ -51,11 +52,11 @@ vec3 map_drawn(vec3 u, out float weight)
     uvec4 of = sky_half_texel(first, SKY_HALF_CHOICE);
     int row = int(of.y >> 1u);
     float lower = (of.y & 1u) != 0u ? -1.0 : 1.0, mass = uintBitsToFloat(of.z), rows = float(sky_size.y), theta;
-    if (int(of.y) == 0 || int(of.y) == 2 * sky_size.y - 1) {  // beyond the middle of the first row and of the last it is flat
+    if (int(of.y) == 0 || int(of.y) == 2 * sky_size.y - 1) {  // constant beyond the middle of the first and last row
         theta = 2.0 * asin(sqrt(0.5 * u.y * mass));
         if (lower < 0.0) theta = PI - theta;
         weight = 1.0;
-    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {  // and beside a horizon that cuts it
+    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {  // and beside a horizon that cuts the map
         theta = 0.5 * PI + lower * asin(u.y * mass);
         weight = 1.0;
     } else {
@@ -76,7 +77,7 @@ vec3 map_drawn(vec3 u, out float weight)
     return local.x * sky_middle + local.y * cross(sky_up, sky_middle) + local.z * sky_up;
 }
 
-// Of the map or of the sun, whichever the first number chooses.
+// Draws from the map or the sun; the first number chooses.
 vec3 sky_drawn(vec3 u, out float weight)
 {
 #ifdef HAS_SUN
@@ -91,7 +92,7 @@ vec3 sky_drawn(vec3 u, out float weight)
     return map_drawn(u, weight);
 }
 #elif defined(HAS_SKY)
-// As dense as the radiance: by the inverse of what lies below an elevation, `Sky.directions`.
+// Draws by the radiance: by the inverse of the integral below an elevation, `Sky.directions`.
 vec3 sky_drawn(vec3 u, out float weight)
 {
     weight = 1.0;
@@ -113,7 +114,7 @@ vec3 sky_drawn(vec3 u, out float weight)
 #include "lights/lamp_rectangles.glsl"
 #endif
 
-// A point of a lamp's triangle; drawn.pdf is its weight.
+// Draws a point of a lamp's triangle; drawn.pdf holds its weight.
 void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 numbers, vec3 from)
 {
     uvec4 face = face_texel(triangle, FACE_CORNERS);
@@ -122,7 +123,7 @@ void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 nu
     float root = sqrt(numbers.x), unused;
     drawn.position = mix(a, mix(b, c, numbers.y), root);
 #ifdef LAMP_RECTANGLES
-    // Each of its triangles stands for the whole.
+    // Each of its triangles represents the whole lamp.
     SeenRectangle lamp = seen_lamp(triangle, front, from);
     if (lamp.solid_angle > 0.0) {
         vec3 wi = towards_rectangle(lamp, numbers.xy);
@@ -136,7 +137,7 @@ void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 nu
     drawn.radiance = emitted(surface_of_triangle(triangle, drawn.position, plane), front, unused);
 }
 
-// A sample of a piece, for a position; numbers: uniform.
+// Draws a sample of a piece, for a position; numbers: uniform.
 LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
 {
     uint kind = choice.w & 7u;
@@ -186,7 +187,7 @@ LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
 }
 
 #ifdef PARTS
-// A sample of a part of the lights, for a position; share: of all lights that the part is, by their probability.
+// Draws a sample of a part of the lights, for a position; share: probability of this part.
 LightSample light_draw(int part, uvec3 point, vec3 from, out float share)
 {
     uvec4 of = light_parts[part];
@@ -197,7 +198,7 @@ LightSample light_draw(int part, uvec3 point, vec3 from, out float share)
     int piece = int(of.z), last = int(of.w);
     SEARCH(piece, last, number, piece_begins)
     uvec4 choice = light_piece_texel(piece, LIGHT_PIECE_CHOICE);
-    // What is left of the number is uniform within the piece.
+    // The remainder of the number is uniform within the piece.
     float u = (float(number - choice.x) + fraction(rest)) / float(max(piece_begins(piece + 1) - choice.x, 1u));
     vec3 numbers = vec3(min(u, 0.99999994), fraction(point.y), fraction(point.z));
     return light_on(choice, numbers, from);

@@ -1,8 +1,8 @@
-// light_sample.glsl: what a light sample (`glpath.light_samples.LightSample`) sends to a point without occlusion,
-// and how it shares light with the direction in which a path continues [PB A.3].
-// Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: where the scene has them
-// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle of the sky.
-// Here, as a file is included once, and sky.glsl may want it where these are not.
+// light_sample.glsl: unoccluded light of a light sample (`glpath.light_samples.LightSample`) at a point, and its MIS weight
+// against the direction in which a path continues [PB A.3].
+// Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: if the scene has them
+// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
+// Included here too, because a file is included only once, and sky.glsl may need it without the includes below.
 #include "sampling/angles.glsl"
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 #include "lights/punctual.glsl"
@@ -12,15 +12,15 @@
 #include "lights/sky.glsl"
 uniform float sky_pdf_scale;
 
-// Per solid angle, of the light sample in this direction.
+// Density of light samples in this direction, per solid angle.
 float sky_pdf(vec3 direction)
 {
     return dot(sky(direction), vec3(sky_pdf_scale));
 }
 #endif
 
-// Per solid angle, of the direction in which a path leaves its surface at a cosine, having had so many to choose from;
-// 0: the light sample stands alone.
+// Density per solid angle of the direction in which a path leaves its surface at a cosine; views: number of its possible
+// directions. 0 if only light samples count.
 float direction_pdf(float cosine, int views)
 {
 #if defined(WHOLE_SPHERE)
@@ -30,51 +30,51 @@ float direction_pdf(float cosine, int views)
 #endif
 }
 
-// Veach's power heuristic: the share of a sample drawn with density a where b could have drawn it as well.
+// Veach's power heuristic: weight of a sample drawn with density a that density b could also have drawn.
 float power_heuristic(float a, float b)
 {
     float a2 = a * a, b2 = b * b;
     return a2 / max(a2 + b2, 1e-37);
 }
 
-// Veach's share of a light sample: of `pdf` per solid angle, at a cosine to a surface where the path that continues has
-// so many directions to choose from; 0 where it ends, so that no other sample has this light.
+// Veach's weight of a light sample of density `pdf` per solid angle, at a cosine to a surface with `views` possible directions
+// of the continuing path. It is 1 without directions, because the path ends and no other sample has this light.
 float mis_weight_light(float pdf, float cosine, int views)
 {
     return views == 0 ? 1.0 : power_heuristic(pdf, direction_pdf(cosine, views));
 }
 
-// The share of emission that a direction of this density found at a distance, at a cosine to a surface where light samples
-// have a density per area. Alone, it would be counted twice.
+// Weight of emission that a direction of density `pdf` found at a distance, at a cosine to a surface whose light samples have a
+// density per area. Without weights it would count twice.
 float emission_share(float pdf, float pdf_area, float t, float cosine)
 {
     return power_heuristic(pdf, pdf_area * t * t / max(abs(cosine), 1e-9));
 }
 
-// Share of the distance to the light that rounding may take.
+// Fraction of the distance to the light within which occluders are ignored as rounding.
 const float ROUNDING = 1e-5;
 
 struct LightSample
 {
     vec3 position;
-    vec3 normal;     // of the side that emits, a spot's axis, or the direction of parallel light
-    vec3 radiance;   // of a punctual light its intensity
+    vec3 normal;     // of the emitting side, or a spot's axis, or the direction of parallel light
+    vec3 radiance;   // intensity of a punctual light
     float pdf;
     uint kind;       // LIGHT_AREA ...
     vec2 cone;       // see punctual.glsl
     bool quadratic;
 #ifdef HAS_PROFILES
-    int profile;     // its number, -1 without
+    int profile;     // index, -1 for none
 #endif
 };
 
 struct DirectLight
 {
     vec3 wi;         // unit, towards the light
-    vec3 light;      // radiance that a white Lambertian surface makes of it, over the sample's density
+    vec3 light;      // radiance of a white Lambertian surface lit by it, over the sample's density
     float distance;  // to the light
-    bool distant;    // from infinitely far
-    float pdf;   // per solid angle, of the light sample; 0 of a punctual light
+    bool distant;    // true if infinitely far
+    float pdf;   // per solid angle; 0 for a punctual light
 };
 
 // `normal` is on the lit side; views: see mis_weight_light.
@@ -100,7 +100,7 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
 #ifdef HAS_PROFILES
         if (l.profile >= 0) E *= profile_intensity(l.profile, -wi);
 #endif
-        // No direction finds what has no extent.
+        // No direction finds a punctual light.
         float share = l.kind == LIGHT_SKY ? mis_weight_light(l.pdf, cos_surface, views) : 1.0;
         found.light = E * (share * cos_surface / (PI * l.pdf));
         found.pdf = l.kind == LIGHT_SKY ? l.pdf : 0.0;

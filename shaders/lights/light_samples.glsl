@@ -1,16 +1,16 @@
-// light_samples.glsl: light from points of emitting shapes and directions of the sky, the same for all pixels of a path
-// set. The light samples are the path-buffer's (`glpath.lighting`), so the engines agree on what a set is lit by.
-// Needs:  <CONSTANTS>; LIGHT_SAMPLES of them
+// light_samples.glsl: light from points of emitting shapes and directions of the sky, the same for all pixels of a path set.
+// The light samples are those of the path-buffer (`glpath.lighting`), so the engines use the same lights in a set.
+// Needs:  <CONSTANTS>; LIGHT_SAMPLES: their number
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
-uniform vec3 sample_position[LIGHT_SAMPLES];   // of the sky: the unit direction towards it
-uniform vec4 sample_normal[LIGHT_SAMPLES];     // out of the emitting side; w: 1 for the sky
-uniform vec3 sample_radiance[LIGHT_SAMPLES];   // over pi, the density and the number of samples
+uniform vec3 sample_position[LIGHT_SAMPLES];   // for the sky the unit direction towards it
+uniform vec4 sample_normal[LIGHT_SAMPLES];     // on the emitting side; w: 1 for the sky
+uniform vec3 sample_radiance[LIGHT_SAMPLES];   // divided by pi, density and number of samples
 
 struct Incident
 {
     vec3 wi;
     float distance;  // to the light sample, infinite for the sky
-    vec3 E;          // irradiance over pi; 0 where the light shines away
+    vec3 E;          // irradiance over pi; 0 if the light faces away
 };
 
 Incident light_sample(int i, vec3 position, vec3 normal)

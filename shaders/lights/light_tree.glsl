@@ -1,9 +1,9 @@
-// light_tree.glsl: which light a position takes, by a BVH over those that have a position; `glpath.lights.tree` is the same
-// on the CPU, and says what its nodes have.
-// Needs:  <LIGHT_DRAWS>, which is light_draw.glsl's; constants.glsl
+// light_tree.glsl: chooses a light for a position, by a BVH over lights with a position; `glpath.lights.tree` is the same on
+// the CPU, and describes its nodes.
+// Needs:  <LIGHT_DRAWS>, from light_draw.glsl; constants.glsl
 // Frame:  world.
 
-// The cosine of the difference of two angles, 0 where the second is larger. sine: of it as well.
+// Cosine of the difference of two angles, clamped to an angle of 0 if the second is larger; sine: of the same angle.
 float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float sine)
 {
     bool less = cos_a >= cos_b;
@@ -11,7 +11,7 @@ float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float 
     return less ? 1.0 : cos_a * cos_b + sin_a * sin_b;
 }
 
-// A bound of the irradiance that a child's lights send to a position.
+// Upper bound of the irradiance of a child's lights at a position.
 float light_importance(uvec4 ball, uvec4 cone, vec3 position, vec3 normal)
 {
     vec3 away = position - uintBitsToFloat(ball.xyz);
@@ -22,7 +22,7 @@ float light_importance(uvec4 ball, uvec4 cone, vec3 position, vec3 normal)
     axis.x += axis.x >= 0.0 ? -fold : fold;
     axis.y += axis.y >= 0.0 ? -fold : fold;
     float r2 = radius * radius, d2 = max(dot(away, away), 1e-30), over = inversesqrt(d2);
-    // The angle in which the ball is seen: all around from inside.
+    // Angle that the ball subtends; the whole sphere from inside.
     float sin2_ball = min(r2 / d2, 1.0), sin_ball = sqrt(sin2_ball);
     float cos_ball = sin2_ball < 1.0 ? sqrt(1.0 - sin2_ball) : -1.0;
     float cos_axis = dot(axis, away) * over * inversesqrt(dot(axis, axis));
@@ -44,13 +44,13 @@ vec2 light_importances(int node, vec3 position, vec3 normal, out ivec2 children)
                 light_importance(light_node_texel(node, LIGHT_NODE_RIGHT_BALL), right, position, normal));
 }
 
-// A number has bits for so many levels; then it is drawn anew.
+// Number of levels that the bits of a random number suffice for; then a new number is drawn.
 const int LEVELS_OF_A_NUMBER = 12;
 
-// The loops below ask again what holds at their start: to what a lane computes without a condition, llvmpipe (22.3) gives
-// another value after the lane has left the loop, as long as others have not.
+// The loops below repeat the condition of their start. After a lane has left a loop, llvmpipe (22.3) still changes values that
+// the lane computes without a condition, until the other lanes have left it.
 
-// The light that a number takes, and the chance of that: 0 where nothing shines.
+// Returns the light that a random number selects, and its probability: 0 if no light reaches the position.
 int light_of_tree(vec3 position, vec3 normal, uint number, out float chance)
 {
     float u = fraction(number);
@@ -73,7 +73,7 @@ int light_of_tree(vec3 position, vec3 normal, uint number, out float chance)
     return node < 0 ? -1 - node : 0;
 }
 
-// The chance with which `light_of_tree` takes the light at the end of a trail.
+// Probability with which `light_of_tree` selects the light at the end of a trail.
 float light_chance(uint trail, vec3 position, vec3 normal)
 {
     float chance = 1.0;
@@ -91,7 +91,7 @@ float light_chance(uint trail, vec3 position, vec3 normal)
     return chance;
 }
 
-// Density per area with which a position draws a light sample on a side of an emitting triangle.
+// Density per area of light samples drawn for a position, on a side of an emitting triangle.
 float tree_pdf_area(int shape, int triangle, bool front, vec3 position, vec3 normal)
 {
     uvec4 of = light_shape_texel(shape, LIGHT_SHAPE_FIRST);

@@ -3,19 +3,19 @@
 // Frame:  world. Units: densities per solid angle.
 #include "sampling/rectangle.glsl"
 
-// Share of the sky's light samples that go through portals where some are in front. The others go by the sky's radiance:
-// they find the light that comes from elsewhere, without which the mean would be wrong, and small suns.
+// Fraction of the sky's light samples that are drawn through portals if some are in front. The others are drawn by the sky's
+// radiance. They find small suns and light from other directions, and make the mean unbiased.
 const float PORTAL_SHARE = 0.75;
 
-uniform vec3 portals[3 * PORTALS];  // of each a corner and two edges, whose cross product is inwards
-uniform float sky_chance;           // that a light sample is of the sky
+uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each, whose cross product points inwards
+uniform float sky_chance;           // probability that a light sample is of the sky
 
 SeenRectangle seen_portal(int k, vec3 from)
 {
     return seen_rectangle(portals[3 * k], portals[3 * k + 1], portals[3 * k + 2], from);
 }
 
-// Of a light sample of the sky from a position in a direction.
+// Density of a light sample of the sky, from a position in a direction.
 float sky_pdf(vec3 from, vec3 direction)
 {
     float through = 0.0, all_around = 0.0;
@@ -29,7 +29,7 @@ float sky_pdf(vec3 from, vec3 direction)
     return all_around > 0.0 ? mix(whole, sky_chance * through / all_around, PORTAL_SHARE) : whole;
 }
 
-// A direction through one of the portals, chosen by their solid angles; number: uniform. False from behind all of them.
+// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false from behind all of them.
 bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
 {
     float all_around = 0.0;
@@ -47,7 +47,7 @@ bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
     return all_around > 0.0;
 }
 
-// A light sample of the sky: a direction of density `sky_pdf` but for `weight`.
+// Draws a light sample of the sky: a direction whose density is `sky_pdf` over `weight`.
 vec3 sky_drawn(vec3 from, vec3 u, out float weight)
 {
     vec3 wi;

@@ -1,10 +1,10 @@
-// profile.glsl: what a light with a photometric profile sends in a direction; `glpath.scene.profile` is the same on the CPU.
+// profile.glsl: intensity of a light with a photometric profile in a direction; `glpath.scene.profile` is the same on the CPU.
 // Needs:  <SCENE>, HAS_PROFILES
 // Units:  W sr^-1
 #include "sampling/angles.glsl"
 
 #ifdef HAS_PROFILES
-// away: unit, from the light; profile: the number of the light's, from 0
+// away: unit direction from the light; profile: index of its profile, from 0
 float profile_intensity(int profile, vec3 away)
 {
     vec4 axis = profile_texel(profile, PROFILE_AXIS), c0 = profile_texel(profile, PROFILE_C0);

@@ -1,16 +1,16 @@
-// sky.glsl: what rays see that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the
-// elevation, or an environment map, filtered bilinearly, and the sun. `glpath.scene.sky` is the same on the CPU.
-// Needs:  <SCENE> where HAS_ENVIRONMENT is set; HAS_SUN: the map has a disc besides
+// sky.glsl: radiance of rays that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the elevation,
+// or a bilinearly filtered environment map, and the sun. `glpath.scene.sky` is the same on the CPU.
+// Needs:  <SCENE> if HAS_ENVIRONMENT is set; HAS_SUN: the map also has a disc
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #include "sampling/angles.glsl"
 #ifdef HAS_ENVIRONMENT
 uniform ivec2 sky_size;
-uniform vec3 sky_middle;  // unit, to the middle of the picture
+uniform vec3 sky_middle;  // unit, to the middle of the map
 uniform vec3 sky_up;
-uniform int sky_rows_above;  // the horizon, of a map whose rows are not blended there; 0 of others
+uniform int sky_rows_above;  // number of rows above the horizon if the map's rows are not blended there; otherwise 0
 #ifdef HAS_SUN
 uniform vec3 sun_direction;  // unit
-uniform float sun_square_chord;  // from its middle to the rim, on the unit sphere
+uniform float sun_square_chord;  // squared chord from its middle to the rim, on the unit sphere
 uniform vec3 sun_radiance;
 
 vec3 sun(vec3 direction)
@@ -20,7 +20,7 @@ vec3 sun(vec3 direction)
 }
 #endif
 
-// row: clamped to those that are blended, from the first to the last
+// row: clamped to the rows `blended`, first to last
 vec3 sky_row(int row, ivec2 blended, ivec2 columns, float share)
 {
     int first = clamp(row, blended.x, blended.y) * sky_size.x;

@@ -1,14 +1,15 @@
-// lanes.glsl: which pixel's path a fragment traces, and with which pixels it shares its random numbers.
-// Needs:  LANE_STRIDE: how far apart these are; LANES: how many, across and up; image_window. Without: each is its own
+// lanes.glsl: maps a fragment to the pixel whose path it traces, and to the pixels that share its random numbers.
+// Needs:  LANE_STRIDE: distance of these pixels; LANES: their number, across and up; image_window. Without LANE_STRIDE no
+//         pixels share numbers
 //
-// A processor runs as many fragments as its vectors have lanes, and all wait for the one that takes longest. With the same
-// random numbers their paths are alike: the same lobe, the same light, as long a path. Were they neighbours, a denoiser
-// would take the noise they have in common for the picture; so they are pixels apart, and neighbours have nothing in common.
+// A processor runs as many fragments as its vectors have lanes, and all wait for the slowest. With the same random numbers
+// their paths are similar: the same lobe, the same light, the same length. If they were neighbours, a denoiser would take their
+// correlated noise for image content. They are therefore pixels apart, and neighbours are independent.
 #ifdef LANE_STRIDE
 const ivec2 LANE_TILE = LANES * LANE_STRIDE;
 #endif
 
-// Within the window; where no whole tile of lanes is left at its ends, the fragment's own.
+// The pixel is within the window. At its ends, without room for a whole tile of lanes, it is the fragment's own.
 ivec2 pixel_of_fragment(ivec2 fragment, ivec2 window_size)
 {
 #ifdef LANE_STRIDE
@@ -20,7 +21,8 @@ ivec2 pixel_of_fragment(ivec2 fragment, ivec2 window_size)
 #endif
 }
 
-// The number of a pixel's random numbers. By the whole image, so that a window has the bits of its part of the image.
+// Index of a pixel's random numbers. It refers to the whole image, so that a window has the same bits as that part of the
+// image.
 uint shared_path(ivec2 pixel)
 {
     ivec2 whole = pixel + image_window.xy;

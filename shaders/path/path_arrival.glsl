@@ -1,4 +1,4 @@
-// path_arrival.glsl: the vertex that the scan found for a path, and the emission found there, or the sky.
+// path_arrival.glsl: vertex that the scan found for a path, and emission found there or in the sky.
 // Needs:  surface.glsl, direct.glsl, path_next.glsl, ray_record.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "gl/texels.glsl"
@@ -13,7 +13,7 @@ uniform vec3 path_d[VIEWS];
 uniform int path_views;
 #ifdef SPLIT_LIGHT
 TEXELS(rgba32f, path_direct);
-uniform bool first_bounce;  // light found here was reflected by one surface
+uniform bool first_bounce;  // true if only one surface has reflected the light found here
 #endif
 
 struct Arrival
@@ -22,11 +22,11 @@ struct Arrival
     vec3 position;
     vec4 plane;       // of the triangle
     Surface surface;
-    bool front;       // is its front what the path arrives on?
-    float t;          // distance from the vertex before
+    bool front;       // true if the path arrives on its front
+    float t;          // distance from the previous vertex
     vec3 wo;          // back along the path
-    vec3 throughput;  // the reflection here not included
-    vec4 radiance;    // gathered so far; a: see accumulate.glsl
+    vec3 throughput;  // without the reflection here
+    vec4 radiance;    // sum so far; a: see accumulate.glsl
 };
 
 Arrival arrive(ivec2 pixel)
@@ -41,7 +41,7 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
-        // Shared with the light sample of the vertex before, as emission is.
+        // Weighted against the light sample of the previous vertex, as emission is.
         float direction_code = texel(path_position, pixel).w;
         float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);
@@ -63,7 +63,8 @@ Arrival arrive(ivec2 pixel)
     a.surface = hit_surface(a.triangle, pixel, a.position, a.plane);
     a.front = front_hit(a.plane.xyz, d);
 
-    // Emission is shared with the light sample of the vertex before [Veach 1997]; alone, it would be counted twice.
+    // Emission is weighted against the light sample of the previous vertex [Veach 1997], because it would otherwise count
+    // twice.
     float pdf_area;
     vec3 Le = emitted(a.surface, a.front, pdf_area);
     float pdf = direction_pdf(coded_cosine(from.w), path_views);

@@ -1,20 +1,20 @@
-// path_direct.glsl: light samples for the vertices of paths with rays of their own.
-// Needs:  LIGHTS: as many light samples has a set; PARTS: of the lights, see direct_light; OWN_LIGHT_SAMPLES: paths draw
-//         light samples of their own; LIGHT_TREE: each vertex so many by a tree, and PARTS are of the other lights;
-//         path_numbers.glsl, ray_bvh.glsl, and what light_sample.glsl needs
+// path_direct.glsl: light samples for the vertices of paths with per-path rays.
+// Needs:  LIGHTS: number of light samples of a set; PARTS: parts of the lights, see direct_light; OWN_LIGHT_SAMPLES: each path
+//         draws its own light samples; LIGHT_TREE: number of samples that each vertex draws by a tree, PARTS are then of the
+//         other lights; path_numbers.glsl, ray_bvh.glsl, and the needs of light_sample.glsl
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #ifdef OWN_LIGHT_SAMPLES
 #include "lights/light_draw.glsl"
 #ifdef LIGHT_TREE
 #include "lights/light_tree.glsl"
 #endif
-uniform uvec3 sequence_point;           // a point of the sequence
+uniform uvec3 sequence_point;           // point of the sequence
 #else
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 #endif
 
 #ifdef OWN_LIGHT_SAMPLES
-// Shifted for each vertex of each branch.
+// Sequence point, shifted for each vertex of each branch.
 uvec3 light_point(PathId at)
 {
     uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
@@ -22,7 +22,7 @@ uvec3 light_point(PathId at)
 }
 
 #ifdef PARTS
-// And for each part of the lights.
+// Light sample with the point shifted for each part of the lights too.
 LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     return light_draw(part, light_point(at) ^ (0x9E3779B9u * uint(part)), from, share);
@@ -41,7 +41,7 @@ LightSample light_in(int number, out float share)
 #endif
 }
 
-// The set's light samples are few: paths share them by classes, and a path takes those of another class at each vertex.
+// The set has few light samples. Classes of paths share them, and a path uses those of another class at each vertex.
 LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     uint other = 5u * uint(at.depth + at.branch);
@@ -51,8 +51,8 @@ LightSample light_of(PathId at, int part, vec3 from, out float share)
 #endif
 
 #ifdef LIGHT_TREE
-// Is one more sample taken instead of those before it? Each is in the end with the chance of its weight among all.
-// number: uniform, and so is what is left of it.
+// Reservoir sampling: returns true if a sample replaces the previous ones. In the end each is chosen with the probability of
+// its weight among all. number: uniform, and so is its remainder.
 bool is_taken(float weight, inout float sum, inout float number)
 {
     sum += weight;
@@ -62,8 +62,8 @@ bool is_taken(float weight, inout float sum, inout float number)
     return taken;
 }
 
-// Direct light, shadows not asked for; views: see mis_weight_light.
-// A path takes one of some samples by what they send [Talbot 2005]: those of the tree, evenly apart in the number that
+// Direct light without a test for shadows; views: see mis_weight_light.
+// A path chooses one of several samples by their light [Talbot 2005]: those of the tree, at even distances in the number that
 // chooses a light, and one of each part of the other lights.
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
@@ -101,8 +101,8 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     return direct;
 }
 #else
-// Direct light, shadows not asked for; views: see mis_weight_light.
-// There is a sample of each part of the lights; a path takes one by what they send [Talbot 2005].
+// Direct light without a test for shadows; views: see mis_weight_light.
+// Each part of the lights has a sample; a path chooses one by their light [Talbot 2005].
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
     int selected = 0;
@@ -133,12 +133,12 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
 }
 #endif
 
-// What an unoccluded light sample would bring. start: off the surface by `rounding`, of a triangle.
+// Adds the light of a light sample if it is unoccluded. start: off the surface of a triangle, by `rounding`.
 void add_unblocked(
     inout vec3 L, vec3 lit, PathId at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
 {
     if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
-        // To just before the light, so that its own triangle does not occlude it.
+        // The ray ends just before the light, so that its own triangle does not occlude it.
         vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
         float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
 #ifdef HAS_ALPHA

@@ -1,7 +1,7 @@
-// path_gather.frag: the end of a path at the radiosity solution [PB 4, A.4]: the light that arrives at the surface
-// found is looked up and reflected. Direct light is the light sample's, but for a share that the solution has; emission
-// was the light sample's of the vertex before, or found with the surface.
-// A path that ended so near to its start that an element's width shows continues instead.
+// path_gather.frag: end of a path at the radiosity solution [PB 4, A.4]: the irradiance of the found surface is looked up and
+// reflected. Direct light comes from the light sample, except for a fraction that the solution includes. Emission came from the
+// previous vertex's light sample, or was found with the surface.
+// A path continues instead if it ended so near to its start that the element's width would be visible.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include <CONSTANTS>
 #include <SCENE>
@@ -19,7 +19,7 @@
 #endif
 #include "path/path_state.glsl"
 
-uniform float lookup_distance;  // in minimum distances of the element; nearer than a random share of it, a path continues
+uniform float lookup_distance;  // in minimum distances of the element; a path continues below a random fraction of it
 
 void main()
 {
@@ -30,7 +30,7 @@ void main()
         PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
         uint path = path_in_image(pixel);
 #ifdef STREAMED
-        // The solution is of a proxy, whose elements a streamed triangle does not have.
+        // The solution is of a proxy, and a streamed triangle has no elements in it.
         bool streamed = a.triangle >= first_streamed;
 #else
         const bool streamed = false;

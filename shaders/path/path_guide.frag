@@ -1,8 +1,8 @@
-// path_guide.frag: how much light comes to the points of a guide from each cell of directions.
-// Needs:  GUIDE_LEVELS; GUIDE_POINTS, GUIDE_RAYS: points of a guide, and rays of a cell, which divide them; ALL_LIGHT; those
-//         of light_sample.glsl
-// Runs over: a square of 2^GUIDE_LEVELS pixels, the cells, for each guide, row by row. Output: root mean square of
-//         radiance, W sr^-1 m^-2, the mean of the channels
+// path_guide.frag: light that arrives at the points of a guide from each cell of directions.
+// Needs:  GUIDE_LEVELS; GUIDE_POINTS, GUIDE_RAYS: number of points of a guide, and of rays of a cell, which divides it;
+//         ALL_LIGHT; the needs of light_sample.glsl
+// Runs over: a square of 2^GUIDE_LEVELS pixels, the cells, for each guide, row by row. Output: root mean square of radiance, W
+//            sr^-1 m^-2, as the mean of the channels
 // Frame:  world
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -16,7 +16,7 @@
 #include "bsdf/cosine.glsl"
 #ifdef HAS_THIN_DIELECTRICS
 #include "bsdf/lobes.glsl"
-const int MAX_THIN_DIELECTRICS = 8;  // at most, one behind the other
+const int MAX_THIN_DIELECTRICS = 8;  // maximum number in succession
 #endif
 #include <GUIDE_POINTS_STORE>
 
@@ -24,7 +24,7 @@ uniform int guide_count;
 uniform int guides_across;
 layout(location = 0) out float found;
 
-// Reflected light, and what a light sample does not have of emission.
+// Reflected light, and emission weighted against light samples.
 vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
 {
     float pdf = dot(normal, direction) / PI;
@@ -32,7 +32,7 @@ vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
     vec3 through = vec3(1.0);
     float passed = 0.0;
 #ifdef HAS_THIN_DIELECTRICS
-    // Straight on through thin dielectrics, as paths and their rays to lights go.
+    // Continue straight through thin dielectrics, as paths and their shadow rays do.
     for (int k = 0; k < MAX_THIN_DIELECTRICS && triangle >= 0; ++k)
     {
         vec4 plane = facet_texel(triangle, FACET_PLANE);
@@ -67,7 +67,7 @@ void main()
     found = 0.0;
     if (guide >= guide_count) return;
     uint number = uint((guide * SIDE + cell.y) * SIDE + cell.x);
-    // Neighbouring cells take the points in turns; the rays of one cell take points far apart.
+    // Neighbouring cells use the points in turn; the rays of one cell use points far apart.
     int first = (cell.x + 5 * cell.y) % (GUIDE_POINTS / GUIDE_RAYS);
     float sum = 0.0;
     for (int k = 0; k < GUIDE_RAYS; ++k)
@@ -75,7 +75,7 @@ void main()
         vec4 from = guide_point_texel(guide * GUIDE_POINTS + first + k * (GUIDE_POINTS / GUIDE_RAYS), GUIDE_POINT_POSITION);
         int own = int(from.w);
         vec3 normal = facet_texel(own, FACET_PLANE).xyz, far = abs(from.xyz);
-        // The golden ratio's sequence, shifted.
+        // Shifted sequence of the golden ratio.
         vec2 within = fract(vec2(random_number(number, 0u), random_number(number, 1u)) + float(k) * vec2(0.7548777, 0.5698403));
         vec3 direction = cosine_direction(normal, (vec2(cell) + within) / float(SIDE));
         vec3 start = from.xyz + RAY_ROUNDING * max(far.x, max(far.y, far.z)) * normal;

@@ -1,9 +1,9 @@
-// path_guide.glsl: directions chosen by the light that comes from there; see `glpath.integrators.path_guide`.
-// Needs:  <PATH_GUIDE>; radiosity.glsl; GUIDES_SHARED: where elements share guides
+// path_guide.glsl: directions sampled by the incident light; see `glpath.integrators.path_guide`.
+// Needs:  <PATH_GUIDE>; radiosity.glsl; GUIDES_SHARED: elements share guides
 // Source: Clarberg et al. 2005, Wavelet importance sampling (hierarchical sample warping).
 #include <PATH_GUIDE>
 
-// The number of the guide of an element's front.
+// Returns the index of the guide of an element's front.
 int guide_at(LatticePosition position)
 {
     int element = position.element;
@@ -15,7 +15,7 @@ int guide_at(LatticePosition position)
 #endif
 }
 
-// A point of the unit square, uniform in u, moved to where the guide has light; pdf: of it, in the square.
+// Warps a uniform point u of the unit square by the guide's light; pdf: its density in the square.
 vec2 guided(int guide, vec2 u, out float pdf)
 {
     int level_first = guide * GUIDE_NODES;

@@ -1,5 +1,5 @@
-// path_light.frag: light from infinitely far, for the paths whose scan along its direction hit nothing.
-// Runs over: the pixels of the window. Output: what is added to a path's radiance, or, after the last vertex, the sums.
+// path_light.frag: adds light from infinitely far to paths whose scan along its direction hit nothing.
+// Runs over: the pixels of the window. Output: additional radiance of a path, or, after the last vertex, the sums.
 #include "gl/texels.glsl"
 #include "path/ray_record.glsl"
 #include "path/path_result.glsl"
@@ -16,7 +16,7 @@ layout(location = 1) out vec4 direct;
 #endif
 #endif
 #ifdef SPLIT_LIGHT
-uniform bool first_vertex;  // the light was reflected by this surface alone
+uniform bool first_vertex;  // true if only this surface has reflected the light
 #endif
 
 TEXELS(rgba32f, distant_start);

@@ -2,25 +2,25 @@
 // Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, direction_code.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
-uniform int next_views;         // how many of them a path has to choose from
+uniform int next_views;         // number of directions that a path can choose from
 uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
 uniform float cosine_roulette;  // see below
 
 #ifdef HAS_DISTANT_LIGHTS
-// Light from infinitely far that this vertex sends on unless a scan along its direction hits something; w of the start
-// as in direction_code.glsl, 0 where there is no such light.
+// Light from infinitely far that this vertex reflects unless a scan along its direction hits something. w of the start is as in
+// direction_code.glsl, 0 without such light.
 vec4 pending_start = vec4(0.0);
 vec3 pending_light = vec3(0.0);
 #endif
 
 #if defined(SPLIT_LIGHT) && defined(LAST_VERTEX)
-vec3 last_lit;  // what the light sample brought here
+vec3 last_lit;  // light of the light sample at this vertex
 #endif
 
 struct PathState
 {
-    vec4 position;  // w: its direction_code, see direction_code.glsl
-    vec3 beta;      // throughput, the next reflection included
+    vec4 position;  // w: see direction_code.glsl
+    vec3 beta;      // throughput, including the next reflection
     vec3 radiance;
 };
 
@@ -29,8 +29,8 @@ PathState ended(vec3 radiance)
     return PathState(vec4(0.0), vec3(0.0), radiance);
 }
 
-// What the light sample brings to the eye from here. Light from infinitely far is left pending. `views`: how many
-// directions the path has to choose from when it continues, 0 where it ends.
+// Light of the light sample that the eye receives from here. Light from infinitely far stays pending. `views`: number of
+// directions that the path can choose from when it continues, 0 if it ends.
 vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 {
     DirectLight direct = direct_light(v.surface.position, v.normal, v.triangle, v.plane, views);
@@ -44,8 +44,8 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 #endif
 #ifdef HAS_DISTANT_LIGHTS
     if (direct.distant) {
-        // A surface that the light grazes gets little of it, and its paths would crowd out others of their cells.
-        // Twice as flat as for paths that continue: there is one direction, and all of the cells are its own.
+        // A surface at grazing incidence gets little light, but its paths would displace others from their cells. The
+        // probability is twice that of continuing paths, because there is only one direction, with all cells.
         float chance = min(1.0, 2.0 * dot(v.normal, direct.wi) * cosine_roulette);
         bool asks = max(lit.r, max(lit.g, lit.b)) > 0.0 && random_number(path, USE_LIGHT) < chance;
         if (asks) pending_start = vec4(v.surface.position, 1.0);
@@ -56,24 +56,25 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
     return lit;
 }
 
-// The path in one of the shared directions.
+// Continues the path in one of the shared directions.
 PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
 {
     float c = dot(v.normal, next_directions[0]);
     int view = 0;
 #if defined(WHOLE_SPHERE)
-    // The paper's density 1 / (4 pi): a direction below the surface is a path that ends.
+    // The paper's density 1 / (4 pi): a path ends if its direction is below the surface.
     if (c <= 0.0) return ended(radiance);
     float weight = 4.0 * c;
 #else
     float weight = 1.0;
     if (next_views == 2) {
-        // Of two uniform directions, each turned to the side that the path can see, the one nearer to the normal has
-        // the density cosine / pi: a Lambertian surface's own.
+        // Both uniform directions are turned to the visible side. The direction nearer to the normal then has the density
+        // cosine / pi, that of a Lambertian surface.
         float other = dot(v.normal, next_directions[VIEWS - 1]);
         if (abs(other) > abs(c)) { c = other; view = 1; }
     } else {
-        // Paths of a surface seen edge-on carry little and crowd into few cells: the cosine is the share that continues.
+        // Paths of a surface seen edge-on carry little light and crowd into few cells. They continue with a probability in
+        // proportion to the cosine.
         float chance = min(1.0, abs(c) * cosine_roulette);
         if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
         weight = 2.0 * abs(c) / chance;
@@ -94,7 +95,7 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
     return PathState(vec4(v.surface.position, pack_direction(view, c)), throughput, radiance);
 }
 
-// Direct light, and the next direction; at the last vertex ambient radiance.
+// Adds direct light, and chooses the next direction; at the last vertex adds ambient radiance.
 PathState lit_and_gone_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
 {
 #ifdef LAST_VERTEX

@@ -1,19 +1,19 @@
-// path_numbers.glsl: the random numbers of a path's vertices.
-// Needs:  BRANCHES of a path; BOUNCES: as many directions come from the sequence for each; START_POINTS; random.glsl
+// path_numbers.glsl: random numbers of a path's vertices.
+// Needs:  BRANCHES of a path; BOUNCES: number of bounces whose directions come from the sequence; START_POINTS; random.glsl
 //
-// The set has a point of a sequence for each bounce; a path shifts it by numbers of its own, the same in every set, so
-// that the points of each pixel are as even as the sequence, and those of two pixels have nothing in common.
-uniform uint path_seed;              // of a path's own shifts
+// The set has a sequence point for each bounce. A path shifts it by its own numbers, the same in every set. The points of each
+// pixel are thus as even as the sequence, and those of two pixels are independent.
+uniform uint path_seed;              // seed of the paths' shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
 uniform uint choice_points[BRANCHES * BOUNCES];
-uniform bool lattice;                // the first direction is a point of a lattice, the others of a Sobol sequence
+uniform bool lattice;                // true if the first direction is a lattice point, the others Sobol points
 
 float unit(uint bits)
 {
     return float(bits >> 8u) * (1.0 / 16777216.0);
 }
 
-// Where on its branches a path is.
+// Position of a path on its branches.
 struct PathId
 {
     uint path;
@@ -21,13 +21,13 @@ struct PathId
     int branch;
 };
 
-// Another number at each vertex of each branch, for the uses of random.glsl, 0 and 1.
+// Random number for a use of random.glsl, or 0 and 1, at each vertex of each branch.
 float random_at(PathId at, uint use)
 {
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
 }
 
-// Is this vertex a point that paths start at?
+// Returns true if this vertex is a point at which paths start.
 bool at_start(PathId at)
 {
 #ifdef START_POINTS
@@ -44,7 +44,7 @@ void opacity_key_at(PathId at, uint use)
 }
 #endif
 
-// Which part of the lights a vertex takes.
+// Number that chooses the part of the lights for a vertex.
 float choice_number(PathId at)
 {
     if (at.depth >= BOUNCES) return random_at(at, USE_LIGHT);
@@ -52,7 +52,7 @@ float choice_number(PathId at)
     return unit(point ^ pcg(at.path + pcg(path_seed + 2u * uint(at.depth) + 1u)));
 }
 
-// A lattice's shift is a sum, a net's an exclusive or.
+// Points of a lattice are shifted by addition, points of a net by exclusive or.
 vec2 direction_numbers(PathId at)
 {
     if (at.depth >= BOUNCES) return vec2(random_at(at, 0u), random_at(at, 1u));

@@ -1,4 +1,4 @@
-// path_rays.comp: see path_rays.glsl. On a graphics card, many of which shade pixels in few of their cores.
+// path_rays.comp: see path_rays.glsl. It is for graphics cards, many of which use only few cores for fragments.
 // Needs:  COMPUTE
 // Runs over: the pixels of an area of the window, 8 x 8 in a group. Output: the sums, see accumulate.glsl
 #include "path/path_rays.glsl"

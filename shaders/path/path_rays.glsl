@@ -1,6 +1,6 @@
-// path_rays.glsl: whole paths, each with directions and a light of its own: rays are cast by the BVH.
-// Needs:  BRANCHES of a path, which part at its first vertex; EMITTER_SILHOUETTES; GATHER, GUIDED; START_POINTS: paths
-//         start at points, not at an eye; those of path_numbers.glsl and path_direct.glsl
+// path_rays.glsl: whole paths, each with its own directions and light samples; rays are cast by the BVH.
+// Needs:  BRANCHES of a path, which split at its first vertex; EMITTER_SILHOUETTES; GATHER, GUIDED; START_POINTS: paths start
+//         at points instead of an eye; the needs of path_numbers.glsl and path_direct.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -39,27 +39,27 @@ const float start_extent = 0.0;
 #endif
 #include "film/split_light.glsl"
 #ifdef SPLIT_LIGHT
-int scattered = 0;  // surfaces that the path has left, thin dielectrics that it went straight through aside
+int scattered = 0;  // number of surfaces that the path has left, except thin dielectrics passed straight
 #endif
 #ifdef GATHER
-uniform int lookup_depth;       // number of the vertex where the solution is looked up
-uniform float lookup_distance;  // in minimum distances of the element; nearer than a random share of it, a path continues
+uniform int lookup_depth;       // index of the vertex at which the solution is looked up
+uniform float lookup_distance;  // in minimum distances of the element; a path continues below a random fraction of it
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
-const int MIRRORS = 1024;       // vertices of a path through glass and by mirrors at most: roulette ends them long before
+const int MIRRORS = 1024;       // maximum number of vertices of a path through glass and mirrors; roulette ends it long before
 #endif
 
 #ifdef CONTROL_VARIATE
-uniform int lookup_depth;         // diffuse bounces before the first vertex where the solution stands in for a path
-uniform float correction_number;  // of the set: which paths continue there
-const float FIRST_CHANCE = 0.5;   // that a path does
-const float LATER_CHANCE = 4.0;   // at later vertices, of a throughput of one
+uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
+uniform float correction_number;  // of the set; decides which paths continue there
+const float FIRST_CHANCE = 0.5;   // probability that a path continues
+const float LATER_CHANCE = 4.0;   // the same at later vertices, for a throughput of one
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform ivec2 window_size;
-uniform int max_depth;               // vertices of a path
-uniform int cut_depth;               // number of the vertex where a path that chance should have ended is cut and counted
+uniform int max_depth;               // maximum number of vertices of a path
+uniform int cut_depth;               // index of the vertex at which a path that roulette has not ended is cut and counted
 uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
 #ifdef HAS_GROUND
 #include "lights/ground.glsl"
@@ -71,62 +71,62 @@ uniform int roulette_depth;          // from this vertex on, Russian roulette en
 #endif
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-vec3 reflected_behind;  // of light samples on the other side of a vertex, by its diffuse lobe there
+vec3 reflected_behind;  // weight of light samples on the other side of a vertex, for its diffuse lobe there
 #endif
 
-// What a path carries from vertex to vertex.
+// State of a path between vertices.
 struct RayPath
 {
     PathId at;
-    vec3 origin;      // of its ray
+    vec3 origin;      // start of its ray
     vec3 direction;
-    int triangle;     // that the ray meets, -1 for none
-    vec3 L;           // radiance that it has brought home
+    int triangle;     // triangle that the ray hits, -1 for none
+    vec3 L;           // radiance accumulated so far
     vec3 beta;        // throughput
-    float pdf;        // of the direction, per solid angle
-    float reached;    // along the ray, from where light samples see; see `passed`
+    float pdf;        // density of the direction, per solid angle
+    float reached;    // distance along the ray from the vertex of the light samples; see `passed`
 #ifdef LIT_FROM
-    vec3 lit_from;    // where that is,
-    vec3 lit_normal;  // on the side of the ray
+    vec3 lit_from;    // position of that vertex
+    vec3 lit_normal;  // its normal on the side of the ray
 #endif
-    float rays;       // that were cast
-    int vertices;     // at most
+    float rays;       // number of rays cast
+    int vertices;     // maximum number of vertices
     bool continues;
 #ifdef GUIDED
-    float guiding_weight;  // what the path weighs more for where guides sent it
+    float guiding_weight;  // factor of the path's weight due to guides
 #endif
 #ifdef CONTROL_VARIATE
-    int corrections;        // vertices where it continued although the solution was looked up
-    float weight;           // of what leaves its vertex by the diffuse lobe
-    float emission_weight;  // of what the next vertex emits, if it leaves so: the solution may have direct light
-    float emission;         // of the ray that it is on
+    int corrections;        // number of vertices at which it continued although the solution was looked up
+    float weight;           // weight of light that leaves its vertex by the diffuse lobe
+    float emission_weight;  // weight of the next vertex's emission for that lobe, because the solution may include direct light
+    float emission;         // weight of emission for the current ray
 #endif
 #ifdef HAS_LOBES
-    float passed;      // up to the last thin dielectric that the ray went through
-    int bounces;       // off a diffuse surface: where a gather looks up, mirrors and glass do not count
-    bool was_diffuse;  // the last one
+    float passed;      // distance up to the last thin dielectric that the ray passed
+    int bounces;       // number of diffuse bounces; mirrors and glass do not count for a gather
+    bool was_diffuse;  // true if the last bounce was diffuse
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
-    bool straight;     // from the eye on, through thin dielectrics alone
+    bool straight;     // true if it only passed thin dielectrics since the eye
 #endif
-    vec3 inside;       // attenuation of what the path goes through
+    vec3 inside;       // attenuation of the medium that the path is in
 #endif
 };
 
-// A vertex that a path has come to, and leaves.
+// Vertex that a path has reached and will leave.
 struct ScatterVertex
 {
     PathVertex v;
-    float t;         // from the vertex before, or the last thin dielectric's
-    float pdf_area;  // of light samples, of the lamp's point that it is
-    vec3 start;      // off the surface,
-    float rounding;  // by so much
-    int guide;       // its number
+    float t;         // distance from the previous vertex, or from the last thin dielectric
+    float pdf_area;  // density of light samples at this point, if it is on a lamp
+    vec3 start;      // start of its rays, off the surface
+    float rounding;  // distance of start from the surface
+    int guide;       // index of its guide
 #ifdef HAS_LOBES
     Lobes lobes;
 #endif
 };
 
-// Ready for its first bounce, or for that of another branch.
+// Prepares the path for its first bounce, or for that of another branch.
 void begin_branch(inout RayPath path, int branch)
 {
     path.at = PathId(path.at.path, 0, branch);
@@ -152,7 +152,7 @@ void begin_branch(inout RayPath path, int branch)
 #endif
 }
 
-// From the eye, or from a point, to the first vertex.
+// Starts a path from the eye, or from a point, to the first vertex.
 RayPath begin_path(ivec2 pixel)
 {
     RayPath path;
@@ -184,7 +184,7 @@ void add_light(inout RayPath path, vec3 light)
 }
 
 #ifdef HAS_BACKGROUND
-// Does its ray come straight from the eye?
+// Returns true if its ray comes straight from the eye.
 bool is_from_eye(RayPath path)
 {
 #ifdef HAS_THIN_DIELECTRICS
@@ -195,8 +195,8 @@ bool is_from_eye(RayPath path)
 }
 
 #ifdef HAS_GROUND
-// Share of the sky's light on the ground that no shape keeps off, where the ray meets it; 1 where it does not. By one
-// direction, as dense as the light that it brings.
+// Unoccluded fraction of the sky's light on the ground at the ray's hit; 1 without a hit. It is estimated with one direction,
+// distributed by the sky's irradiance.
 vec3 light_on_ground(RayPath path, ivec2 pixel)
 {
     vec3 start, to_light;
@@ -214,7 +214,7 @@ vec3 light_on_ground(RayPath path, ivec2 pixel)
 }
 #endif
 
-// Of a ray from the eye that meets nothing.
+// Adds the background for a ray from the eye that hits nothing.
 void add_background(inout RayPath path, ivec2 pixel, float seen)
 {
     vec3 light = path.beta * seen_behind(path.direction);
@@ -226,7 +226,7 @@ void add_background(inout RayPath path, ivec2 pixel, float seen)
 #endif
 
 #ifdef HAS_SKY
-// Of a ray that meets nothing; shared with the light sample of the vertex before, as emission is.
+// Adds the sky for a ray that hits nothing, weighted against the light sample of the previous vertex, as emission is.
 void add_sky(inout RayPath path, float seen)
 {
 #ifdef PORTALS
@@ -242,7 +242,7 @@ void add_sky(inout RayPath path, float seen)
 }
 #endif
 
-// The vertex at the end of the ray, and the light that it emits. seen: the eye's share of that.
+// Returns the vertex at the end of the ray, and adds the light that it emits. seen: weight of light that the eye sees directly.
 ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 {
     ScatterVertex s;
@@ -278,7 +278,7 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 #endif
         add_light(path, path.beta * Le * (path.at.depth == 0 ? seen : share));
     }
-    // Off the surface by more than rounding, or its other triangles would be hit.
+    // The start is off the surface by more than rounding, because the ray would otherwise hit its neighbouring triangles.
     vec3 far = abs(s.v.surface.position);
     s.rounding = RAY_ROUNDING * ((at_start(path.at) ? start_extent : s.t) + max(far.x, max(far.y, far.z)));
     s.start = s.v.surface.position + s.rounding * s.v.normal;
@@ -286,8 +286,8 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 }
 
 #ifdef GATHER
-// At a vertex where the solution is looked up: its light, and what light samples may add to that. Sets whether the path
-// continues from the diffuse lobe, as everywhere else.
+// At a vertex at which the solution is looked up, adds its light, and sets the weight `reflected` of light samples. Sets
+// `continues`, if the path continues from the diffuse lobe as elsewhere.
 void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, inout vec3 reflected)
 {
 #ifdef HAS_LOBES
@@ -317,10 +317,11 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 #endif
 
 #ifdef CONTROL_VARIATE
-// Of a path's diffuse vertices from the third on: the solution ends the path, or with probability p the path continues with
-// weight 1 / p, beside (1 - 1 / p) times the solution. What is expected is the path's light, whatever the solution is worth,
-// which is a control variate; p is by throughput, so that it ends paths as roulette does. Source: Vorba & Krivanek 2016, Adjoint-driven Russian roulette and
-// splitting, for roulette by what is to come; Rousselle et al. 2016, Image-space control variates for rendering.
+// From a path's third diffuse vertex on, either the solution ends the path, or with probability p the path continues with
+// weight 1 / p, plus (1 - 1 / p) times the solution. The expected value is the path's light for any solution, which is a
+// control variate. p depends on the throughput, so that it ends paths like roulette. Source: Vorba & Krivanek 2016,
+// Adjoint-driven Russian roulette and splitting, for roulette by expected light; Rousselle et al. 2016, Image-space control
+// variates for rendering.
 void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, inout vec3 reflected)
 {
     path.weight = path.emission_weight = 1.0;
@@ -333,7 +334,7 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     if (bounces < lookup_depth) return;
     float chance, number;
     if (path.corrections == 0) {
-        // A pixel's sets take turns.
+        // Successive sets of a pixel alternate.
         chance = FIRST_CHANCE;
         number = fract(correction_number + unit(pcg(path.at.path + pcg(path_seed + 8191u + uint(path.at.branch)))));
     } else {
@@ -344,12 +345,12 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     vec4 found = irradiance_at(in_lattice, s.v.front);
     vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    // Of both sides the same share of it is direct light.
+    // On both sides the same fraction of it is direct light.
     solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front).rgb / PI;
 #endif
     if (path.continues) {
         path.weight = 1.0 / chance;
-        // The solution's share of direct light counts as the path counts, the rest once.
+        // The solution's direct light gets the weight of the path, the rest the weight 1.
         float direct = 1.0 + (path.weight - 1.0) * found.a;
         path.L += (1.0 - path.weight) * solution;
         path.emission_weight = direct / path.weight;
@@ -369,14 +370,14 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 #endif
 
 #ifdef HAS_LOBES
-// What light samples bring by the lobes. Sets in which lobes the path may continue, and whether it does.
+// Adds light of light samples by all lobes. Sets the lobes in which the path may continue, and if it continues.
 void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
 {
 #if defined(GATHER) || defined(CONTROL_VARIATE)
     const bool beyond = false;
     bool others_continue = path.at.depth < MIRRORS;
 #else
-    // Of the last vertex's mirrors and glass, light samples know nothing: one ray more finds what shines there.
+    // Light samples do not contribute to mirrors and glass of the last vertex, so one more ray finds emitters there.
     bool beyond = path.at.depth >= path.vertices, others_continue = !beyond;
 #endif
     LightSample light_sample;
@@ -417,7 +418,7 @@ void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
     if (ends) path.L += path.beta * bsdf_albedo(s.v.bsdf) * ambient;
 }
 #else
-// What light samples bring to a diffuse surface.
+// Adds light of light samples at a diffuse surface.
 void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
 {
     LightSample light_sample;
@@ -430,10 +431,10 @@ void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
 }
 #endif
 
-// All that a vertex adds to the path's radiance but what it emits.
+// Adds all light of a vertex except its emission.
 void add_reflected(inout RayPath path, inout ScatterVertex s)
 {
-    vec3 reflected = path.beta;  // of light samples
+    vec3 reflected = path.beta;  // weight of light samples
 #ifdef HAS_DIFFUSE_TRANSMISSION
     reflected_behind = path.beta;
 #endif
@@ -454,7 +455,7 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 }
 
 #ifdef HAS_LOBES
-// By microfacets, clearcoat, a mirror or through glass; chosen: beyond the diffuse lobe's chance. Returns the cosine.
+// Samples microfacets, clearcoat, a mirror or glass; chosen: random number minus the diffuse lobe's probability. Returns 1 instead of a cosine.
 float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;
@@ -462,8 +463,8 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
     path.direction = leaving.direction;
     path.beta *= stays ? leaving.weight : vec3(0.0);
 #ifdef HAS_THIN_DIELECTRICS
-    // To its light samples a vertex sees through thin dielectrics: what it finds behind them is shared with these,
-    // and the thin dielectric is no vertex of the path.
+    // Light samples of a vertex see through thin dielectrics. Light found behind them is weighted against these samples, and
+    // the thin dielectric is not a vertex of the path.
     if (leaving.straight) {
         path.passed = path.reached;
         path.vertices += 1;
@@ -477,7 +478,7 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
 #ifdef CONTROL_VARIATE
-        path.emission = 1.0;  // but not behind a thin dielectric, where light is still that of the vertex before
+        path.emission = 1.0;  // not after a thin dielectric, as the light still belongs to the previous vertex
 #endif
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
         path.straight = false;
@@ -499,7 +500,7 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
 }
 #endif
 
-// By the cosine, or to where a guide sends it; chance: of the diffuse lobe. Returns the cosine.
+// Samples the diffuse lobe, cosine-weighted or guided; chance: probability of the diffuse lobe. Returns the cosine.
 float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 numbers)
 {
 #ifdef LIT_FROM
@@ -515,7 +516,7 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
 #endif
 #endif
 #ifdef GUIDED
-    // Light samples and emission share light by the cosine alone: any shares will do that make one.
+    // The MIS weights of light samples and emission only use the cosine; any weights that add up to one are valid.
     if (s.guide >= 0) {
         float chosen;
         numbers = guided(s.guide, numbers, chosen);
@@ -536,7 +537,7 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
 }
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// By the cosine to the other side. Returns it.
+// Samples a cosine-weighted direction on the other side; returns the cosine.
 float sample_through_diffuse(inout RayPath path, ScatterVertex s, vec2 numbers)
 {
 #ifdef LIGHT_TREE
@@ -560,7 +561,7 @@ float sample_through_diffuse(inout RayPath path, ScatterVertex s, vec2 numbers)
 }
 #endif
 
-// The direction from a vertex to the next, and whether roulette lets the path go there.
+// Samples the direction to the next vertex, and applies roulette.
 void leave(inout RayPath path, ScatterVertex s)
 {
     vec2 numbers = direction_numbers(path.at);
@@ -584,7 +585,7 @@ void leave(inout RayPath path, ScatterVertex s)
     float max_beta = max(path.beta.r, max(path.beta.g, path.beta.b));
     if (path.at.depth + 1 >= roulette_depth) {
 #ifdef GUIDED
-        // Without the guiding weight, which is small for every path that is guided to a light.
+        // The guiding weight is left out, because it is small for every path that is guided to a light.
         float stay = min(1.0, max_beta / path.guiding_weight);
 #else
         float stay = min(1.0, max_beta);
@@ -599,7 +600,7 @@ void leave(inout RayPath path, ScatterVertex s)
 #endif
 }
 
-// To what a path's ray meets.
+// Casts the path's ray to its next hit.
 void cast_ray(inout RayPath path, int from)
 {
     path.rays += 1.0;
@@ -609,7 +610,7 @@ void cast_ray(inout RayPath path, int from)
     path.triangle = nearest_triangle(path.origin, path.direction, from);
 }
 
-// Radiance of the path that a fragment traces, and the rays that it cast. Its branches part at the first vertex.
+// Returns radiance and number of cast rays of the path that a fragment traces. Its branches split at the first vertex.
 vec4 trace_path(ivec2 fragment)
 {
     ivec2 pixel = pixel_of_fragment(fragment, window_size);
@@ -617,7 +618,7 @@ vec4 trace_path(ivec2 fragment)
     if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
 #endif
     RayPath path = begin_path(pixel);
-    float seen = 1.0;  // the path's share of the light that the eye sees
+    float seen = 1.0;  // weight of light that the eye sees directly
 #ifdef EMITTER_SILHOUETTES
     seen = lamps_seen(pixel, path.L) ? 0.0 : 1.0;
 #ifdef SPLIT_LIGHT
@@ -663,7 +664,7 @@ vec4 trace_path(ivec2 fragment)
         if (!path.continues) break;
 #endif
     }
-    // More casts than their bits hold count as so many; what stands above them is a path that was cut.
+    // The number of casts is clamped to CAST_BITS bits. The next bit marks a path that was cut.
     float cut = path.at.depth >= cut_depth ? float(1 << CAST_BITS) : 0.0;
     return vec4(path.L, min(path.rays, float((1 << CAST_BITS) - 1)) + cut);
 }

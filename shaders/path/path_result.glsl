@@ -1,4 +1,4 @@
-// path_result.glsl: what a scan found for a path.
+// path_result.glsl: result of a scan for a path.
 // Needs: ray_record.glsl
 #include <CONSTANTS>
 #include "gl/texels.glsl"
@@ -9,7 +9,8 @@ UINT_TEXELS(rgba32ui, ray_records);
 UINT_TEXELS(rgba32ui, cell_slots);
 TEXELS(rgba32f, cell_found);
 
-// The triangle found (0 for any, with OCCLUSION), or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: how many paths of the cell this one stands for.
+// Returns the found triangle (0 for any, with OCCLUSION), or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: number of paths of
+// the cell that this one represents.
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
@@ -33,7 +34,7 @@ int path_result(ivec2 path, out float weight)
 #endif
 }
 
-// What a scan adds to the events of a path that was launched: a cast, and a loss where it lost.
+// Events that a scan adds for a launched path: a cast, and a loss if the path lost its slot.
 float scan_events(int found)
 {
     return found == PATH_LOST ? float((1 << CAST_BITS) + 1) : 1.0;

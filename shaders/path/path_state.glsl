@@ -1,4 +1,4 @@
-// path_state.glsl: where a vertex pass leaves its paths: their states, or, with TO_SUMS, the sums.
+// path_state.glsl: output of a vertex pass: the states of its paths, or, with TO_SUMS, the sums.
 // Needs: path_next.glsl
 #include "film/split_light.glsl"
 #ifdef TO_SUMS

@@ -1,16 +1,16 @@
-// path_vertex.glsl: a vertex of a path: a surface, seen from a side and along a direction.
+// path_vertex.glsl: vertex of a path: a surface, seen from one side and along a direction.
 // Needs:  surface.glsl
 // Frame:  world.
 uniform vec3 ambient;        // radiance assumed beyond the last vertex [PB A.2]
 uniform ivec4 image_window;  // x, y of the window's lower left pixel in the image, and the image's size
 
-// Ambient radiance stands for all that comes from beyond the last vertex, the sky as well.
+// Ambient radiance replaces all light from beyond the last vertex, including the sky.
 bool ambient_instead(uint light_kind)
 {
     return light_kind == LIGHT_SKY && max(ambient.r, max(ambient.g, ambient.b)) > 0.0;
 }
 
-// A path's number for random_number.
+// Index of a path for random_number.
 uint path_in_image(ivec2 pixel)
 {
     ivec2 whole = pixel + image_window.xy;
@@ -22,10 +22,10 @@ struct PathVertex
     Surface surface;
     int triangle;
     vec4 plane;    // of the triangle
-    bool front;    // is its front seen, along -wo?
+    bool front;    // true if its front is visible, along -wo
     vec3 wo;       // back along the path
-    vec3 normal;   // geometric, on the side that is seen
-    vec3 n;        // to shade with
+    vec3 normal;   // geometric, on the visible side
+    vec3 n;        // shading normal
     float vertex_cosine;
     Bsdf bsdf;
 };
@@ -37,7 +37,7 @@ PathVertex path_vertex(Surface s, int triangle, vec4 plane, bool front, vec3 wo)
                       bsdf_seen(s, front, wo));
 }
 
-// Where a ray meets a triangle; t: how far along its unit direction.
+// Vertex at a ray's hit with a triangle; t: distance along its unit direction.
 PathVertex vertex_on(int triangle, vec3 origin, vec3 direction, out float t)
 {
     vec4 plane = triangle_plane(triangle);

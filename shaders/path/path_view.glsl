@@ -1,8 +1,8 @@
-// path_view.glsl: the orthographic views of one scan of the path-buffer.
-// Frame:  u, v, d of a view right-handed and unit; origin at the scene's centre. Cell coordinates are in cells, (0, 0) at
-//         the lower corner; a view has view_cells of them, and the views lie side by side in the buffer. Depth runs along
-//         d, 0 to 1 over the scene's bounding sphere.
-// Needs:  VIEWS, at most so many
+// path_view.glsl: orthographic views of one scan of the path-buffer.
+// Frame:  u, v, d of a view right-handed and unit; origin at the scene's centre. Cell coordinates are in cells, with (0, 0) at
+//         the lower corner. A view has view_cells of them, and the views lie side by side in the buffer. Depth is along d, 0 to
+//         1 over the scene's bounding sphere.
+// Needs:  VIEWS: maximum number of views
 #include "gl/texels.glsl"
 uniform vec3 path_u[VIEWS];
 uniform vec3 path_v[VIEWS];
@@ -10,8 +10,8 @@ uniform vec3 path_d[VIEWS];
 uniform vec3 scene_centre;
 uniform float scene_diameter;
 uniform vec2 view_cells;
-uniform vec2 cell_jitter;       // in [0, 1): where the grid starts, new for each scan
-TEXELS(rgba32f, path_bounds);  // a texel a view: least u, v and least -u, -v of its live paths
+uniform vec2 cell_jitter;       // in [0, 1): offset of the grid, new for each scan
+TEXELS(rgba32f, path_bounds);  // for each view: minimum u, v and minimum -u, -v of its live paths
 
 struct PathView
 {
@@ -24,7 +24,7 @@ PathView path_view(int view)
 {
     vec4 bounds = texel(path_bounds, ivec2(view, 0));
     vec2 extent = max(-bounds.zw - bounds.xy, vec2(1e-6 * scene_diameter));
-    // The jitter may take a cell, or half of the only one.
+    // The jitter may use up a cell, or half of the only one.
     vec2 used = max(view_cells - 1.0, 0.5 * view_cells);
     vec2 scale = used / extent;
     return PathView(bounds.xy - cell_jitter * (view_cells - used) / scale, scale, float(view) * view_cells.x);
@@ -36,7 +36,7 @@ vec3 path_space(int view, vec3 world)
     return vec3(dot(r, path_u[view]), dot(r, path_v[view]), dot(r, path_d[view]));
 }
 
-// Within the view's own cells.
+// Position in the view's own cells.
 vec3 cell_space(PathView view, vec3 path)
 {
     return vec3((path.xy - view.origin) * view.scale, path.z / scene_diameter + 0.5);

@@ -1,5 +1,5 @@
-// ray_record.glsl: what a path takes into a scan, as an RGBA32UI texel.
-//   x  cell, y << 16 | x; NO_RAY for a path that is dead
+// ray_record.glsl: record of a path for a scan, as an RGBA32UI texel.
+//   x  cell, y << 16 | x; NO_RAY for a dead path
 //   y  the next path of the cell, or NO_RAY
 //   z  position in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
 //   w  depth z0 of its start, as float bits
@@ -9,7 +9,7 @@ const uint NUMBER_MASK = (1u << NUMBER_BITS) - 1u;
 
 uniform uint permutation_seed;
 
-// A bijection of 20 bits: which paths of a crowded cell stay is chance.
+// A bijection of 20 bits, which selects the surviving paths of a crowded cell at random.
 uint permute(uint x)
 {
     x ^= permutation_seed & NUMBER_MASK;
@@ -19,7 +19,7 @@ uint permute(uint x)
     return x ^ (x >> 10u);
 }
 
-// A path's number runs along its row. The division in float is exact below 2^20; in integers it is slow on llvmpipe.
+// A path's number runs along its row. The float division is exact below 2^20, and integer division is slow on llvmpipe.
 uniform int path_columns;
 
 uint path_number(ivec2 path)

@@ -1,5 +1,5 @@
-// path_advance.frag: UpdateImage [PB table 6]: from what the scan found to the next vertex of every path.
-// Runs over: the pixels of the window. Output: see path_state.glsl; in radiance.a, its events (accumulate.glsl).
+// path_advance.frag: UpdateImage [PB table 6]: advances every path from the triangle found by the scan to its next vertex.
+// Runs over: the pixels of the window. Output: see path_state.glsl; radiance.a has the path's events (accumulate.glsl).
 #include <CONSTANTS>
 #include <SCENE>
 #include "scene/surface.glsl"

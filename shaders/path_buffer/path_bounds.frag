@@ -1,6 +1,7 @@
-// path_bounds.frag: the box around the live paths of each view, seen along its direction; two passes of it.
-// First pass (FROM_PATHS): from path states to a small grid a view; second: from the grids to a texel a view.
-// Output: minima of u, v, -u, -v, so that a minimum serves for both ends.
+// path_bounds.frag: bounding box of the live paths of each view, perpendicular to its direction, in two passes.
+// First pass (FROM_PATHS): from path states to a small grid for each view; second pass: from the grids to a texel for each
+// view.
+// Output: minima of u, v, -u, -v, so that taking the minimum gives both ends of the box.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "path/path_view.glsl"

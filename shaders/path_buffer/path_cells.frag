@@ -1,7 +1,8 @@
 // path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and position of the paths in each cell.
-// Runs over: cells. A channel is a slot, so that one fragment of the scene serves four paths. Of a longer list the four
-// whose permuted numbers are least stay; the others lost the collision, and the four stand for them.
-//   slots  the permuted number of the path in each slot, and above the first two how many lost: 12 bits and the next
+// Runs over: cells. Each channel is a slot, so that one fragment of the scene serves four paths. In a longer list the four
+//            paths with the smallest permuted numbers win; the others lost the collision, and the four represent them.
+//   slots  permuted number of the path in each slot; in the upper bits of the first two, the number of lost paths: low 12 bits,
+//          then the rest
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "path/ray_record.glsl"
@@ -14,7 +15,7 @@ layout(location = 0) out vec4 z0;
 layout(location = 1) out uvec4 position;
 layout(location = 2) out uvec4 slots;
 
-// GLSL 4.3 has mix() by booleans for floats only.
+// In GLSL 4.3, mix() by booleans is only for floats.
 uvec4 choose(uvec4 otherwise, uvec4 chosen, bvec4 which)
 {
     return uvec4(which.x ? chosen.x : otherwise.x, which.y ? chosen.y : otherwise.y,
@@ -23,19 +24,19 @@ uvec4 choose(uvec4 otherwise, uvec4 chosen, bvec4 which)
 
 void main()
 {
-    // An empty slot starts behind everything: nothing is beyond it.
+    // An empty slot starts behind everything, so that nothing is beyond it.
     z0 = vec4(INFINITE_DEPTH);
     position = uvec4(0u);
     slots = uvec4(NO_RAY);
     uint count = 0u;
     uint first = texel(cell_heads, ivec2(gl_FragCoord.xy)).r;
     uint next = (first >> NUMBER_BITS) == scan_epoch ? first & NUMBER_MASK : NO_RAY;
-    // llvmpipe runs a `while` once more with all lanes off.
+    // A do loop, because llvmpipe runs a `while` one more time with all lanes off.
     if (next != NO_RAY) do {
         uvec4 ray_record = texel(ray_records, path_of(next));
         uint key = permute(next);
         float z = uintBitsToFloat(ray_record.w);
-        // Sorted in: from the first slot with a larger number on, all move up by one.
+        // Insertion sort: from the first slot with a larger number on, all slots move up by one.
         bvec4 here = lessThan(uvec4(key), slots);
         bvec4 moved = bvec4(false, here.xyz);
         slots = choose(choose(slots, uvec4(key), here), slots.xxyz, moved);

@@ -1,4 +1,4 @@
-// path_scan.frag: a fragment of a triangle is a cell that it touches; see scan_cell.glsl.
+// path_scan.frag: tests the paths of a cell against a triangle that touches the cell, see scan_cell.glsl.
 #include <SCENE>
 #include "path/path_view.glsl"
 #include "path_buffer/scan_triangle.glsl"

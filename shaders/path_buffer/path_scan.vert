@@ -1,7 +1,8 @@
-// path_scan.vert: a triangle in the cell space of a view (the instance), grown so that it covers every cell it touches.
-// The exact test is the fragment shader's; here only no cell may be missed. A triangle's edges are moved outwards by
-// half a cell (Hasselgren et al. 2005, Conservative Rasterization); one that is seen nearly edge-on, whose corners
-// would run away, is covered by a right triangle around the rectangle along its longest edge instead.
+// path_scan.vert: transforms a triangle to the cell space of a view (the instance), enlarged to cover every cell that it
+// touches.
+// The fragment shader does the exact test; here no cell may be missed. The triangle's edges are moved outwards by half a cell
+// (Hasselgren et al. 2005, Conservative Rasterization). A triangle seen nearly edge-on, whose corners would move too far, is
+// replaced by a right triangle that covers a rectangle along its longest edge.
 #include <SCENE>
 #include "path/path_view.glsl"
 #include "path_buffer/scan_triangle.glsl"
@@ -20,10 +21,10 @@ flat out float skipped;
 
 uniform int cell_columns;
 #ifdef LISTED
-uniform int listed_of;  // triangles; of the second view, the numbers in the list begin there
+uniform int listed_of;  // number of triangles; the second view's numbers in the list begin there
 #endif
 
-// Half a cell, and a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
+// Half a cell plus a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
 const float HALF_CELL_MARGIN = 0.52;
 
 vec2 meet(vec2 n1, float c1, vec2 n2, float c2)
@@ -31,7 +32,7 @@ vec2 meet(vec2 n1, float c1, vec2 n2, float c2)
     return vec2(c1 * n2.y - c2 * n1.y, n1.x * c2 - n2.x * c1) / (n1.x * n2.y - n1.y * n2.x);
 }
 
-// The line through p along e, moved outwards (to the right of e) by the cell's half width in that direction.
+// Line through p along e, moved outwards (to the right of e) by the cell's half width in that direction.
 void outer_line(vec2 p, vec2 e, out vec2 n, out float c)
 {
     n = vec2(e.y, -e.x);
@@ -42,7 +43,7 @@ vec2 grown_corner(vec2 before, vec2 here, vec2 after)
 {
     vec2 n1, n2;
     float c1, c2;
-    // Relative to the corner itself, or large coordinates would eat the digits.
+    // Relative to the corner itself, because large coordinates would lose digits.
     outer_line(vec2(0.0), here - before, n1, c1);
     outer_line(vec2(0.0), after - here, n2, c2);
     return here + meet(n1, c1, n2, c2);
@@ -57,7 +58,7 @@ vec2 around_sliver(vec2 a, vec2 b, vec2 c, int k)
     vec2 x = along / max(length(along), 1e-20);
     if (dot(along, along) < 1e-30) x = vec2(1.0, 0.0);
     vec2 y = vec2(-x.y, x.x);
-    float margin = HALF_CELL_MARGIN * (abs(x.x) + abs(x.y));  // the same for y: a square cell
+    float margin = HALF_CELL_MARGIN * (abs(x.x) + abs(x.y));  // the same for y, because cells are square
     vec3 s = vec3(dot(a - p, x), dot(b - p, x), dot(c - p, x));
     vec3 t = vec3(dot(a - p, y), dot(b - p, y), dot(c - p, y));
     vec2 low = vec2(min(s.x, min(s.y, s.z)), min(t.x, min(t.y, t.z))) - margin;
@@ -93,7 +94,7 @@ void main()
     depth_plane = s.depth_plane;
 
     vec2 p;
-    if (twice_area < longest)  // an altitude of less than a cell
+    if (twice_area < longest)  // its altitude is less than a cell
         p = around_sliver(s.a, s.b, s.c, k);
     else if (k == 0)
         p = grown_corner(s.c, s.a, s.b);
@@ -102,7 +103,7 @@ void main()
     else
         p = grown_corner(s.b, s.c, s.a);
     if (!seen) p = vec2(-10.0);
-    // Views lie side by side; neither may draw into the other.
+    // Views lie side by side, and neither may draw into the other.
     gl_ClipDistance[0] = p.x;
     gl_ClipDistance[1] = view_cells.x - p.x;
     gl_Position = vec4(2.0 * (p + first) / vec2(cell_columns, view_cells.y) - 1.0, 0.0, 1.0);

@@ -1,5 +1,5 @@
-// path_start.frag: the first vertex of every path, where the eye sees it [PB InitializeImagePositions], or, with
-// START_POINTS, at a point.
+// path_start.frag: first vertex of every path, at the surface that the eye sees [PB InitializeImagePositions], or at a given
+// point with START_POINTS.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -32,7 +32,7 @@ void main()
         return;
     }
     PathVertex v = start_vertex(pixel, triangle);
-    // A point's own rounding may be that of coordinates far from the origin: scans, which begin at it, leave its surface.
+    // The point may be rounded like coordinates far from the origin. Scans begin at it, so it is moved off its surface.
     v.surface.position += RAY_ROUNDING * start_distance(v.surface.position) * v.normal;
     vec3 Le = vec3(0.0);
 #else
@@ -60,7 +60,7 @@ void main()
 #ifdef SPLIT_LIGHT
     direct_part = next.radiance;
 #ifdef LAST_VERTEX
-    // Ambient light stands for indirect light.
+    // Ambient light replaces indirect light.
     direct_part = Le + last_lit;
 #endif
 #endif

@@ -1,12 +1,12 @@
-// scan_cell.glsl: WritePixel of the path-buffer [PB table 5] for four paths of a cell at once.
-// A surface is written where it is beyond z0 and nearer than what was found so far. The first test is here, against the
-// z0 texture, at the path's own position in the cell: whether the triangle covers it, and its depth there (exact
-// for a plane in an orthographic view). The second is how what this returns is blended.
-// Both hemispheres: a path against the direction looks down the depth axis.
+// scan_cell.glsl: WritePixel of the path-buffer [PB table 5] for the four paths of a cell at once.
+// A surface is written if it is beyond z0 and nearer than the nearest hit so far. This shader does the first test, against the
+// z0 texture at the path's own position in the cell: coverage by the triangle, and its depth there (exact for a plane in an
+// orthographic view). Blending does the second test.
+// Both hemispheres are covered: a path against the direction looks down the depth axis.
 //   PACKED     depth and the triangle's number as one float, see scan_word.glsl; blended by MIN
-//   OCCLUSION  whether anything was hit is all that is asked: 0; blended by MIN
-//   NEAREST    the first of two scans: the depth alone; blended by MIN
-//   AT_NEAREST   the second: the number of the triangle whose depth it was; blended by MAX
+//   OCCLUSION  0 if anything was hit; blended by MIN
+//   NEAREST    first of two scans: depth only; blended by MIN
+//   AT_NEAREST second scan: number of the triangle at the nearest depth; blended by MAX
 // Needs:  <SCENE>, path_view.glsl, scan_triangle.glsl
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -25,22 +25,22 @@ UINT_TEXELS(rgba32ui, cell_position);
 TEXELS(rgba32f, cell_nearest);
 #endif
 
-// A path may start within rounding of its own surface. Depth is in scene diameters; a position is good to 3e-5 cells,
-// which a steep surface turns into depth.
+// A path may start within rounding of its own surface. Depth is in scene diameters. Positions are exact to 3e-5 cells, which a
+// steep surface turns into an error of depth.
 const float DEPTH_TOLERANCE = 2e-6;
 const float POSITION_TOLERANCE = 1e-4;
 
 vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
 {
-    // The tolerance closes the seam between two triangles of one edge.
+    // The tolerance closes the seam between two triangles that share an edge.
     return e.x * (y - p.y) - e.y * (x - p.x) + 1e-4 * (abs(e.x) + abs(e.y));
 }
 
 #ifdef HAS_ALPHA
-// Of the paths that hit, those that the surface lets through do not.
+// Returns `hit` without paths that the surface lets through.
 bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, vec4 direction_sign, bvec4 hit)
 {
-    // Random for each path: its number is that of its slot, the scan's is in the seed.
+    // The random number depends on the path's number, stored in its slot, and on the scan, by the seed.
     uvec4 numbers = texel(cell_slots, cell) & NUMBER_MASK, face = face_texel(int(s.number), FACE_CORNERS);
     vec2 ab = s.b - s.a, ac = s.c - s.a;
     float area = ab.x * ac.y - ab.y * ac.x;
@@ -56,7 +56,7 @@ bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, vec4 direction
 }
 #endif
 
-// What the paths of a cell find of a triangle, whose corners are in cells of the buffer.
+// Tests the paths of a cell against a triangle, whose corners are in cells of the buffer; returns the words to blend.
 vec4 scan_cell(ivec2 cell, ScanTriangle s, out bvec4 hit)
 {
     vec4 z0 = texel(cell_z0, cell);
@@ -65,7 +65,7 @@ vec4 scan_cell(ivec2 cell, ScanTriangle s, out bvec4 hit)
     vec4 y = vec4((position >> 16u) & 0x7fffu) * (1.0 / 32767.0);
     vec4 direction_sign = 1.0 - 2.0 * vec4(position >> 31u);
 
-    // Corners relative to the cell: differences of near numbers are exact.
+    // Corners relative to the cell, because differences of close numbers are exact.
     vec2 a = s.a - vec2(cell);
     vec2 b = s.b - vec2(cell);
     vec2 c = s.c - vec2(cell);

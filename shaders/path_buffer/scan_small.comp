@@ -1,8 +1,8 @@
-// scan_small.comp: the triangles of a scan that touch few cells, one an invocation; the others are listed, to be drawn.
-// A rasteriser spends most of its time on setting up a triangle (in llvmpipe in one thread), which for a small one is more
-// than to test the paths of its cells.
-// Runs over: triangles. Output: the least word that each path found; three vertices for each triangle that is drawn,
-//         in no order, and how many, in the draw's command.
+// scan_small.comp: scans triangles that touch few cells, one for each invocation; lists the others, to be drawn.
+// A rasteriser spends most of its time on triangle setup (one thread in llvmpipe). For a small triangle the setup costs more
+// than testing the paths of its cells.
+// Runs over: triangles. Output: minimum word that each path found; three vertices for each triangle to draw, in any order, and
+//            their number in the draw command.
 #include <SCENE>
 #include "path/path_view.glsl"
 #include "path_buffer/scan_triangle.glsl"
@@ -12,13 +12,13 @@ layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) buffer Command { uint count; };
 layout(std430, binding = 1) writeonly buffer Listed { uint listed[]; };
-layout(std430, binding = 2) buffer Words { uint words[]; };  // four a cell, see scan_merge.frag
+layout(std430, binding = 2) buffer Words { uint words[]; };  // four for each cell, see scan_merge.frag
 uniform int path_views;
 uniform int cell_columns;
-uniform int listed_of;  // triangles
+uniform int listed_of;  // number of triangles
 
 const int MAX_CELLS = 256;
-// Edges have a tolerance of 1.4e-4 cells (scan_cell.glsl), and corners are rounded.
+// Covers the edges' tolerance of 1.4e-4 cells (scan_cell.glsl) and rounding of corners.
 const float MARGIN = 2e-3;
 
 void list(int triangle, int number)
@@ -27,7 +27,7 @@ void list(int triangle, int number)
     for (uint k = 0u; k < 3u; ++k) listed[at + k] = corner + k;
 }
 
-// Where along x an edge lies between two heights, added to the range so far.
+// Extends `range` by the x interval of an edge between two heights.
 void add_edge(vec2 p, vec2 q, float per_height, vec2 heights, inout vec2 range)
 {
     if (max(p.y, q.y) < heights.x || min(p.y, q.y) > heights.y) return;
@@ -35,7 +35,7 @@ void add_edge(vec2 p, vec2 q, float per_height, vec2 heights, inout vec2 range)
     range = vec2(min(range.x, min(x.x, x.y)), max(range.y, max(x.x, x.y)));
 }
 
-// The cells of a row that the triangle touches; one at least.
+// Returns the first and last cell of a row that the triangle touches; at least one cell.
 ivec2 row_span(ScanTriangle s, vec3 per_height, int row, ivec2 low, ivec2 high)
 {
     vec2 heights = vec2(float(row) - MARGIN, float(row) + 1.0 + MARGIN);
@@ -48,7 +48,7 @@ ivec2 row_span(ScanTriangle s, vec3 per_height, int row, ivec2 low, ivec2 high)
 
 void scan_cells(ScanTriangle s, ivec2 low, ivec2 high)
 {
-    // A level edge has its ends in the other two.
+    // A horizontal edge is covered by the ends of the other two.
     vec3 heights = vec3(s.b.y - s.a.y, s.c.y - s.b.y, s.a.y - s.c.y);
     vec3 per_height = mix(1.0 / heights, vec3(0.0), lessThan(abs(heights), vec3(1e-6)));
     ivec2 cell = low, span = row_span(s, per_height, low.y, low, high);
@@ -60,7 +60,7 @@ void scan_cells(ScanTriangle s, ivec2 low, ivec2 high)
         word = ~word;
 #endif
         int at = 4 * (cell.y * cell_columns + cell.x);
-        // As often as a path of these cells hit; in llvmpipe all lanes go through an atomic one by one.
+        // Loops once for each hit, because all lanes of llvmpipe go through an atomic one by one.
         uint hits = uint(hit.x) | uint(hit.y) << 1u | uint(hit.z) << 2u | uint(hit.w) << 3u;
         do {
             int k = findLSB(hits);

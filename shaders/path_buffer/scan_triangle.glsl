@@ -1,10 +1,10 @@
-// scan_triangle.glsl: a triangle in the cell space of a view, as a scan takes it.
+// scan_triangle.glsl: transforms a triangle to the cell space of a view, for a scan.
 // Needs:  <SCENE>, path_view.glsl; SKIPS_NEAR, STREAMED_CHUNK
 #ifdef SKIPS_NEAR
-uniform float skipped_share;  // of a simpler shape's deviation
+uniform float skipped_share;  // fraction of a simplified shape's deviation
 #endif
 #ifdef STREAMED_CHUNK
-uniform int chunk_first;  // number of its first triangle; they share no vertices
+uniform int chunk_first;  // index of the chunk's first triangle; its triangles share no vertices
 #endif
 
 struct ScanTriangle
@@ -12,11 +12,12 @@ struct ScanTriangle
     vec2 a, b, c;      // cells of the view, counterclockwise
     vec3 depth_plane;  // slope per cell in x and y, depth at corner a
     uint number;
-    uint see_through;  // 0: light passes nowhere; otherwise 1, or 2 where corners b and c are exchanged
-    float skipped;     // a path meets nothing nearer, in scene diameters
+    uint see_through;  // 0 if opaque everywhere; otherwise 1, or 2 if corners b and c are exchanged
+    float skipped;     // minimum distance of a hit, in scene diameters
 };
 
-// False where the view sees it edge-on, so that no ray can hit it. longest, twice_area: of its edges, and its own, in cells.
+// Returns false if the view sees the triangle edge-on, so that no ray can hit it. longest, twice_area: longest edge and twice
+// the area, in cells.
 bool scan_triangle(int index, int number, PathView view, out ScanTriangle s, out float longest, out float twice_area)
 {
 #ifdef STREAMED_CHUNK

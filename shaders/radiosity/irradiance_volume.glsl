@@ -1,6 +1,6 @@
-// irradiance_volume.glsl: irradiance by position and normal, where no element of a solution is: on streamed triangles.
+// irradiance_volume.glsl: irradiance by position and normal, for streamed triangles, which have no elements of a solution.
 // Needs:  <IRRADIANCE_VOLUME>
-// Frame:  world. Units: irradiance W m^-2, linear Rec. 709; a: how much of the direct light there is in it, 0 to 1.
+// Frame:  world. Units: irradiance W m^-2, linear Rec. 709; a: fraction of direct light that is included, 0 to 1.
 // Source: McTaggart 2004, Half-Life 2 / Valve Source Shading: ambient cubes.
 #include <IRRADIANCE_VOLUME>
 uniform vec3 volume_lower;

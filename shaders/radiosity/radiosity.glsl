@@ -1,11 +1,11 @@
 // radiosity.glsl: a radiosity solution, looked up at a point [PB A.4].
 // Needs:  <RADIOSITY>
-// Units:  irradiance W m^-2, linear Rec. 709; a: share of the direct light that is included, 0 to 1.
+// Units:  irradiance W m^-2, linear Rec. 709; a: fraction of direct light that is included, 0 to 1.
 // Each edge of a triangle has n parts. Cell (i, j) of its lattice has a lower element with the corners (i, j),
 // (i + 1, j), (i, j + 1). Except in a row's last cell, it also has an upper one: (i + 1, j + 1), (i, j + 1), (i + 1, j).
 #include <RADIOSITY>
 
-// Where a point lies in its triangle's lattice.
+// Position of a point in its triangle's lattice.
 struct LatticePosition
 {
     int element;  // number in the tables

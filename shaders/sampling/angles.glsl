@@ -1,11 +1,11 @@
-// angles.glsl: sine, cosine, tangent and arc tangent from sums and products alone.
-// GLSL states no accuracy for its own, and Vulkan's, on which it may stand, is 2^-11 for sin and cos and 4096 units in
-// their last bits for atan: a cell of a shadow-buffer would be looked up where its ray did not go. These are within 3e-7 of
-// the truth everywhere, and the same wherever sums and products are.
+// angles.glsl: sine, cosine, tangent and arc tangent from sums and products only.
+// GLSL guarantees no accuracy for its own functions. Those of Vulkan, which may implement them, have 2^-11 for sin and cos and
+// 4096 ULP for atan, so a lookup could miss the cell of its ray in a shadow-buffer. The functions here have errors below 3e-7
+// everywhere, and equal results on devices with equal sums and products.
 // Source: Moshier 1989, Cephes Mathematical Library (sinf, cosf, atanf).
 #include <CONSTANTS>
 
-// (cosine, sine) of so many right angles. The angle is reduced before it is rounded, to at most half of one.
+// (cosine, sine) of an angle in right angles. The angle is reduced before it is rounded, to at most half a right angle.
 vec2 cosine_sine(float right_angles)
 {
     float nearest = floor(right_angles + 0.5);
@@ -23,7 +23,7 @@ float tangent(float right_angles)
     return f.y / f.x;
 }
 
-// Radians, in [-pi/4, pi/4], of x in [-1, 1].
+// Arc tangent of x in [-1, 1]; radians, in [-pi/4, pi/4].
 float arc_tangent(float x)
 {
     float a = abs(x);
@@ -34,7 +34,7 @@ float arc_tangent(float x)
     return x < 0.0 ? -angle : angle;
 }
 
-// Radians, in [-pi, pi], of the direction (x, y); 0 of none.
+// Angle of the direction (x, y); radians, in [-pi, pi]; 0 for a zero vector.
 float arc_tangent(float y, float x)
 {
     float a = abs(x), b = abs(y), longer = max(a, b);

@@ -1,6 +1,6 @@
-// directions.glsl: what rays need of a direction.
+// directions.glsl: axes and inverses of ray directions.
 
-// Two axes across a unit direction. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
+// Sets two axes perpendicular to a unit direction. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
 void axes_across(vec3 d, out vec3 x, out vec3 y)
 {
     float side = d.z < 0.0 ? -1.0 : 1.0;
@@ -12,7 +12,7 @@ void axes_across(vec3 d, out vec3 x, out vec3 y)
     y = along;
 }
 
-// One over a direction; a component of 0 becomes so small that its slab decides nothing wrongly.
+// Inverse of a direction; a component of 0 is replaced by one small enough that its slab test stays correct.
 vec3 inverse_direction(vec3 direction)
 {
     vec3 smallest = mix(vec3(1e-20), vec3(-1e-20), lessThan(direction, vec3(0.0)));

@@ -6,8 +6,8 @@ const uint USE_COSINE = 1u;
 const uint USE_ROULETTE = 2u;
 const uint USE_LIGHT = 3u;
 const uint USE_LOOKUP = 4u;
-const uint USE_OPACITY = 5u;         // of what the path meets next
-const uint USE_SHADOW_OPACITY = 6u;  // of what is between a vertex and its light
+const uint USE_OPACITY = 5u;         // opacity of the path's next hit
+const uint USE_SHADOW_OPACITY = 6u;  // opacity of surfaces between a vertex and its light
 const uint USE_LOBE = 7u;
 
 uint pcg(uint v)
@@ -23,7 +23,7 @@ float random_unit(uint counter)
     return float(pcg(counter) >> 8u) * (1.0 / 16777216.0);
 }
 
-// `path` is the pixel's number in the whole image.
+// `path` is the pixel's index in the whole image.
 float random_number(uint path, uint use)
 {
     return random_unit(path + pcg(random_seed + use));

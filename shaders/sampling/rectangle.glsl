@@ -1,24 +1,23 @@
-// rectangle.glsl: directions towards a rectangle, uniform in the solid angle that it fills.
+// rectangle.glsl: directions towards a rectangle, uniform in its solid angle.
 // Needs:  angles.glsl
 // Source: Urena, Fajardo & King 2013, An area-preserving parametrization for spherical rectangles.
 #include "sampling/angles.glsl"
 
-// Below this solid angle points are uniform by area. The solid angle is a difference of four angles, each right to some
-// 1e-7, so that a small one would be wrong by a share that pictures show; and a rectangle that is seen so small has
-// nearly the same density by both.
+// Solid angle below which points are uniform by area. The solid angle is a difference of four angles, each exact to some 1e-7,
+// so a small one would have a visible relative error. A small rectangle has nearly the same density by both methods.
 const float MIN_SOLID_ANGLE = 0.01;
 
-// A rectangle as seen from a position in front of it.
+// Rectangle as seen from a position in front of it.
 struct SeenRectangle
 {
-    vec3 x, y, normal;   // unit: along its edges, and out of its front
-    vec2 low, high;      // its corners along x and y, from the foot of the position
+    vec3 x, y, normal;   // unit: along its edges, and out of its front side
+    vec2 low, high;      // corners along x and y, from the projection of the position
     float height;        // of the position above its plane
-    float first;         // the angle from which `towards_rectangle` counts
+    float first;         // first angle of `towards_rectangle`
     float solid_angle;   // 0 from behind
 };
 
-// The solid angle of a rectangle from the foot of the position to one corner, with a sign.
+// Signed solid angle of the rectangle between the projection of the position and one corner.
 float corner_angle(vec2 corner, float height)
 {
     return arc_tangent(corner.x * corner.y, height * sqrt(dot(corner, corner) + height * height));
@@ -42,7 +41,7 @@ SeenRectangle seen_rectangle(vec3 corner, vec3 across, vec3 up, vec3 from)
     return r;
 }
 
-// The unit direction of a point on it, from two uniform numbers.
+// Unit direction to a point of the rectangle, from two uniform numbers.
 vec3 towards_rectangle(SeenRectangle r, vec2 u)
 {
     vec2 at = mix(r.low, r.high, u);
@@ -61,7 +60,7 @@ vec3 towards_rectangle(SeenRectangle r, vec2 u)
     return normalize(at.x * r.x + at.y * r.y - r.height * r.normal);
 }
 
-// Per solid angle, of `towards_rectangle`; 0 of a unit direction that passes by.
+// Density of `towards_rectangle` per solid angle; 0 for a unit direction that misses.
 float rectangle_pdf(SeenRectangle r, vec3 direction)
 {
     float cosine = -dot(direction, r.normal);

@@ -1,12 +1,12 @@
-// instances.glsl: triangles by the number that a hit has: first those of the scene, then those of the instances of meshes.
-// Needs:  <SCENE>; HAS_INSTANCES: there are such, see `glpath.scene.instances`
-// Frame:  world; what an instance's mesh has is in the mesh's own space.
+// instances.glsl: triangles by the number of a hit: first those of the scene, then those of mesh instances.
+// Needs:  <SCENE>; HAS_INSTANCES: the scene has instances, see `glpath.scene.instances`
+// Frame:  world; data of an instance's mesh are in the mesh's own space.
 #ifdef HAS_INSTANCES
-// Where an instance's mesh is in the world. Of the scene's own triangles everything is as it is.
+// Placement of an instance's mesh in the world; the identity for the scene's own triangles.
 struct Placing
 {
-    int first;  // by how much a hit's number is more than that of the mesh's triangle
-    int shape;  // -1: the triangle's own
+    int first;  // a hit's number minus that of the mesh's triangle
+    int shape;  // -1 for the triangle's own shape
     vec4 x;     // rows of the map
     vec4 y;
     vec4 z;
@@ -25,7 +25,7 @@ vec3 placed_direction(Placing p, vec3 v) { return vec3(dot(p.x.xyz, v), dot(p.y.
 
 vec3 placed_position(Placing p, vec3 v) { return placed_direction(p, v) + vec3(p.x.w, p.y.w, p.z.w); }
 
-// Turned by the matrix of cofactors, as the cross products of edges are; 0 stays 0.
+// Transforms a normal by the cofactor matrix, like the cross products of edges; 0 stays 0.
 vec3 placed_normal(Placing p, vec3 n)
 {
     vec3 turned = vec3(dot(cross(p.y.xyz, p.z.xyz), n), dot(cross(p.z.xyz, p.x.xyz), n), dot(cross(p.x.xyz, p.y.xyz), n));
@@ -48,7 +48,7 @@ vec4 triangle_plane(int triangle)
     return vec4(n, dot(n, placed_position(p, plane.w * plane.xyz)));
 }
 
-// A corner of a triangle and the edges from there.
+// Transforms a corner of a triangle and its edges to the world.
 void edges_in_world(int triangle, inout vec3 a, inout vec3 ab, inout vec3 ac)
 {
     Placing p = placing_of(triangle);

@@ -1,10 +1,10 @@
-// object_bvh.glsl: the nearest primitive, and whether there is any, by a BVH. The same answers as
-// object_classic.glsl gives, bit for bit.
+// object_bvh.glsl: finds the nearest primitive, or tests for any, by a BVH. The results are bit-identical to those of
+// object_classic.glsl.
 // Needs:  object_classic.glsl, <BVH>
 #include "scene/object_classic.glsl"
 #include <BVH>
 
-// Is some of the box between tmin and tmax? A little widened against rounding (Ize 2013).
+// Returns true if a part of the box is between tmin and tmax; slightly widened against rounding (Ize 2013).
 bool meets_box(vec3 lower, vec3 upper, vec3 origin, vec3 inverse, float tmin, float tmax)
 {
     vec3 a = (lower - origin) * inverse, b = (upper - origin) * inverse;
@@ -14,7 +14,7 @@ bool meets_box(vec3 lower, vec3 upper, vec3 origin, vec3 inverse, float tmin, fl
     return enter <= leave;
 }
 
-// The next leaf from a node on, -1 for none; advances the node.
+// Returns the next leaf from a node on, -1 for none; advances the node.
 int next_leaf(inout int node, vec3 origin, vec3 inverse, float tmin, float tmax)
 {
     int leaf = -1;

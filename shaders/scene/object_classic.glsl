@@ -1,11 +1,11 @@
-// object_classic.glsl: the classical algorithm: a ray against every primitive of the scene [TB I, III.A].
+// object_classic.glsl: classical algorithm that tests a ray against every primitive of the scene [TB I, III.A].
 // Needs:  object_intersect.glsl
 //
-// Of primitives at the same t, the one with the lowest number wins, everywhere.
+// Of several primitives at the same t, all engines choose the lowest number.
 #include "scene/object_intersect.glsl"
 #include "scene/object_opacity.glsl"
 
-// Where a surface lets the ray through, its next hit with the same primitive: a sphere has two.
+// If a surface lets the ray through, takes the next hit with the same primitive; a sphere has two.
 #ifdef HAS_ALPHA
 #define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)                                                                   \
     for (int k = 0; k < 2 && AT < NO_HIT && primitive_lets_through(PRIMITIVE, origin, direction, AT, false); ++k)     \
@@ -37,13 +37,13 @@
     }
 
 #ifdef COUNT_TESTS
-uint tests = 0u;  // made by this invocation so far
+uint tests = 0u;  // number of tests of this invocation so far
 #define COUNT_TEST ++tests;
 #else
 #define COUNT_TEST
 #endif
 
-// The nearest of the primitives from begin to before end, or -1; t is NO_HIT then.
+// Returns the nearest of the primitives from `begin` to before `end`, or -1 with t = NO_HIT.
 int nearest_of(int begin, int end, vec3 origin, vec3 direction, float tmin, int exclude, out float t)
 {
     int primitive = -1;
@@ -60,7 +60,7 @@ int nearest_classic(vec3 origin, vec3 direction, float tmin, int exclude, out fl
     return nearest_of(0, primitive_count, origin, direction, tmin, exclude, t);
 }
 
-// Is anything between tmin and tmax? The first found ends the search [TB IV.A 2 v].
+// Returns true if anything is between tmin and tmax. The first hit ends the search [TB IV.A 2 v].
 bool blocked_classic(vec3 origin, vec3 direction, float tmin, float tmax, int exclude)
 {
     bool blocked = false;

@@ -1,18 +1,18 @@
-// object_intersect.glsl: where a ray meets a primitive; one routine per kind, shared by every engine [TB V].
+// object_intersect.glsl: intersection of a ray with a primitive; one routine for each kind, shared by all engines [TB V].
 // Needs:  <SCENE>
 // Frame:  world; directions are unit, so t is a distance in scene units.
 //
-// Each routine has two halves: what follows from the ray's start alone, which a buffer works out once per primitive,
-// and what is left for every ray. Everything is `precise`: the same start and direction give the same bits of t in
-// every program, so that engines can be compared by equality.
+// Each routine has two halves: terms that only depend on the ray's start, which a buffer computes once for each primitive, and
+// the rest for each ray. Everything is `precise`: the same start and direction give the same bits of t in every program, so
+// that engines can be compared by equality.
 //
-// `exclude` is the primitive that a ray starts on, -1 for none. It is left out where it is flat; of a sphere the root
-// at the start itself is taken to be exactly 0, so that the far side is still hit from inside, without any bias.
+// `exclude` is the primitive that a ray starts on, -1 for none. It is skipped if it is flat. For a sphere the root at the start
+// is taken as exactly 0, so that the far side is still hit from inside, without a bias.
 #include "sampling/directions.glsl"
 const float NO_HIT = 3e38;
 
-// xyz: start relative to the centre, f; w: |f|^2 - r^2, with the digits kept that cancel where the start is near the
-// surface, above all for a huge sphere below or above everything.
+// xyz: start relative to the centre, f; w: |f|^2 - r^2, computed without cancellation if the start is near the surface. This
+// matters most for huge spheres used as ground or sky.
 vec4 sphere_from(vec3 origin, vec3 centre, float radius)
 {
     precise vec3 f = origin - centre;
@@ -23,8 +23,8 @@ vec4 sphere_from(vec3 origin, vec3 centre, float radius)
     return vec4(f, c);
 }
 
-// The first root of |f + t direction|^2 = r^2 beyond tmin. Far from the sphere the discriminant is taken from the ray's
-// closest point, as b^2 and c are then large and alike; near it they are not.
+// Returns the first root of |f + t direction|^2 = r^2 beyond tmin. Far from the sphere the discriminant is computed from the
+// ray's closest point, because b^2 and c are then large and similar.
 // Source: Haines, Günther & Akenine-Möller 2019, Precision Improvements for Ray/Sphere Intersection.
 float sphere_hit(vec4 from, float radius, vec3 direction, float tmin)
 {
@@ -45,8 +45,8 @@ float sphere_hit(vec4 from, float radius, vec3 direction, float tmin)
 // A sphere under an affine map is intersected in the space of its unit sphere.
 struct UnitSpace
 {
-    mat3 rows;  // unit_from_world, its rows as columns
-    vec4 from;  // of the unit sphere
+    mat3 rows;  // rows of unit_from_world, stored as columns
+    vec4 from;  // sphere_from() for the unit sphere
 };
 
 vec3 to_unit(mat3 rows, vec3 v)
@@ -71,11 +71,11 @@ float ellipsoid_hit(UnitSpace space, vec3 direction, float tmin)
     precise vec3 unit = d / scale;
     float at = sphere_hit(space.from, 1.0, unit, tmin * scale);
     precise float t = at / scale;
-    // Asked before the division: of two divisions alike, a graphics card may round one up and one down.
+    // Tested before the division, because a graphics card may round two equal divisions differently.
     return at < NO_HIT && t < NO_HIT ? t : NO_HIT;
 }
 
-// corner*: relative to the start; plane: a normal, and its product with the vector to the plane.
+// corner*: relative to the start; plane: normal, and its dot product with the vector to the plane.
 struct TriangleFrom
 {
     vec3 corner0;
@@ -93,11 +93,11 @@ TriangleFrom triangle_from(vec3 origin, vec3 corner0, vec3 corner1, vec3 corner2
     return TriangleFrom(a, b, c, vec4(normal, offset));
 }
 
-// The weights of the corners at the ray, not yet divided by their sum; all of one sign where it passes inside.
-// A corner is projected on its own, so that triangles that share it agree on where it is, and the difference of two
-// products is 0 or has the right sign: no ray slips through between them.
-// Source: Woop, Benthin & Wald 2013, Watertight Ray/Triangle Intersection, with a rotation for the shear, and 0 counted
-// as inside for both instead of a second look in double precision.
+// Returns the weights of the corners at the ray, not divided by their sum; all have one sign if it passes inside. Each corner
+// is projected separately, so triangles that share it use the same projection. The difference of two products is 0 or has the
+// correct sign, so no ray slips through between triangles.
+// Source: Woop, Benthin & Wald 2013, Watertight Ray/Triangle Intersection, with a rotation instead of the shear. Zeros count as
+//         inside for both triangles, instead of a second test in double precision.
 vec3 triangle_weights(TriangleFrom from, vec3 direction, out float extent)
 {
     vec3 x, y;
@@ -119,7 +119,7 @@ float triangle_hit(TriangleFrom from, vec3 direction, float tmin)
     precise float sum = weight.x + weight.y + weight.z;
     precise float t = from.plane.w / dot(from.plane.xyz, direction);
     float min_weight = min(weight.x, min(weight.y, weight.z)), max_weight = max(weight.x, max(weight.y, weight.z));
-    // Seen edge-on, all weights are nothing but rounding, also past its ends: such a triangle is not hit.
+    // Seen edge-on, all weights are only rounding errors, even beyond its ends; such a triangle is not hit.
     bool inside = (min_weight >= 0.0 || max_weight <= 0.0) && abs(sum) > 5e-7 * extent * extent;
     return inside && t > tmin && t < NO_HIT ? t : NO_HIT;
 }
@@ -137,7 +137,7 @@ float plane_hit(float height, vec3 normal, vec3 direction, float tmin)
     return t > tmin && t < NO_HIT ? t : NO_HIT;
 }
 
-// The same by a primitive's number.
+// Variants by a primitive's number.
 
 float intersect_sphere(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
@@ -155,9 +155,9 @@ float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin
     return ellipsoid_hit(space, direction, tmin);
 }
 
-// The numbers of a triangle's vertices. STREAMED_CHUNK: <SCENE> has those of a chunk, and nothing else of its triangles.
+// Indices of a triangle's vertices. STREAMED_CHUNK: <SCENE> only has the vertices of a chunk's triangles.
 #ifdef STREAMED_CHUNK
-uniform int chunk_first;  // number of its first triangle; they share no vertices
+uniform int chunk_first;  // index of the chunk's first triangle; its triangles share no vertices
 uvec3 corners_of(int primitive) { return 3u * uint(primitive - chunk_first) + uvec3(0u, 1u, 2u); }
 #else
 uvec3 corners_of(int primitive) { return face_texel(primitive - first_triangle, FACE_CORNERS).xyz; }
@@ -182,7 +182,7 @@ float intersect_plane(int primitive, vec3 origin, vec3 direction, float tmin, in
     return primitive == exclude ? NO_HIT : plane_hit(height, normal, direction, tmin);
 }
 
-// Any primitive. llvmpipe runs the routines of all kinds for it, so kinds that the scene lacks are left out.
+// Intersects any primitive. llvmpipe executes the routines of all kinds, so kinds that the scene lacks are left out.
 float intersect(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
     float t = NO_HIT;

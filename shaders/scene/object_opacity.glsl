@@ -1,15 +1,15 @@
-// object_opacity.glsl: the same question as in opacity.glsl of any kind of primitive.
+// object_opacity.glsl: the test of opacity.glsl for any kind of primitive.
 // Needs:  <SCENE>
 #include "scene/surface_at.glsl"
 #include "scene/opacity.glsl"
 
 #ifdef HAS_ALPHA
-// to_eye: the ray goes from a light, against those of an eye.
+// to_eye: true if the ray travels from a light towards an eye.
 bool primitive_lets_through(int primitive, vec3 origin, vec3 direction, float t, bool to_eye)
 {
     if (!is_see_through(shape_of(primitive))) return false;
     Surface s = surface_at(primitive, origin, direction, t);
-    // A sphere is hit twice.
+    // A sphere is hit twice, so both hits need different keys.
     bool front = front_hit(s.normal, direction);
     uint number = 2u * uint(primitive) + uint(front);
     return alpha_lets_through(s.material, base_colour(s).a, number, front != to_eye);

@@ -1,8 +1,8 @@
-// opacity.glsl: does light pass through a surface where a ray meets it? A mask lets it through where opacity is below the
-// cutoff, blended surfaces at random, so that on average their share of it is hit (Enderton et al. 2010, Stochastic
-// Transparency): whatever is behind them needs no order. Everything here is for scenes that have such (HAS_ALPHA).
-// And the backs of surfaces that have none (`Material.culled`) let all rays through that go as those from an eye do, so that
-// light sees them as the eye does: what is behind such a back is lit through it.
+// opacity.glsl: tests if light passes through a surface at a ray's hit. A mask lets light through if its opacity is below the
+// cutoff. Blended surfaces are hit at random with the probability of their opacity, so that surfaces behind them need no order
+// (Enderton et al. 2010, Stochastic Transparency). All of this is for scenes with opacity (HAS_ALPHA).
+// Culled backs (`Material.culled`) let all rays through that travel as rays of an eye do. Light sees them as the eye does, so
+// surfaces behind such a back are lit through it.
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS, HAS_CULLING
 #include "sampling/random.glsl"
 #include "scene/instances.glsl"
@@ -11,24 +11,25 @@
 #endif
 
 #ifdef HAS_ALPHA
-uniform uint opacity_seed;  // of a render, or of one light of a path set; folded on the CPU
+uniform uint opacity_seed;  // seed of a render, or of one light of a path set; folded on the CPU
 uniform uint opacity_set;   // number of the path set
-// What chance depends on, besides the surface: another for each ray, set before it is cast.
+// Key of the random numbers for a ray, set before it is cast; surfaces have further keys.
 uint opacity_key = 0u;
-// Of rays that each set casts through the same pixel: the set's point of a sequence, which each key and surface permutes.
+// Sequence point of the path set, for rays that every set casts through the same pixel; each key and surface permutes it.
 uint opacity_point = 0u;
 
 bool is_see_through(int shape) { return shape_texel(shape, SHAPE_MATERIAL).z != 0u; }
 
-// A key for what follows of a pixel of the image. Of 8 sets in a row a surface is hit by its share of 8, up to one of them.
+// Sets a new key for the next rays of an image pixel. Of 8 successive sets, the fraction that hits a surface is its opacity, up
+// to one set.
 void new_opacity_key(ivec2 pixel_of_image, uint use)
 {
     opacity_key = pcg(uint(pixel_of_image.x) + (uint(pixel_of_image.y) << 16u) + pcg(opacity_seed + use));
     opacity_point = bitfieldReverse(opacity_set);
 }
 
-// Uniform in [0, 1), and independent for two surfaces that a ray may hit [Burley 2020, Practical Hash-based Owen
-// Scrambling, with the hash of Laine & Karras 2011]: each bit of the set's number is changed by those above it.
+// Uniform in [0, 1), and independent for two surfaces that a ray may hit [Burley 2020, Practical Hash-based Owen Scrambling,
+// with the hash of Laine & Karras 2011]: each bit of the set's number changes by the bits above it.
 float opacity_chance(uint number)
 {
     uint key = pcg(opacity_key + pcg(number)), x = opacity_point + key;
@@ -39,8 +40,8 @@ float opacity_chance(uint number)
     return float((x ^ pcg(key)) >> 8u) * (1.0 / 16777216.0);
 }
 
-// alpha: of the texture and the vertices; number: of the surface, as of its triangle.
-// front: is that the side that a ray hits which goes as those from an eye do?
+// alpha: of the texture and vertices; number: key of the surface, such as its triangle's number.
+// front: true if a ray that travels as rays of an eye hits the front.
 bool alpha_lets_through(int material, float alpha, uint number, bool front)
 {
 #ifdef HAS_CULLING
@@ -54,7 +55,7 @@ bool alpha_lets_through(int material, float alpha, uint number, bool front)
     return mask ? opacity < cover.y : opacity_chance(number) >= opacity;
 }
 
-// By the weights of the triangle's corners.
+// weight: barycentric weights of the triangle's corners.
 bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
 {
     int material = int(shape_texel(int(face.w), SHAPE_MATERIAL).x);
@@ -74,7 +75,7 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
     return alpha_lets_through(material, alpha, uint(triangle), front);
 }
 
-// At a point of the triangle's plane, which a ray from an eye would hit along `direction`, of any length.
+// position: point of the triangle's plane; direction: of a ray from an eye, of any length.
 bool lets_through(int triangle, vec3 position, vec3 direction)
 {
     uvec4 face = triangle_face(triangle);

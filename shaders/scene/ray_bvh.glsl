@@ -1,32 +1,32 @@
-// ray_bvh.glsl: the nearest triangle along a ray, and whether there is any, by a BVH; see `glpath.gl.ray_bvh`.
+// ray_bvh.glsl: finds the nearest triangle along a ray, or tests for any, by a BVH; see `glpath.gl.ray_bvh`.
 // Needs:  <RAY_BVH>
-// Frame:  world; boxes are intersected in steps of the scene's own box, the distance along the ray being the same.
+// Frame:  world; boxes are intersected in steps of the scene's own box, at the same distance along the ray.
 #include <RAY_BVH>
-uniform vec3 ray_lower;  // of the scene's box in steps: where it begins, and a step
+uniform vec3 ray_lower;  // lower corner of the scene's box; ray_step: size of a step
 uniform vec3 ray_step;
 #ifdef HAS_INSTANCES
-uniform vec2 mesh_grid;  // the same of the tree of a mesh that has instances, along all axes
+uniform vec2 mesh_grid;  // lower corner and step for the tree of an instanced mesh, for all axes
 #endif
 #include "sampling/directions.glsl"
 #include "scene/opacity.glsl"
 
 const float NO_HIT = 1e30;
-// A ray through a common edge meets one of the triangles at least: their edges are as much wider, in shares of them.
+// Widening of triangles' edges, as a fraction, so that a ray through a common edge hits at least one of the triangles.
 const float EDGE = 1e-5;
 
-// Steps from node to node before the items that were found are tested: lanes of a vector wait for each other less.
+// Number of node steps before found items are tested; lanes of a vector then wait less for each other.
 const int MAX_STEPS = 4;
 
 struct Ray
 {
     vec3 origin;
     vec3 direction;
-    vec3 start;    // distance along the ray to where the boxes' steps begin, by axis
-    vec3 inverse;  // of the direction in steps
-    uint order;    // where the order of its octant is in a word,
-    bool second;   // and in which of the two
+    vec3 start;    // distance along the ray to the origin of the boxes' steps, by axis
+    vec3 inverse;  // inverse of the direction in steps
+    uint order;    // bit position of the octant's order in a word
+    bool second;   // true if it is in the second word
 #ifdef HAS_INSTANCES
-    int first;     // by how much a hit's number is more than that of an item's triangle
+    int first;     // a hit's number minus that of an item's triangle
     vec3 world_origin;
     vec3 world_direction;
 #endif
@@ -45,7 +45,8 @@ Ray ray_along(vec3 origin, vec3 direction)
 }
 
 #ifdef HAS_INSTANCES
-// The ray in the space of an instance's mesh, at the same distances. x, y, z: rows of the map, and the instance's position.
+// Returns the ray in the space of an instance's mesh, with the same distances. x, y, z: rows of the map, with the instance's
+// position.
 Ray ray_within(Ray ray, vec4 x, vec4 y, vec4 z, int first)
 {
     vec3 o = ray.world_origin - vec3(x.w, y.w, z.w), d = ray.world_direction;
@@ -58,8 +59,8 @@ Ray ray_within(Ray ray, vec4 x, vec4 y, vec4 z, int first)
 }
 #endif
 
-// A group of slots, of whose children some are yet to be visited: a bit for each, in the order in which the ray hits them, and
-// that order, two bits for each. 0: none.
+// A group of slots with children still to visit: a bit for each child in the order of the ray's hits, and that order, two bits
+// for each. 0 means none.
 #ifdef HAS_FAR_NODES
 #define Visit uvec2
 Visit visit(uint group, uint children) { return uvec2(group, children); }
@@ -74,21 +75,21 @@ uint children_of(Visit v) { return v & 0xfffu; }
 const Visit NOWHERE = Visit(0u);
 
 #ifdef HAS_INSTANCES
-// A slot of the root's group that is empty, below an instance on the stack: there the ray is back in the world.
+// An empty slot of the root's group, pushed below an instance on the stack; at this slot the ray returns to the world.
 Visit leave_instance() { return visit(0u, 17u); }
 #endif
 
 bool has_children(Visit v) { return (children_of(v) & 15u) != 0u; }
 
-// Where a ray is in the tree. The stack is an array that no index reaches into, so that it stays in registers.
+// State of a ray's traversal. The stack is an array without dynamic indices, so that it stays in registers.
 struct Walk
 {
     Visit now;
     Visit later[RAY_STACK];
-    uint items;       // to be tested: 16 times the number of their group, and a bit for each
-    uint more_items;  // and after these
+    uint items;       // items to test: 16 times the number of their group, plus a bit for each
+    uint more_items;  // items to test after these
 #ifdef HAS_INSTANCES
-    bool waits;       // for its items to be tested, before the ray is in another space
+    bool waits;       // true until its items are tested, before the ray changes space
 #endif
 };
 
@@ -107,11 +108,11 @@ Walk walk_from_root()
 
 bool walk_continues(Walk walk) { return has_children(walk.now) || walk.items != 0u; }
 
-// The number of the lowest of four bits.
+// Index of the lowest set bit of four.
 uint lowest_bit(uint bits) { return (0x12131210u >> ((bits & 15u) << 1u)) & 3u; }
 
-// Distances to the planes of an axis as integers, which order as floats do where none is negative; negative ones stay
-// below all others.
+// Distances to the planes of an axis as integers, which are ordered like nonnegative floats. Negative distances stay below all
+// others.
 ivec4 lower_planes(uvec4 bounds, float start, float inverse)
 {
     return floatBitsToInt(fma(vec4(bounds & 0xffffu), vec4(inverse), vec4(start)));
@@ -122,7 +123,7 @@ ivec4 upper_planes(uvec4 bounds, float start, float inverse)
     return floatBitsToInt(fma(vec4(bounds >> 16u), vec4(inverse), vec4(start)));
 }
 
-// Bits of the children, in the order of a word of LINK.
+// Returns the bits of the children in the order of a word of LINK.
 uint in_order(uint bits, uint order)
 {
     return ((bits >> (order & 3u)) & 1u) | ((bits >> ((order >> 2u) & 3u)) & 1u) << 1u
@@ -140,7 +141,8 @@ void push(inout Walk walk, Visit above)
     }
 }
 
-// At a slot that is no node: an instance, or the empty one where the walk leaves it. rest: of the slot's group.
+// Handles a slot that is not a node: an instance, or the empty slot at which the walk leaves one. rest: remaining slots of its
+// group.
 void change_space(inout Walk walk, inout Ray ray, Visit rest, uvec4 x, uvec4 y, uvec4 z, uvec4 link)
 {
     walk.waits = walk.items != 0u;
@@ -161,7 +163,7 @@ void change_space(inout Walk walk, inout Ray ray, Visit rest, uvec4 x, uvec4 y, 
 #define WALKING_RAY Ray
 #endif
 
-// From the next node to its children, those that are nearer than tmax.
+// Steps from the next node to its children that are nearer than tmax.
 void step_down(inout Walk walk, WALKING_RAY ray, float tmax)
 {
     uint children = children_of(walk.now);
@@ -199,10 +201,10 @@ void step_down(inout Walk walk, WALKING_RAY ray, float tmax)
     }
 }
 
-// The slot of the next item that is nearer than tmax, -1 where none was found yet. Advances the walk.
+// Returns the slot of the next item nearer than tmax, -1 if none has been found yet; advances the walk.
 int next_item(inout Walk walk, WALKING_RAY ray, float tmax)
 {
-    // Loops ask at their end: llvmpipe runs one that asks at its start once more than it has to, with all lanes off.
+    // Loops test at their end, because llvmpipe runs a loop that tests at its start one more time, with all lanes off.
     int steps = 0;
 #ifdef HAS_INSTANCES
     walk.waits = false;
@@ -223,7 +225,7 @@ int next_item(inout Walk walk, WALKING_RAY ray, float tmax)
     return item;
 }
 
-// The distance to an item's triangle, NO_HIT where it is missed or excluded. flags: ITEM_ALPHA, ITEM_THIN_DIELECTRIC.
+// Returns the distance to an item's triangle, NO_HIT if it is missed or excluded. flags: ITEM_ALPHA, ITEM_THIN_DIELECTRIC.
 float meet_item(Ray ray, int item, int exclude, out int triangle, out uint flags)
 {
     uvec4 of_corner = ray_slot_texel(item, RAY_SLOT_X), of_ab = ray_slot_texel(item, RAY_SLOT_Y);
@@ -245,10 +247,10 @@ float meet_item(Ray ray, int item, int exclude, out int triangle, out uint flags
     return hit ? uvt.z : NO_HIT;
 }
 
-// Opacity and glass are looked at outside of the loop over items: llvmpipe does all that stands in a loop in each of its steps,
-// whether lanes want it or not.
+// Opacity and glass are evaluated outside the loop over items, because llvmpipe executes all code of a loop in each iteration,
+// for all lanes.
 
-// exclude: the triangle that the ray starts on, -1 for none. Where there is HAS_ALPHA, opacity_key is set before.
+// exclude: triangle that the ray starts on, -1 for none. With HAS_ALPHA, opacity_key must be set before.
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 {
     Ray ray = ray_along(origin, direction);
@@ -293,11 +295,11 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 }
 
 #ifdef HAS_THIN_DIELECTRICS
-// Share of the light that a thin dielectric lets through, and what all thin dielectrics between a ray's start and a light let.
+// Transmittance of a thin dielectric, and the product of all thin dielectrics between a ray's start and a light.
 vec3 thin_transmittance(int triangle, vec3 origin, vec3 direction);
 vec3 passed_thin_dielectrics;
 
-// thin_ones: those that a ray went through, -1 beyond the last.
+// thin_ones: thin dielectrics that a ray passed, -1 after the last.
 void pass_thin_dielectrics(ivec4 thin_ones, vec3 origin, vec3 direction)
 {
     do

@@ -1,6 +1,6 @@
-// stream_bvh.glsl: does a ray meet any streamed triangle of a part of them? By a BVH, with the routine that meets those of
-// a mesh, so that the answers of all parts together are those that the same triangles in memory give.
-// Needs:  <SCENE>, <OCCLUDERS>; those of object_bvh.glsl
+// stream_bvh.glsl: tests if a ray hits any streamed triangle of a part, by a BVH and the intersection routine of mesh
+// triangles. All parts together thus give the result of the same triangles in memory.
+// Needs:  <SCENE>, <OCCLUDERS>; the needs of object_bvh.glsl
 #include "scene/object_bvh.glsl"
 #include <OCCLUDERS>
 

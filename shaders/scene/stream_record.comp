@@ -1,7 +1,8 @@
-// stream_record.comp: what shading needs of the streamed triangles of a chunk that a buffer names, while it is there.
-// Runs over: the texels of an area, 8 x 8 in a group; what names another triangle keeps its record. Output: see
-//         stream_records.glsl
-// Needs:  OF_PATHS: the triangle that a scan has found for each path; otherwise a buffer of numbers + 1, of EYE_FORMAT
+// stream_record.comp: copies shading data of a chunk's streamed triangles that a buffer names, while the chunk is on the
+// device.
+// Runs over: the texels of an area, 8 x 8 in a group. Texels that name triangles of other chunks keep their records. Output:
+//            see stream_records.glsl
+// Needs:  OF_PATHS: uses the triangle that a scan has found for each path; otherwise a buffer of numbers + 1, of EYE_FORMAT
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>

@@ -1,19 +1,19 @@
-// surface.glsl: what is hit, and what it does with light: the only file that reads materials and textures.
-// Needs:  <SCENE>; where the scene has them:
-//         HAS_NORMALS             normals to shade with that are not the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
-//         HAS_MULTIPLE_SCATTERING microfacets that keep their energy
-//         HAS_COAT_NORMALS        clearcoats with other normals than their base
-//         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES,
-//                                 HAS_TRANSMISSION_TEXTURES, HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES,
-//                                 HAS_IRIDESCENCE_TEXTURES, HAS_DIFFUSE_TRANSMISSION_TEXTURES,
-//                                 HAS_SHEEN_TEXTURES, HAS_SHEEN_ROUGHNESS_TEXTURES; see also texture.glsl
-//         HAS_ANISOTROPY          microfacets of two roughnesses; HAS_ANISOTROPY_TEXTURES
+// surface.glsl: hit surfaces and their scattering; the only file that reads materials and textures.
+// Needs:  <SCENE>; defined if the scene has them:
+//         HAS_NORMALS             shading normals other than the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
+//         HAS_MULTIPLE_SCATTERING microfacets with energy compensation
+//         HAS_COAT_NORMALS        clearcoats with normals other than their base's
+//         HAS_TEXTURES            textures of any slot; HAS_EMISSION_TEXTURES, HAS_SURFACE_TEXTURES, HAS_TRANSMISSION_TEXTURES,
+//                                 HAS_COAT_TEXTURES, HAS_SPECULAR_TEXTURES, HAS_IRIDESCENCE_TEXTURES,
+//                                 HAS_DIFFUSE_TRANSMISSION_TEXTURES, HAS_SHEEN_TEXTURES, HAS_SHEEN_ROUGHNESS_TEXTURES; see also
+//                                 texture.glsl
+//         HAS_ANISOTROPY          microfacets with two roughnesses; HAS_ANISOTROPY_TEXTURES
 //         HAS_UV                  texture coordinates of vertices
-//         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: of such whose emission they multiply
+//         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: colours that multiply the emission
 //         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light samples of different densities
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  radiance W sr^-1 m^-2, linear Rec. 709. A BRDF is given in units of a white Lambertian surface's, 1 / pi, so that
-//         what leaves is beta * bsdf_eval * cos * E / pi.
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709. BRDFs are in units of a white Lambertian surface's, 1 / pi. The outgoing
+//         radiance is thus beta * bsdf_eval * cos * E / pi.
 #include <CONSTANTS>
 #include "bsdf/bsdf.glsl"
 #include "scene/instances.glsl"
@@ -24,34 +24,34 @@
 struct Surface
 {
     vec3 position;
-    vec3 normal;   // geometric, unit, out of the front
-    vec3 smooth_normal;  // unit, on the same side: that of the vertices where the mesh has them, turned by a normal map
+    vec3 normal;   // geometric, unit, on the front side
+    vec3 smooth_normal;  // unit, on the same side; of the vertices if the mesh has normals, changed by a normal map
 #ifdef HAS_NORMAL_MAPS
-    vec3 vertex_normal;  // the same without the map
+    vec3 vertex_normal;  // smooth normal without the normal map
 #endif
 #ifdef HAS_COAT_NORMALS
-    vec3 coat_normal;    // the same of the clearcoat
+    vec3 coat_normal;    // smooth normal of the clearcoat
 #endif
     vec2 uv;
-    vec2 uv1;      // the second texture coordinates
+    vec2 uv1;      // second texture coordinates
 #ifdef HAS_ANISOTROPY
-    vec3 along_u;  // unit, in the triangle's plane: where u grows, and across it to where v grows; 0 where neither does
+    vec3 along_u;  // unit, in the triangle's plane, towards growing u; along_v: perpendicular, towards growing v; 0 if uv is constant
     vec3 along_v;
 #endif
     vec4 colour;   // of the vertices, linear Rec. 709 and alpha
-    int triangle;  // its number; -1 for another primitive
+    int triangle;  // index; -1 for other primitives
     int shape;
     int material;
-    bool emits_back;  // where it emits at all
+    bool emits_back;  // if it emits at all
 };
 
-// Does a ray along `direction` arrive on the front?
+// Returns true if a ray along `direction` hits the front.
 bool front_hit(vec3 normal, vec3 direction)
 {
     return dot(normal, direction) < 0.0;
 }
 
-// Unit, out of the front; vertices and normal maps may have others to shade with.
+// normal: unit, on the front side. Vertices and normal maps may set other shading normals.
 void set_normal(inout Surface s, vec3 normal)
 {
     s.normal = s.smooth_normal = normal;
@@ -63,7 +63,7 @@ void set_normal(inout Surface s, vec3 normal)
 #endif
 }
 
-// All that follows from the shape that was hit.
+// Returns a surface with all properties that depend on the shape.
 Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 {
     uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;
@@ -83,8 +83,8 @@ Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 }
 
 #ifdef HAS_NORMAL_MAPS
-// The normal that a normal map has, about the smooth one `n` [glTF 2.0, 3.9.3]. along_u, along_v: of any length, on the
-// surface, the directions in which only u and only v of the slot grow; where they are mirrored, so is the map.
+// Returns the normal of a normal map around the smooth normal `n` [glTF 2.0, 3.9.3]. along_u, along_v: vectors on the surface,
+// of any length, along which only u or only v of the slot grows. If they are mirrored, so is the map.
 vec3 mapped_normal(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
     vec3 t = along_u - dot(along_u, n) * n;
@@ -105,7 +105,7 @@ int normal_slot(int material) { return int(slots_texel(material, SLOTS_FIRST).z)
 int coat_normal_slot(int material) { return int(slots_texel(material, SLOTS_COAT).z) - 1; }
 #endif
 
-// The same by the texture coordinates of a triangle's corners, (u, v) of both sets.
+// Mapped normal from the texture coordinates of a triangle's corners, (u, v) of both sets.
 vec3 mapped_on_triangle(Surface s, vec3 n, int slot, vec4 uv_a, vec4 uv_b, vec4 uv_c, vec3 ab, vec3 ac)
 {
     vec2 p = slot_uv(slot, uv_a.xy, uv_a.zw);
@@ -115,7 +115,7 @@ vec3 mapped_on_triangle(Surface s, vec3 n, int slot, vec4 uv_a, vec4 uv_b, vec4 
 }
 #endif
 
-// What the vertices of a triangle bring, by the weights of its corners; ab, ac: its edges from the first.
+// Interpolates vertex attributes by the weights of a triangle's corners; ab, ac: its edges from the first corner.
 void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 {
 #ifdef HAS_UV
@@ -148,7 +148,7 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
     n_c = placed_normal(p, n_c);
 #endif
     vec3 n = weight.x * n_a + weight.y * n_b + weight.z * n_c;
-    // A mesh without vertex normals has zeros; one whose normals are those of another surface is shaded flat.
+    // Meshes without vertex normals have zeros. A normal on the wrong side means flat shading.
     if (dot(n, s.normal) > 0.0) s.smooth_normal = normalize(n);
 #endif
 #ifdef HAS_COAT_NORMALS
@@ -163,8 +163,8 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 #endif
 }
 
-// The normal to shade with, on the side that is seen. Where it looks away from the eye, which the surface does not, it is
-// turned until it does not any more, or the outline of a smooth object would be black.
+// Returns the shading normal on the visible side. If it points away from the eye, it is turned towards it, because the outline
+// of a smooth object would otherwise be black.
 vec3 facing_normal(vec3 n, vec3 wo)
 {
 #ifdef HAS_NORMALS
@@ -179,11 +179,11 @@ vec3 shading_normal(Surface s, bool front, vec3 wo)
     return facing_normal(front ? s.smooth_normal : -s.smooth_normal, wo);
 }
 
-// The normal to mirror with. Where the shading normal `n` sends the mirror direction below the surface, that direction is
-// lifted to just above it, and the normal is the half vector of it and wo: as `n` turns, so does this, without a step. It
-// depends on wo, so that what is bent is not reciprocal. `normal`: geometric, on wo's side.
-// Source: Keller et al. 2017, The Iray light transport simulation and rendering system, A.3 (bent normals); the height
-// above the surface is that of Cycles' ensure_valid_specular_reflection, which leaves a flat surface as it is.
+// Returns the normal for mirror reflection. If the shading normal `n` reflects below the surface, the mirror direction is
+// lifted to just above it, and the normal is the half vector of it and wo. It changes continuously with `n`. It depends on wo,
+// so bent reflection is not reciprocal. `normal`: geometric, on wo's side.
+// Source: Keller et al. 2017, The Iray light transport simulation and rendering system, A.3 (bent normals). The height above
+//         the surface is that of Cycles' ensure_valid_specular_reflection, which leaves a flat surface unchanged.
 vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
 {
 #ifdef HAS_NORMALS
@@ -194,7 +194,8 @@ vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
     return n;
 }
 
-// Cosine of the vertices' normal to the surface's own: how far a coarse mesh is from the smooth surface that it stands for.
+// Cosine between the vertices' normal and the surface's own, which shows how far a coarse mesh is from the smooth surface that
+// it approximates.
 float vertex_cosine(Surface s, bool front, vec3 wo)
 {
 #ifdef HAS_NORMAL_MAPS
@@ -205,10 +206,10 @@ float vertex_cosine(Surface s, bool front, vec3 wo)
     return dot(facing_normal(n, wo), front ? s.normal : -s.normal);
 }
 
-// By how much more light a surface gets from wi with the normal n to shade with than with its own on the same side, which
-// faces wi. Of a coarse mesh, light from between the planes of vertices and triangle is lost: of a uniform surrounding
-// (1 + vertex_cosine) / 2 is left. It is divided by that, so that a white furnace stays flat however coarse a mesh is.
-// What a normal map turns is not made up for: its bumps do shade each other, and glTF weighs light by the cosine alone.
+// Ratio of the light from wi received with shading normal n to that received with the geometric normal, which faces wi. A
+// coarse mesh loses light from between the planes of vertices and triangle; of uniform light (1 + vertex_cosine) / 2 is left.
+// The ratio is divided by that, so that a white furnace stays flat for any mesh. Normal maps are not compensated, because their
+// bumps do shade each other, and glTF weights light only by the cosine.
 float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 {
 #ifdef HAS_NORMALS
@@ -219,7 +220,7 @@ float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 }
 
 #ifdef HAS_MICROFACETS
-// Of microfacets and clearcoat, with the cosine to the normal that they mirror with over that to the surface's own.
+// Value of microfacets and clearcoat, times the cosine to their mirror normal over the cosine to the geometric normal.
 vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 {
     mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));
@@ -235,7 +236,7 @@ vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 }
 #endif
 
-// A point of a triangle whose plane (see FACET_PLANE) is at hand.
+// Surface at a point of a triangle with a known plane (see FACET_PLANE).
 Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
 {
     uvec4 face = triangle_face(triangle);
@@ -251,7 +252,7 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     return s;
 }
 
-// The same for the triangle that a pixel's eye ray or path has hit, which may be a streamed one.
+// Variants for the triangle that a pixel's eye ray or path has hit, which may be streamed.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"
 TEXELS(rgba32f, hit_records);
@@ -262,7 +263,7 @@ vec4 hit_plane(int triangle, ivec2 pixel)
     return texel(hit_records, record_texel(pixel, RECORD_PLANE));
 }
 
-// A streamed triangle has nothing but its corners: it is shaded flat.
+// A streamed triangle has only its corners, so it is shaded flat.
 int hit_shape(int triangle, ivec2 pixel)
 {
     if (triangle < first_streamed) return shape_of(triangle);
@@ -286,7 +287,7 @@ Surface hit_surface(int triangle, ivec2 pixel, vec3 position, vec4 plane)
 #define hit_surface(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
 #endif
 
-// What textures and the colours of vertices multiply a material by. Each is 1 where there are none.
+// Factors of a material from textures and vertex colours; 1 if there are none.
 
 #ifdef HAS_TEXTURES
 vec4 slot_or_one(uint slot, Surface s, const bool colours)
@@ -297,7 +298,7 @@ vec4 slot_or_one(uint slot, Surface s, const bool colours)
 #define NUMBERS(slot) slot_or_one(slot, s, false)
 #endif
 
-// Reflectance by rgb, opacity by a.
+// rgb multiplies the reflectance, a the opacity.
 vec4 base_colour(Surface s)
 {
     vec4 colour = vec4(1.0);
@@ -310,7 +311,7 @@ vec4 base_colour(Surface s)
     return colour;
 }
 
-// Roughness by x, metallic by y.
+// x multiplies the roughness, y metallic.
 vec2 roughness_metallic(Surface s)
 {
 #ifdef HAS_SURFACE_TEXTURES
@@ -330,7 +331,7 @@ float transmission_factor(Surface s)
 }
 
 #ifdef HAS_ANISOTROPY
-// surface: of MATERIAL_SURFACE, whose anisotropy a texture multiplies.
+// surface: MATERIAL_SURFACE, whose anisotropy is multiplied by a texture.
 void set_tangent(inout Bsdf b, Surface s, inout vec4 surface)
 {
     vec2 tangent = vec2(cos(surface.w), sin(surface.w));
@@ -348,7 +349,7 @@ void set_tangent(inout Bsdf b, Surface s, inout vec4 surface)
 #endif
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Of the diffuse base, `share` of the surface, what goes to the other side instead.
+// Sets the part of the diffuse base, `share` of the surface, that is transmitted instead of reflected.
 void part_diffuse(inout Bsdf b, Surface s, float share)
 {
     vec4 through = material_texel(s.material, MATERIAL_THROUGH);
@@ -362,7 +363,7 @@ void part_diffuse(inout Bsdf b, Surface s, float share)
 #endif
 
 #ifdef HAS_SHEEN_ROUGHNESS_TEXTURES
-// Of an alpha that is no material's: Charlie's lambda and white sheen's albedo, whose logarithm is interpolated.
+// Sets the sheen's alpha from a texture, with Charlie's lambda and white sheen's albedo, whose logarithm is interpolated.
 void set_sheen_alpha(inout Bsdf b, float alpha)
 {
     b.sheen_alpha = max(alpha, SHEEN_MIN_ALPHA);
@@ -380,7 +381,7 @@ void set_sheen_alpha(inout Bsdf b, float alpha)
 #endif
 
 #ifdef HAS_MICROFACETS
-// The layers over the base: a thin film, the clearcoat and sheen.
+// Sets the layers over the base: thin film, clearcoat and sheen.
 void cover(inout Bsdf b, Surface s, float reflects)
 {
 #ifdef HAS_IRIDESCENCE
@@ -423,8 +424,8 @@ void cover(inout Bsdf b, Surface s, float reflects)
 #endif
 
 #ifdef HAS_DISNEY
-// What Burley's surface has besides its base: the two roughnesses of an anisotropy, the root of its colour at each crossing of
-// the boundary [Burley 2015], and no base from inside.
+// Sets the properties of Burley's surface: two roughnesses of an anisotropy, the root of its colour at each crossing of the
+// boundary [Burley 2015], and no base if seen from inside.
 void set_disney(inout Bsdf b, bool front, vec3 base, vec4 surface, float transmission)
 {
     float aspect = sqrt(1.0 - 0.9 * surface.z), square = surface.x * surface.x;
@@ -441,8 +442,8 @@ void set_disney(inout Bsdf b, bool front, vec3 base, vec4 surface, float transmi
 
 #if defined(HAS_FRESNEL) || defined(HAS_METAL_INDICES) || defined(HAS_BECKMANN)
 #define HAS_EXACT_LAYERS 1
-// Fresnel's equations instead of Schlick's formula, other bases than glTF's, and Beckmann's microfacets; surface: of
-// MATERIAL_SURFACE, with its textures; transmission: share of the surface that is glass.
+// Sets Fresnel's equations instead of Schlick's formula, bases other than glTF's, and Beckmann's microfacets; surface:
+// MATERIAL_SURFACE with its textures; transmission: fraction of the surface that is glass.
 void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 surface, float transmission)
 {
     vec4 exact = material_texel(material, MATERIAL_FRESNEL);
@@ -474,7 +475,7 @@ void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 su
 }
 #endif
 
-// What a surface does with light on the side that is seen; the factors are those of textures.
+// Returns the BSDF of a surface on the visible side; the factors are from textures.
 Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float transmission_factor)
 {
     vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE);
@@ -498,7 +499,7 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 #ifdef HAS_GLASS
         vec4 glass = material_texel(s.material, MATERIAL_GLASS);
         transmission = (1.0 - metal) * glass.x * transmission_factor;
-        // The back of glass is its inside.
+        // The back of glass is its interior.
         if (transmission > 0.0) reflects = 1.0;
         b.transmission = base * transmission;
 #ifdef HAS_MULTIPLE_SCATTERING
@@ -539,7 +540,7 @@ Bsdf bsdf_at(Surface s, bool front)
 }
 
 #ifdef HAS_MULTIPLE_SCATTERING
-// Of microfacets that reflect or let through all, what they do so once; first: cell of the table.
+// Directional albedo of single scattering by microfacets that reflect or transmit all light; first: cell of the table.
 float directional_albedo(int first, float cosine, float roughness)
 {
     vec2 at = vec2(sqrt(clamp(cosine, 0.0, 1.0)), roughness) * float(ALBEDO_CELLS);
@@ -550,8 +551,8 @@ float directional_albedo(int first, float cosine, float roughness)
     return mix(along.x, along.y, part.y);
 }
 
-// Over light that is reflected once, at a colour F0 at normal incidence and `grazing` at the other, what is reflected
-// more often: the rest of white light, of which each further scattering takes its share (glpath/scene/directional_albedo.py).
+// Ratio of multiply to singly scattered light, with reflectance F0 at normal incidence and `grazing` at grazing incidence. Each
+// further scattering takes its share of the lost light (glpath/scene/directional_albedo.py).
 vec3 further(vec3 F0, float grazing, float lost, float roughness)
 {
     float left = ESCAPES[0] + roughness * (ESCAPES[1] + roughness * (ESCAPES[2] + roughness * (ESCAPES[3] + roughness * ESCAPES[4])));
@@ -559,7 +560,8 @@ vec3 further(vec3 F0, float grazing, float lost, float roughness)
     return lost * F * left / max(1.0 - F * (1.0 - left), 1e-6);
 }
 
-// Turquin 2019, eq. 15 and 3.4: what is lost comes back in the lobe that lost it. The base has what a dielectric leaves.
+// Energy compensation of Turquin 2019, eq. 15 and 3.4: the lost light returns in the lobe that lost it. The base gets the light
+// that a dielectric transmits.
 void keep_energy(inout Bsdf b, int material, bool front, float cosine)
 {
     vec4 energy = material_texel(material, MATERIAL_ENERGY);
@@ -591,7 +593,7 @@ void keep_energy(inout Bsdf b, int material, bool front, float cosine)
 }
 #endif
 
-// The clearcoat's normal, which depends on where it is seen from.
+// Sets the clearcoat's normal, which depends on the view direction.
 void see_coat_along(inout Bsdf b, Surface s, bool front, vec3 wo)
 {
 #ifdef HAS_COAT_NORMALS
@@ -612,7 +614,8 @@ Bsdf bsdf_seen(Surface s, bool front, vec3 wo)
     return b;
 }
 
-// Radiance that a surface emits to the side that is seen; `pdf_area` per area of a light sample there, 0 without light.
+// Returns the radiance that a surface emits to the visible side; `pdf_area`: density of light samples per area there, 0 if it
+// is not a light.
 vec3 emitted(Surface s, bool front, out float pdf_area)
 {
     vec4 emission = emission_texel(s.shape, EMISSION_RADIANCE);

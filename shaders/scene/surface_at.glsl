@@ -1,19 +1,19 @@
-// surface_at.glsl: the surface that a ray has hit, of any kind of primitive.
+// surface_at.glsl: surface at a ray's hit, for any kind of primitive.
 // Needs:  <SCENE>, object_intersect.glsl
-// Frame:  world; the normal leaves the front.
+// Frame:  world; the normal points out of the front.
 #include "scene/object_intersect.glsl"
 #include "scene/surface.glsl"
 
-// Where a direction of the unit sphere lies on it: u with the longitude, v from the south pole to the north.
+// Texture coordinates of a direction on the unit sphere: u with the longitude, v from the south pole to the north.
 vec2 sphere_uv(vec3 unit)
 {
     float longitude = atan(unit.y, unit.x) * (0.5 / PI);
-    // Not acos: drivers approximate it to four digits only.
+    // Not acos, which drivers approximate to four digits only.
     return vec2(longitude < 0.0 ? longitude + 1.0 : longitude, 0.5 + atan(unit.z, length(unit.xy)) / PI);
 }
 
 #ifdef HAS_NORMAL_MAPS
-// From the gradients of the texture coordinates to those of the slot, which an affine map has made of them.
+// Applies a normal map; the gradients of the texture coordinates become those of the slot by its affine map.
 vec3 mapped_by(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
     vec2 u = slot_map_texel(slot, SLOT_MAP_U).xy, v = slot_map_texel(slot, SLOT_MAP_V).xy;
@@ -31,7 +31,7 @@ void map_normals(inout Surface s, vec3 along_u, vec3 along_v)
 #endif
 }
 
-// linear: world_from_unit, of any scale; unit: the point on the unit sphere.
+// linear: world_from_unit, of any scale; unit: point on the unit sphere.
 void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
 {
     float across = max(dot(unit.xy, unit.xy), 1e-12);
@@ -46,7 +46,7 @@ void complete_sphere(inout Surface s, int sphere)
 {
     vec4 ball = sphere_texel(sphere, SPHERE_BALL);
     vec3 out_of = normalize(s.position - ball.xyz);
-    // Back onto the sphere, as t of a far one has lost the last digits of the position.
+    // Project back onto the sphere, because t of a distant sphere has lost the last digits of the position.
     s.position = ball.xyz + abs(ball.w) * out_of;
     set_normal(s, ball.w < 0.0 ? -out_of : out_of);
     mat3 rows = mat3(
@@ -118,7 +118,7 @@ Surface surface_at(int primitive, vec3 origin, vec3 direction, float t)
     return s;
 }
 
-// The same of what the eye's ray through a pixel has hit, which may be a streamed triangle: that has a record then.
+// Variants for the hit of the eye's ray through a pixel, which may be a streamed triangle with a record.
 #ifdef STREAMED
 TriangleFrom triangle_seen(ivec2 pixel, vec3 origin)
 {

@@ -1,12 +1,12 @@
-// texture.glsl: what a material's texture slot has at texture coordinates. Every texture has its own size, filter and wrap
-// modes, so the texels of all lie in two stores, of floats and of bytes, and are read and filtered one by one.
-// Needs:  <SCENE>; HAS_FLOAT_IMAGES, HAS_BYTE_IMAGES, HAS_WRAPS (other modes than repeat), HAS_UV1,
-//         HAS_SRGB_NUMBERS (of slots without colours)
-// Units:  colours linear Rec. 709, decoded before they are filtered; alpha in w, 1 where a texture has none.
+// texture.glsl: value of a material's texture slot at texture coordinates. Every texture has its own size, filter and wrap
+// modes. The texels of all textures therefore lie in two stores, of floats and of bytes, and are read and filtered one by one.
+// Needs:  <SCENE>; HAS_FLOAT_IMAGES, HAS_BYTE_IMAGES, HAS_WRAPS (modes other than repeat), HAS_UV1, HAS_SRGB_NUMBERS (sRGB
+//         images in slots of numbers)
+// Units:  colours linear Rec. 709, decoded before filtering; alpha in w, 1 if a texture has none.
 
 #ifdef HAS_BYTE_IMAGES
-// From sRGB (IEC 61966-2-1), of the 256 values that bytes have within 7e-7 of the truth, and the same wherever fma is: pow()
-// differs between drivers in the fourth digit, and a texture is decoded at every vertex of every path.
+// Decodes sRGB (IEC 61966-2-1). For the 256 byte values the error is below 7e-7, and the result is the same on all devices with
+// fma. pow() differs between drivers in the fourth digit, and a texture is decoded at every vertex of every path.
 vec3 from_srgb(vec3 encoded)
 {
     vec3 power = vec3(-0.07614018);
@@ -22,7 +22,7 @@ vec3 from_srgb(vec3 encoded)
 }
 #endif
 
-// The texel of number i in its store.
+// Returns texel i of its store.
 vec4 stored_texel(uvec4 image, int i, const bool colours)
 {
 #ifdef HAS_BYTE_IMAGES
@@ -42,7 +42,7 @@ vec4 stored_texel(uvec4 image, int i, const bool colours)
 #endif
 }
 
-// Texture coordinates as a slot has them, before they are wrapped.
+// Texture coordinates of a slot, before wrapping.
 vec2 slot_uv(int slot, vec2 uv, vec2 uv1)
 {
     vec4 row_u = slot_map_texel(slot, SLOT_MAP_U), row_v = slot_map_texel(slot, SLOT_MAP_V);
@@ -52,7 +52,7 @@ vec2 slot_uv(int slot, vec2 uv, vec2 uv1)
     return vec2(row_u.x * uv.x + row_u.y * uv.y + row_u.z, row_v.x * uv.x + row_v.y * uv.y + row_v.z);
 }
 
-// colours: may the texels that this slot reads be sRGB's? Numbers are not: llvmpipe decodes what nobody asks for, too.
+// colours: true if the slot's texels may be sRGB. Numbers are not, and llvmpipe would decode even unused values.
 vec4 slot_value(int slot, vec2 uv, vec2 uv1, const bool colours)
 {
     uvec4 image = slot_texel(slot, SLOT_IMAGE);
@@ -67,7 +67,7 @@ vec4 slot_value(int slot, vec2 uv, vec2 uv1, const bool colours)
 #ifdef HAS_WRAPS
     position = mix(clamp(position, vec2(0.5), size - 0.5), position, equal(wrap, uvec2(WRAP_REPEAT)));
 #endif
-    // A coordinate that rounds to the far edge is the near one, and so is the one beyond the last.
+    // A coordinate that rounds to the far edge wraps to the near edge, and so does the texel after the last.
     ivec2 extent = ivec2(image.yz);
     bool filtered = (image.w & IMAGE_FILTERED) != 0u;
     vec2 low = filtered ? position - 0.5 : position;

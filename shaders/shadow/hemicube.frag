@@ -1,12 +1,13 @@
-// hemicube.frag: which triangle the light sample sees; its number + 1, 0 for none.
-// Depth is linear: a perspective depth with so near a near plane, for a shade close to a lamp, has no digits left.
+// hemicube.frag: writes the triangle that the light sample sees; its number + 1, 0 for none.
+// Depth is linear, because a perspective depth has no precision left if the near plane is near enough for a shade close to a
+// lamp.
 // Blended surfaces are sampled stochastically, texel by texel.
 #include "gl/texels.glsl"
 #include <SCENE>
 #include "scene/opacity.glsl"
 uniform vec2 light_range;
 #ifdef STREAMED_CHUNK
-uniform int chunk_first;  // number of its first triangle
+uniform int chunk_first;  // index of the chunk's first triangle
 #else
 const int chunk_first = 0;
 #endif

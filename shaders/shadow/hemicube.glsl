@@ -1,12 +1,12 @@
-// hemicube.glsl: the frame of a light sample and the faces of its hemicube, or cube, in the atlas.
+// hemicube.glsl: frame of a light sample, and the faces of its hemicube, or cube, in the atlas.
 // Frame: light_tangent, light_bitangent, light_normal right-handed and unit; the light leaves along the normal.
-// FULL_CUBE: the sides have their lower halves too, and there is a face below, for a light that shines to all sides.
+// FULL_CUBE: sides include their lower halves, and there is a bottom face, for a light that emits to all sides.
 uniform vec3 light_position;
 uniform vec3 light_normal;
 uniform vec3 light_tangent;
 uniform vec3 light_bitangent;
 
-// In the light sample's frame: which face a direction leaves through.
+// Returns the face that a direction in the light sample's frame leaves through.
 int hemicube_face_of(vec3 p)
 {
     vec2 a = abs(p.xy);
@@ -17,7 +17,7 @@ int hemicube_face_of(vec3 p)
     return a.x >= a.y ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
 }
 
-// From the light sample's frame to a face's: x and y across it, z along its axis. On a side y is along the normal.
+// Converts from the light sample's frame to a face's: x and y across it, z along its axis. On a side y is along the normal.
 vec3 hemicube_to_face(int face, vec3 p)
 {
     if (face == 0) return p;
@@ -36,7 +36,7 @@ vec3 hemicube_from_face(int face, vec3 f)
     return face <= 2 ? vec3(face == 1 ? f.z : -f.z, f.x, f.y) : vec3(f.x, face == 3 ? f.z : -f.z, f.y);
 }
 
-// Where a face begins along its y, which runs from there to 1. A side of a hemicube has but its upper half.
+// Lower end of a face along its y, which extends to 1. A side of a hemicube only has its upper half.
 float hemicube_low(int face)
 {
 #ifdef FULL_CUBE
@@ -56,7 +56,7 @@ vec2 hemicube_atlas(float resolution)
 #endif
 }
 
-// Lower corner and size in the atlas, which is 1 x 1 here.
+// Returns lower corner and size of a face in the atlas, which has size 1 x 1.
 vec4 hemicube_rectangle(int face)
 {
 #ifdef FULL_CUBE

@@ -1,5 +1,5 @@
-// hemicube.vert: the scene seen from a light sample, on the five faces of a hemicube (Cohen & Greenberg 1985).
-// One instanced draw: instance = face, each in its own rectangle of one atlas, kept apart by clip distances.
+// hemicube.vert: projects the scene from a light sample on the five faces of a hemicube (Cohen & Greenberg 1985).
+// One instanced draw: instance = face, each in its own rectangle of one atlas, separated by clip distances.
 //   face 0     the top, R x R, looks along light_normal
 //   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b
 // FULL_CUBE: six faces R x R; face 5 looks against light_normal.
@@ -11,12 +11,12 @@ out vec3 world;
 #endif
 uniform vec2 light_range;  // near and far distance along a face's axis
 #ifdef STREAMED_CHUNK
-uniform int cube_face;  // a chunk is drawn on few of the faces
+uniform int cube_face;  // a chunk is drawn on a few faces only
 #else
 #define cube_face gl_InstanceID
 #endif
 #ifdef FULL_CUBE
-uniform bool light_one_sided;  // it shines to the side of light_normal only
+uniform bool light_one_sided;  // true if it emits to the side of light_normal only
 #endif
 
 void main()
@@ -32,8 +32,8 @@ void main()
     gl_ClipDistance[0] = p.z - p.x;
     gl_ClipDistance[1] = p.z + p.x;
     gl_ClipDistance[2] = p.z - p.y;
-    // A side ends just above the light's plane, as the top's near plane does: what lies in it, the light itself, passes
-    // through the eye, and rounding would strew it over the texels.
+    // A side ends just above the light's plane, like the near plane of the top. Surfaces in that plane, such as the light
+    // itself, pass through the eye, and rounding would scatter them over the texels.
 #ifdef FULL_CUBE
     gl_ClipDistance[3] = p.z + p.y;
     gl_ClipDistance[4] = light_one_sided ? l.z - light_range.x : 1.0;
@@ -43,7 +43,7 @@ void main()
 
     vec4 rectangle = hemicube_rectangle(cube_face);
     float low = hemicube_low(cube_face);
-    // From the face's plane to its rectangle of the atlas, homogeneous.
+    // Homogeneous map from the face's plane to its rectangle of the atlas.
     vec2 q = vec2((p.x + p.z) * 0.5 * rectangle.z + rectangle.x * p.z,
                   (p.y - low * p.z) / (1.0 - low) * rectangle.w + rectangle.y * p.z);
     float n = light_range.x, f = light_range.y;

@@ -1,29 +1,29 @@
-// point_shadow.glsl: is a point on a surface lit by a point light? Looked up in the light's shadow-buffer [TB III.D].
-// Needs:  <SCENE>; SHADOW_CUBE as point_shadow_map.glsl has it
-//         SHADOW_TAPS      cells across that a lookup asks; 1: the nearest alone, no filter
+// point_shadow.glsl: visibility of a point light from a point on a surface, looked up in the light's shadow-buffer [TB III.D].
+// Needs:  <SCENE>; SHADOW_CUBE as for point_shadow_map.glsl
+//         SHADOW_TAPS      number of cells across that a lookup tests; 1: only the nearest, without a filter
 //         SHADOW_IDENTITY  the paper's rule; otherwise distances are compared
 // Frame:  world. The buffers of all lights are tiles of one texture.
 //
-// An entry holds the primitive that its ray meets, and the tangent plane there as the vector g, where g . x = 1 for the
-// points x of the plane, seen from the light. So 1 / (g . c) is the distance t along a direction c, and no trigonometry,
-// square root or division is needed to compare it with the receiver's own plane anywhere.
+// An entry holds the primitive that its ray hits, and the tangent plane there as the vector g, where g . x = 1 for points x of
+// the plane, seen from the light. The distance t along a direction c is thus 1 / (g . c). Comparing it with the receiver's own
+// plane needs no trigonometry, square root or division.
 #include "gl/texels.glsl"
 #include "shadow/point_shadow_map.glsl"
 #include <SCENE>
 
 UINT_TEXELS(rgba32ui, shadow_buffer);  // bits of the plane; number of the primitive + 1, 0 for none
-TEXELS(rgba32f, shadow_lights);  // where each stands, a texel for each tile
+TEXELS(rgba32f, shadow_lights);  // position of each light, a texel for each tile
 uniform int shadow_tiles_across;
 
-// What rounding may do to a point, as a share of its coordinates and the light's.
+// Rounding error of a point, as a fraction of its coordinates and the light's.
 const float SHADOW_ROUNDING = 5e-7;
 
-// Where 1 / cos to the light is more, a sphere's outline is near.
+// Value of 1 / cos to the light above which a point is near a sphere's outline.
 const float SHADOW_STEEPEST = 4.0;
 
 ivec2 shadow_tile(int light) { return ivec2(light % shadow_tiles_across, light / shadow_tiles_across); }
 
-// An entry's texel; cells are those of its face.
+// Returns an entry's texel; cells are those of its face.
 ivec2 shadow_texel(int light, int face, vec2 cell)
 {
 #ifdef SHADOW_CUBE
@@ -35,7 +35,7 @@ ivec2 shadow_texel(int light, int face, vec2 cell)
     return (shadow_tile(light) * faces + tile) * ivec2(shadow_cells) + ivec2(cell);
 }
 
-// The face and cell of a cell that may lie beyond its face's edge.
+// Returns the face and cell of a cell that may lie beyond its face's edge.
 ShadowPosition shadow_home(int face, vec2 cell)
 {
 #ifdef SHADOW_CUBE
@@ -52,22 +52,22 @@ ShadowPosition shadow_home(int face, vec2 cell)
 }
 
 #ifdef SHADOW_IDENTITY
-// [TB (8)] An object is lit where the light sees it. Wrong for objects that shadow themselves.
+// [TB (8)] An object is lit if the light sees it. Wrong for objects that shadow themselves.
 bool shadow_entry_hides(uvec4 seen, int object)
 {
     return seen.w == 0u || shape_of(int(seen.w) - 1) != object;
 }
 #else
-// Does the hit of the entry's ray along c (unit) occlude the point w (both from the light)?
-// `receiver` is the plane of the point, as g is of the entry.
+// Returns true if the hit of the entry's ray along c (unit) occludes the point w (both from the light). `receiver` is the plane
+// of the point, in the format of the entry's g.
 //
-// The receiver's distance along c is that of its plane, so no slope makes it shadow itself. At a ridge the cell may see
-// the other side of the edge: there the receiver's plane, carried on past the edge, is in front. At a valley it is the
-// contrary: there the entry's plane, carried on to the point, is behind it. To tell a valley from an occluder:
-// both planes meet between c and w, an angle a apart, so that t of the entry is at least |w| - |w| a (1 / cos + 1 / cos')
-// with the cosines of both to the light. Nearer than that is an occluder in any case; farther, its plane decides. What
-// stands in front of a point is behind its own tangent plane where it is convex, so the plane takes no true shadow away.
-// Near the outline of a sphere the tangent plane soon leaves it, and says nothing about the points within a filter's radius.
+// The receiver's distance along c is that of its plane, so no slope makes it shadow itself. At a ridge the cell may see the
+// other side of the edge. The receiver's plane, extended past the edge, is then in front. At a valley the entry's plane,
+// extended to the point, is behind it. Both planes meet between c and w, which are an angle a apart. In a valley, t of the
+// entry is therefore at least |w| - |w| a (1 / cos + 1 / cos'), with the cosines of both planes to the light. A nearer entry is
+// always an occluder; otherwise its plane decides. A convex occluder's tangent plane hides all points that it occludes, so no
+// true shadow is lost. Near the outline of a sphere the tangent plane soon leaves it, and does not describe the points within a
+// filter's radius.
 bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding)
 {
     vec3 g = uintBitsToFloat(seen.xyz);
@@ -81,9 +81,9 @@ bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float roundin
 }
 #endif
 
-// Share of the light that reaches `position` on a surface with this normal (either side's), which belongs to an object.
-// A filter weighs cells as a box over SHADOW_TAPS - 1 of them around the point does, so it moves smoothly with it
-// (percentage-closer filtering: Reeves et al. 1987); of 2 taps it is bilinear interpolation.
+// Returns the fraction of light that reaches `position` on a surface of an object with this normal (of either side). The filter
+// is a box over SHADOW_TAPS - 1 cells around the point, so it changes continuously with it (percentage-closer filtering: Reeves
+// et al. 1987). With 2 taps it is bilinear interpolation.
 float point_light_visibility(int light, vec3 position, vec3 normal, int object)
 {
     vec3 centre = texel(shadow_lights, shadow_tile(light)).xyz;

@@ -1,5 +1,5 @@
-// point_shadow_cells.frag: for every cell of a face, the face and cell that its own direction falls into.
-// Answers whether a point light's mapping is consistent on this device.
+// point_shadow_cells.frag: for every cell of a face, writes the face and cell that its own direction maps to. It checks that a
+// point light's mapping is consistent on this device.
 #include "shadow/point_shadow_map.glsl"
 
 uniform int face;

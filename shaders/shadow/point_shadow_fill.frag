@@ -26,9 +26,9 @@ flat in vec4 plane;
 flat in vec4 plane;
 #endif
 
-layout(location = 0) out uvec4 entry;  // as point_shadow.glsl reads it
+layout(location = 0) out uvec4 entry;  // format of point_shadow.glsl
 
-// Where the ray along d meets the object beyond tmin.
+// Returns the distance at which the ray along d hits the object beyond tmin.
 float meet(vec3 d, float tmin)
 {
 #if defined(KIND_SPHERE)

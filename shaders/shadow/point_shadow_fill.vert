@@ -1,11 +1,11 @@
-// point_shadow_fill.vert: the rectangles of cells whose rays may meet an object [TB III.E], two triangles each, or a
-// point for a small one: a vertex instead of six. They end at the borders of cells, so every cell inside is shot at
-// once; of a point's the fragment shader leaves out the others.
+// point_shadow_fill.vert: draws the rectangles of cells whose rays may hit an object [TB III.E], two triangles each, or a point
+// for a small one, which needs one vertex instead of six. They end at borders of cells, so a ray is shot once for every cell
+// inside. The fragment shader discards other cells of a point.
 // Needs:  <SCENE>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
 #include <SCENE>
 #include "scene/object_intersect.glsl"
 
-uniform usampler2D rectangles;  // first column | row << 16, last column | row << 16, number of the primitive, face
+uniform usampler2D rectangles;  // first column | row << 16, last column | row << 16, primitive, face
 uniform vec3 light_position;
 uniform ivec2 tile_corner;      // in the texture of all lights
 uniform ivec2 tile_faces;       // columns and rows of faces in a tile
@@ -13,12 +13,12 @@ uniform ivec2 tile_size;
 uniform vec2 shadow_cells;
 uniform bool as_points;
 
-flat out ivec4 own_cells;  // of the face, first and last
+flat out ivec4 own_cells;  // first and last cell of the face
 flat out ivec2 face_corner;
 flat out int face;
 flat out uint primitive;
 
-// What follows from the light and the primitive alone, see object_intersect.glsl.
+// Terms that only depend on the light and the primitive, see object_intersect.glsl.
 #if defined(KIND_SPHERE)
 flat out vec4 from;
 flat out float radius;
@@ -72,7 +72,7 @@ void main()
     int corner = vertex < 3 ? vertex : vertex == 5 ? 3 : 5 - vertex;
     vec2 at = vec2((corner & 1) == 0 ? low.x : high.x + 1, (corner & 2) == 0 ? low.y : high.y + 1);
     int side = max(high.x - low.x, high.y - low.y) + 1;
-    // A point is drawn where its centre is inside the face's tile.
+    // A point is drawn only if its centre is inside the face's tile.
     if (as_points) at = vec2(min(low, ivec2(shadow_cells) - side)) + 0.5 * float(side);
     gl_PointSize = float(side);
     gl_Position = vec4(2.0 * (vec2(in_tile) + at) / vec2(tile_size) - 1.0, 0.0, 1.0);

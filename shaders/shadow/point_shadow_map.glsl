@@ -1,13 +1,14 @@
-// point_shadow_map.glsl: which cell of a point light's shadow-buffer a direction falls into, and back.
-// Frame:  world axes about the light. A buffer is one face (sphere) or six (cube) of shadow_cells; a position on a face is
-//         in cells, (0, 0) at its lower corner, centres of cells at halves.
+// point_shadow_map.glsl: map between directions and cells of a point light's shadow-buffer.
+// Frame:  world axes about the light. A buffer is one face (sphere) or six (cube) of shadow_cells. A position on a face is in
+//         cells, with (0, 0) at its lower corner and centres of cells at halves.
 // Needs:  SHADOW_CUBE: the cube; otherwise the sphere
-// Source: [TB III.C, III.D], with three corrections. (4) lets theta run over [0, pi] where (5) uses it as a latitude and
-//         (7) gets it from arcsin, in [-pi/2, pi/2]: as printed, half the sphere is never addressed. And (7) takes phi from
-//         arccos, which cannot tell y from -y. Here, for an entry of row r and column c of r_max x c_max,
+// Source: [TB III.C, III.D], with three corrections. (4) uses theta over [0, pi], but (5) uses it as a latitude, and (7)
+//         computes it by arcsin, in [-pi/2, pi/2]. As printed, half the sphere is never addressed. (7) also computes phi by
+//         arccos, which cannot distinguish y from -y. Here, for an entry of row r and column c of r_max x c_max,
 //             theta = ((r + 1/2) / r_max - 1/2) pi         the latitude, by atan2 of z and the distance from the axis
 //             phi   = ((c + 1/2) / c_max) 2 pi             the longitude, by atan2 of y and x
-//         at the centres of cells, where their rays are shot. arcsin would do for theta but for its rounding at the poles.
+//         at the centres of cells, through which their rays are shot. arcsin would suffice for theta, except for its rounding
+//         at the poles.
 #include "sampling/angles.glsl"
 
 uniform vec2 shadow_cells;  // columns and rows of a face
@@ -19,10 +20,9 @@ struct ShadowPosition
 };
 
 #ifdef SHADOW_CUBE
-// Cells are equal steps of angle across a face rather than of length, so that all are of about one size: the solid angle
-// of the largest is 1.4 times that of the smallest, instead of 5.2 (Brown 2017, Equi-Angular Cubemaps).
-// Faces 0 to 5 look along +x, -x, +y, -y, +z, -z. Within one: x and y across it, z along its axis. Opposite faces are
-// mirror images of each other.
+// Cells are equal steps of angle across a face instead of length, so that all have similar sizes. The solid angle of the
+// largest is 1.4 times that of the smallest, instead of 5.2 (Brown 2017, Equi-Angular Cubemaps). Faces 0 to 5 look along +x,
+// -x, +y, -y, +z, -z. Within a face x and y are across it, z along its axis. Opposite faces are mirror images.
 vec3 shadow_to_face(int face, vec3 d)
 {
     vec3 f = face < 2 ? d.yzx : face < 4 ? d.zxy : d;
@@ -45,7 +45,8 @@ ShadowPosition shadow_position(vec3 d)
     return ShadowPosition(face, (0.5 + vec2(arc_tangent(slope.x), arc_tangent(slope.y)) * (2.0 / PI)) * shadow_cells);
 }
 
-// Of any length. A position (less than half a face) beyond the edge of its face belongs to the neighbour's cells.
+// Returns a direction of any length. A position (less than half a face) beyond the edge of its face belongs to the neighbour's
+// cells.
 vec3 shadow_direction(int face, vec2 at)
 {
     vec2 right_angles = at / shadow_cells - 0.5;
@@ -60,7 +61,7 @@ ShadowPosition shadow_position(vec3 d)
     return ShadowPosition(0, at);
 }
 
-// Unit. A position beyond a pole comes down on the other side, one beyond the seam continues behind it.
+// Returns a unit direction. A position beyond a pole continues on the other side, one beyond the seam behind the seam.
 vec3 shadow_direction(int face, vec2 at)
 {
     vec2 theta = cosine_sine(2.0 * (at.y / shadow_cells.y - 0.5));

@@ -1,7 +1,7 @@
-// point_shadow_report.frag: the visibility of a light from points that are given as texels.
+// point_shadow_report.frag: writes the visibility of a light from points that are given as texels.
 #include "shadow/point_shadow.glsl"
 
-uniform sampler2D points;   // world; number of the object
+uniform sampler2D points;   // world; w: index of the object
 uniform sampler2D normals;  // world, unit
 uniform int light;
 

@@ -1,5 +1,5 @@
-// classic_eye.frag: primary rays by the classical algorithm: each against every primitive, so many in a draw.
-// Writes what a T-buffer holds: primitive + 1 (0 for none) and the bits of t. Of several draws' primitives the depth test keeps the
+// classic_eye.frag: primary rays by the classical algorithm: each against every primitive, a range of primitives in each draw.
+// Writes the contents of a T-buffer: primitive + 1 (0 for none) and the bits of t. Between draws the depth test keeps the
 // nearest, by t * DEPTH_SCALE, which has all bits of t.
 #include <SCENE>
 #include "scene/object_classic.glsl"
@@ -9,8 +9,8 @@
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 #endif
 
-uniform int begin;  // the first primitive of this draw
-uniform int end;    // behind its last
+uniform int begin;  // first primitive of this draw
+uniform int end;    // one after the last
 
 layout(location = 0) out uvec2 found;
 

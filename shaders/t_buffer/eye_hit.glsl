@@ -1,9 +1,9 @@
-// eye_hit.glsl: where the ray of a pixel meets what the eye buffer has of it.
+// eye_hit.glsl: distance along a pixel's ray to the primitive in the eye buffer.
 // Needs:  object_intersect.glsl, surface_at.glsl, camera.glsl
 //
-// The buffer's rays all start at the eye. Of one far away, t has the rounding of the distance, 6e-4 scene units of
-// 10,000: so t is found again from where eye_origin is, ahead of the eye. Parallel rays start there for the buffer, too.
-const float EYE_ROUNDING = 2e-6;  // of t: what is found again is nowhere else
+// The buffer's rays all start at the eye. For a distant eye, t has the rounding of the distance, 6e-4 scene units at 10,000. It
+// is therefore recomputed from eye_origin, ahead of the eye. Parallel rays start there for the buffer too.
+const float EYE_ROUNDING = 2e-6;  // fraction of t within which the recomputed hit must lie
 
 float eye_hit(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float t)
 {
@@ -12,7 +12,7 @@ float eye_hit(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float t)
     {
         float expected = t - eye_ahead / dot(direction, eye_forward);
         float again = intersect_seen(primitive, pixel, origin, direction, max(expected - EYE_ROUNDING * t, 0.0));
-        // A ray along an edge may pass beside it now.
+        // The recomputed ray may miss a primitive at its edge.
         return abs(again - expected) < EYE_ROUNDING * t ? again : max(expected, 0.0);
     }
 #endif

@@ -1,16 +1,16 @@
-// object_bounds.glsl: the pixels whose rays can hit a primitive: a rectangle, a little too large but never too small.
+// object_bounds.glsl: bounds of the pixels whose rays can hit a primitive: a rectangle, slightly too large but never too small.
 // Needs:  <SCENE>, camera.glsl
 //
-// A rectangle from exact tangent planes, plus a margin for rounding: where the centre of a pixel lies outside, its
-// ray misses. Of what reaches behind the eye the projection has no bounds; it may be anywhere, unless it is beyond a
-// side of the view. By parallel rays (EYE_ORTHOGRAPHIC) all is where its coordinates are, and slopes are coordinates.
-const int HIDDEN = 0;   // no pixel
-const int BOUNDED = 1;  // those from low to high, both included; inside the window
-const int AROUND = 2;   // reaches through the plane of the eye: any pixel
+// The rectangle comes from exact tangent planes, plus a margin for rounding. Rays of pixels with a centre outside miss. A
+// primitive that extends behind the eye has no bounds in projection, and may cover any pixel unless it is beyond a side of the
+// view. With parallel rays (EYE_ORTHOGRAPHIC) bounds are coordinates, and slopes are coordinates too.
+const int HIDDEN = 0;   // covers no pixel
+const int BOUNDED = 1;  // covers pixels from low to high, inclusive, inside the window
+const int AROUND = 2;   // crosses the plane of the eye, so may cover any pixel
 
-const float NEARLY = 1e-3;           // share of an extent by which the plane of the eye is kept away from
+const float NEARLY = 1e-3;           // minimum distance from the plane of the eye, as a fraction of the extent
 
-// Pixels: what a rasteriser rounds coordinates to, and the rounding of directions.
+// Margin in pixels: rounding of coordinates by a rasteriser, and of directions.
 float max_focal() { return max(eye_focal.x, eye_focal.y); }
 
 #ifdef EYE_ORTHOGRAPHIC
@@ -28,14 +28,14 @@ vec3 to_eye(vec3 direction)
     return vec3(dot(direction, eye_right), dot(direction, eye_up), dot(direction, eye_forward));
 }
 
-// Slopes (x / z of the camera) of the window's sides: through the centres of its outermost pixels.
+// Slopes (x / z in camera space) of the window's sides, through the centres of its outermost pixels.
 vec4 window_slopes()
 {
     vec2 first = vec2(eye_corner) + 0.5 - eye_centre;
     return vec4(first - bound_margin(), first + vec2(eye_size - 1) + bound_margin()) / eye_focal.xyxy;
 }
 
-// From slopes to pixels of the window.
+// Converts slopes to pixels of the window.
 int pixels_between(vec2 low_corner, vec2 high_corner, out ivec2 low, out ivec2 high)
 {
     vec2 shift = eye_centre - 0.5 - vec2(eye_corner), size = vec2(eye_size);
@@ -47,7 +47,7 @@ int pixels_between(vec2 low_corner, vec2 high_corner, out ivec2 low, out ivec2 h
 }
 
 #ifdef EYE_ORTHOGRAPHIC
-// Of a body between two corners in the eye's axes, which rounding has moved a little.
+// Bounds of a body between two corners in the eye's axes, which rounding has moved slightly.
 int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 high)
 {
     vec3 far = max(abs(low_corner), abs(high_corner));
@@ -59,15 +59,15 @@ int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 
 }
 #endif
 
-// The slopes of the two planes that contain the eye and one axis of the image and touch an ellipsoid. With X, Z how far
-// its half axes reach along x and z, and (x, z) its centre: xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
+// Slopes of the two planes that contain the eye and one axis of the image and touch an ellipsoid. X, Z: extents of its half
+// axes along x and z; (x, z): its centre. xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
 vec2 tangent_slopes(vec2 centre, float xz, float zz, float square)
 {
     float middle = centre.x * centre.y - xz, root = sqrt(max(square, 0.0));
     return vec2(middle - root, middle + root) / (centre.y * centre.y - zz);
 }
 
-// Is a body beyond a side of the window? centre and support: how far it reaches along the two slopes' normals.
+// Returns true if a body is beyond a side of the window. support: its extent along the normals of the sides.
 bool beyond_window(vec3 centre, vec4 support)
 {
     vec4 s = window_slopes();
@@ -99,7 +99,7 @@ int sphere_bounds(vec3 centre, float radius, out ivec2 low, out ivec2 high)
 int ellipsoid_bounds(vec3 centre, vec3 axis0, vec3 axis1, vec3 axis2, out ivec2 low, out ivec2 high)
 {
     vec3 c = to_eye(centre - eye_position);
-    mat3 support = transpose(mat3(to_eye(axis0), to_eye(axis1), to_eye(axis2)));  // X, Y, Z: of the three along one axis
+    mat3 support = transpose(mat3(to_eye(axis0), to_eye(axis1), to_eye(axis2)));  // X, Y, Z: the axes' components
     vec3 X = support[0], Y = support[1], Z = support[2];
 #ifdef EYE_ORTHOGRAPHIC
     vec3 extent = vec3(length(X), length(Y), length(Z));

@@ -1,6 +1,6 @@
-// shadow_rays.glsl: the rays from a point of a surface to the lights that may reach it: by number first the punctual
-// lights, then LIGHT_SAMPLES of emitting shapes and the sky. And the one ray from a ground that catches shadows.
-// Needs:  <SCENE>, <CONSTANTS>, camera.glsl; those of light_samples.glsl, punctual.glsl, profile.glsl, ground.glsl
+// shadow_rays.glsl: rays from a point of a surface to the lights that may reach it. Numbers start with the punctual lights,
+// then LIGHT_SAMPLES of emitting shapes and the sky. Also the ray from a ground that catches shadows.
+// Needs:  <SCENE>, <CONSTANTS>, camera.glsl; the needs of light_samples.glsl, punctual.glsl, profile.glsl, ground.glsl
 #ifdef LIGHT_SAMPLES
 #include "lights/light_samples.glsl"
 #endif
@@ -14,9 +14,9 @@
 struct PunctualRay
 {
     vec3 wi;      // unit, to the light
-    float tmax;   // just before it
+    float tmax;   // just before the light
     vec3 E;       // irradiance
-    bool distant; // has no position
+    bool distant; // true if it has no position
 };
 
 PunctualRay punctual_ray(int light, vec3 position)
@@ -46,7 +46,7 @@ float sample_tmax(Incident light) { return min(light.distance * (1.0 - RAY_ROUND
 
 bool is_lit(vec3 E) { return max(E.r, max(E.g, E.b)) > 0.0; }
 
-// How far from a point's surface its rays begin, which the eye's ray has hit at t; rounding: the least.
+// Distance from a point's surface at which its rays begin, if the eye's ray hit it at t; rounding: minimum.
 float rounding_at(vec3 position, float t, float rounding)
 {
     vec3 size = abs(position);
@@ -56,7 +56,7 @@ float rounding_at(vec3 position, float t, float rounding)
 float rounding_of(vec3 origin) { return RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z))); }
 
 #ifdef HAS_GROUND
-// Where the eye's ray through a pixel meets the ground, the ray from there to the light.
+// Returns true if the eye's ray through a pixel hits the ground; sets the ray from there to the light.
 bool ground_shadow_ray(ivec2 pixel, vec3 origin, vec3 direction, out vec3 start, out vec3 to_light)
 {
     ivec2 of_image = pixel + eye_corner;

@@ -1,7 +1,7 @@
-// stream_shadows.frag: asks a part of the streamed triangles whether it blocks the shadow rays of pixels that are not
-// blocked yet [TB III.A]. The part is there while it is asked; the next one starts with the bits.
+// stream_shadows.frag: tests if a part of the streamed triangles blocks shadow rays of pixels that are not blocked yet [TB
+// III.A]. The part is on the device during the test; the next part starts with the resulting bits.
 // Needs:  <SCENE>, <BVH>, <OCCLUDERS>; SHADOW_BUFFERS: lights with a position have no rays
-// Runs over: the pictures of words, see stream_shadows.glsl. Output: the word
+// Runs over: the images of words, see stream_shadows.glsl. Output: the word
 #include <SCENE>
 #include "scene/surface_at.glsl"
 #include "camera/camera.glsl"
@@ -13,12 +13,12 @@
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
 
 #ifdef COUNT_TESTS
-layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
+layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // counts for shadow rays and secondary rays
 #endif
 
 layout(location = 0) out uint blocked;
 
-// The ray of a number; false where no light comes along it.
+// Sets the ray with a number; returns false if no light arrives along it.
 bool shadow_ray(int number, vec3 position, vec3 normal, out vec3 wi, out float tmax)
 {
 #ifdef LIGHT_SAMPLES

@@ -1,11 +1,11 @@
-// stream_shadows.glsl: which shadow rays of a pixel's first surface streamed triangles block, a bit each, by the numbers
-// of shadow_rays.glsl. Where the pixel sees no surface, the first bit is of the ground's ray.
-// Needs:  camera.glsl; STREAM_SHADOWS: streamed triangles are asked
-// A texture has a picture of words of 32 bits for each 32 rays, side by side and one above the other.
+// stream_shadows.glsl: bits of the shadow rays of a pixel's first surface that streamed triangles block, by the numbers of
+// shadow_rays.glsl. If the pixel sees no surface, the first bit is that of the ground's ray.
+// Needs:  camera.glsl; STREAM_SHADOWS: streamed triangles are tested
+// A texture has an image of 32-bit words for each 32 rays, arranged in columns and rows.
 #ifdef STREAM_SHADOWS
 #include "gl/texels.glsl"
 UINT_TEXELS(r32ui, stream_shadows);
-uniform int stream_shadow_columns;  // pictures side by side
+uniform int stream_shadow_columns;  // number of images in a row
 
 bool blocked_by_stream(ivec2 pixel, int ray)
 {

@@ -1,6 +1,5 @@
-// t_buffer.frag: a ray that may hit the object is shot; (object, t) is kept where t is less than what is there
-// [TB II.B].
-// The rule t' < t is the depth test. Scaling t by DEPTH_SCALE, a power of two, keeps all its bits and their order.
+// t_buffer.frag: shoots a ray that may hit the object; keeps (object, t) if t is less than the stored t [TB II.B].
+// The depth test implements the rule t' < t. DEPTH_SCALE, a power of two, keeps all bits of t and their order.
 #include "t_buffer/t_buffer_ray.glsl"
 
 flat in int primitive;

@@ -1,15 +1,15 @@
-// t_buffer.vert: a primitive as the part of the window in which its rays are shot [TB II.B].
-// A sphere or ellipsoid is a rectangle of pixels, a triangle itself, grown a little, a plane what is on its side of the
-// horizon. All that the rays share goes along, flat. With SQUARES a rectangle is points, as many as the table says: one
-// vertex for a small one instead of six.
+// t_buffer.vert: draws the part of the window in which a primitive's rays are shot [TB II.B].
+// A sphere or ellipsoid is drawn as a rectangle of pixels, a triangle as itself, slightly enlarged, and a plane as the window
+// on its side of the horizon. Data shared by the rays are passed as flat outputs. With SQUARES a rectangle is drawn as points,
+// as many as the table has: a small one then needs one vertex instead of six.
 #include "t_buffer/t_buffer_ray.glsl"
 
-uniform int first;  // number of the first primitive of the kind
+uniform int first;  // index of the first primitive of this kind
 
 #ifdef SQUARES
 uniform int square_side;
-uniform usampler2D squares;  // item, number of the square | squares across << 20; see buffers/t_buffer.py
-flat out ivec4 own_pixels;   // first and last, that no pixel is shot at twice
+uniform usampler2D squares;  // item, index of the square | squares across << 20; see buffers/t_buffer.py
+flat out ivec4 own_pixels;   // first and last pixel, so that no ray is shot twice
 #endif
 
 flat out int primitive;
@@ -21,7 +21,7 @@ const vec4 NOWHERE = vec4(2.0, 2.0, 0.0, 1.0);
 vec4 at_pixel(ivec2 corner) { return vec4(2.0 * vec2(corner) / vec2(eye_size) - 1.0, 0.0, 1.0); }
 
 #if defined(KIND_PLANE)
-// What of the window is on the plane's side of the horizon, as a triangle that covers all and is clipped.
+// Draws the part of the window on the plane's side of the horizon, as a triangle that covers the window and is clipped.
 void draw_plane(int corner)
 {
     vec2 corner_position = vec2((corner & 1) * 4 - 1, (corner >> 1) * 4 - 1);
@@ -29,7 +29,7 @@ void draw_plane(int corner)
     vec2 slope = ((0.5 * corner_position + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
     vec3 normal = to_eye(aim.plane.xyz);
 #ifdef EYE_ORTHOGRAPHIC
-    // The plane lies ahead of where the ray starts.
+    // The plane lies ahead of the ray's start.
     float height = aim.plane.w - dot(normal.xy, slope), off = dot(abs(normal.xy), bound_margin() / eye_focal);
     gl_ClipDistance[0] = normal.z == 0.0 ? -1.0 : sign(normal.z) * height + off + 1e-5 * abs(aim.plane.w);
 #else
@@ -50,8 +50,8 @@ vec4 around_rectangle(int corner, ivec2 low, ivec2 high)
 #ifdef EYE_ORTHOGRAPHIC
 vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high) { return around_rectangle(corner, low, high); }
 #else
-// A corner of the triangle as a cone of the camera, moved so that both edges there keep a distance. Cones need no care
-// behind the eye: the clipper does it. A camera's (x, y, z) gets its lengths in pixels.
+// A corner of the triangle as a cone of the camera, moved so that both adjacent edges move outwards. Cones are valid behind the
+// eye, because the clipper handles them. Camera coordinates (x, y, z) are scaled to pixels.
 // Source: Hasselgren, Akenine-Möller & Ohlsson 2005, Conservative Rasterization.
 vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
 {
@@ -59,7 +59,7 @@ vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
     ahead.z += bound_margin() * (abs(ahead.x) + abs(ahead.y));
     behind.z += bound_margin() * (abs(behind.x) + abs(behind.y));
     vec3 p = cross(behind, ahead) * side;
-    // The window's middle is the origin of what is clipped.
+    // The window's middle is the origin of clip space.
     vec2 shift = 2.0 * (eye_centre - vec2(eye_corner)) / vec2(eye_size) - 1.0;
     return vec4(2.0 * p.xy / vec2(eye_size) + shift * p.z, 0.0, p.z);
 }
@@ -71,7 +71,7 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
     vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);
     vec3 c = pixels * to_eye(vertex_position(face.z) - eye_position);
-    // Only their directions count; products of three would leave the range of floats in large scenes.
+    // Only the directions count. Products of three vectors would exceed the range of floats in large scenes.
     vec3 max_abs = max(abs(a), max(abs(b), abs(c)));
     float scale = 1.0 / max(max(max_abs.x, max_abs.y), max(max_abs.z, 1e-30));
     a *= scale;
@@ -80,8 +80,8 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     float volume = dot(cross(a, b - a), c - a);
     float side = volume < 0.0 ? -1.0 : 1.0;
     vec4 moved = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
-    // Seen nearly edge-on its edges cross anywhere. Then a right triangle that covers the rectangle is drawn; also where
-    // that is not known, as all there is of the volume may be rounding.
+    // If the triangle is seen nearly edge-on, its moved edges may intersect anywhere. A right triangle that covers the
+    // rectangle is then drawn, also if the volume may be only rounding.
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float max_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
@@ -92,7 +92,7 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
 #elif defined(SQUARES)
 const int VERTICES = 1;
 
-// A square of the rectangle as a point; false where it has no pixels.
+// Draws a square of the rectangle as a point; returns false if it has no pixels.
 bool draw_square(uint square, ivec2 low, ivec2 high)
 {
     int across = int(square >> 20), number = int(square & 0xfffffu);
@@ -100,7 +100,7 @@ bool draw_square(uint square, ivec2 low, ivec2 high)
     ivec2 end = min(begin + square_side - 1, high);
     int side = max(max(end.x - begin.x, end.y - begin.y) + 1, 1);
     own_pixels = ivec4(begin, end);
-    // A point is drawn where its centre is inside the window.
+    // A point is drawn only if its centre is inside the window.
     gl_Position = vec4((vec2(2 * min(begin, eye_size - side)) + float(side)) / vec2(eye_size) - 1.0, 0.0, 1.0);
     gl_PointSize = float(side);
     return !any(lessThan(end, begin));

@@ -1,9 +1,9 @@
-// t_buffer_list.comp: from marks to the vertices of all that are marked, in order, and the command that draws them.
-// One work group.
+// t_buffer_list.comp: lists the vertices of all marked primitives in order, and writes the command that draws them. It runs in
+// one work group.
 layout(local_size_x = 256) in;
 
-uniform int words;     // of marks
-uniform int vertices;  // of one primitive
+uniform int words;     // number of words of marks
+uniform int vertices;  // number of vertices of one primitive
 
 layout(std430, binding = 1) buffer Elements { uint elements[]; };
 layout(std430, binding = 4) buffer Large { uint large[]; };

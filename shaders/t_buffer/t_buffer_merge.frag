@@ -1,5 +1,5 @@
-// t_buffer_merge.frag: of what was drawn and what the small primitives gave, the nearer; at the same t the lower
-// number. Where this device's programs differ in the last bits of t, those decide instead.
+// t_buffer_merge.frag: chooses the nearer of the drawn and the small primitives; at the same t the lower number. If programs of
+// this device differ in the last bits of t, these bits decide instead.
 // Needs:  <T_BUFFER>
 #include <T_BUFFER>
 #include "gl/texels.glsl"
@@ -20,7 +20,7 @@ void main()
     uint number = lowest[at];
     if (number != NOTHING)
     {
-        // Bits of positive floats have their order.
+        // Bits of positive floats have the order of the floats.
         uvec2 small = uvec2((number & NUMBER) + 1u, min_t[at]);
         if (found.x == 0u || small.y < found.y || (small.y == found.y && small.x < found.x)) found = small;
     }

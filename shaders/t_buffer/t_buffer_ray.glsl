@@ -1,6 +1,7 @@
-// t_buffer_ray.glsl: one kind of primitive (KIND_...), as the T-buffer shoots rays at it: what all its rays share is
-// worked out once, as they all start at the eye.
-// Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl; STREAMED_CHUNK: of a chunk of streamed triangles
+// t_buffer_ray.glsl: rays of the T-buffer at one kind of primitive (KIND_...). All rays start at the eye, so their common terms
+// are computed once.
+// Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl; STREAMED_CHUNK: the primitives are a chunk of
+//         streamed triangles
 #include <SCENE>
 #include "scene/object_intersect.glsl"
 #include "scene/object_opacity.glsl"
@@ -40,7 +41,7 @@ int bounds(int primitive, out ivec2 low, out ivec2 high)
     int ellipsoid = primitive - first_ellipsoid;
     vec4 axis0 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS0), axis1 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS1);
     vec4 axis2 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS2);
-    // Of a flat one far away, rounding in the space of its unit sphere is larger than that of the pixels.
+    // For a flat, distant ellipsoid, rounding in the space of its unit sphere is larger than that of the pixels.
     float grown = 1.0 + 1e-6 * length(target(primitive).from.xyz);
     mat3 axes = grown * mat3(axis0.xyz, axis1.xyz, axis2.xyz);
     return ellipsoid_bounds(vec3(axis0.w, axis1.w, axis2.w), axes[0], axes[1], axes[2], low, high);
@@ -82,7 +83,7 @@ float shoot_from(Target aim, vec3 direction, float tmin) { return plane_hit(aim.
 #endif
 
 #ifdef EYE_ORTHOGRAPHIC
-// Parallel rays start elsewhere each, and share nothing.
+// Parallel rays have different starts, and no common terms.
 #if defined(KIND_SPHERE)
 #define INTERSECT intersect_sphere
 #elif defined(KIND_ELLIPSOID)
@@ -98,7 +99,7 @@ float shoot_from(Target aim, vec3 direction, float tmin) { return plane_hit(aim.
 #endif
 
 #if defined(KIND_SPHERE) || defined(KIND_ELLIPSOID) || defined(KIND_TRIANGLE) || defined(KIND_PLANE)
-// The ray through a pixel of the window.
+// Shoots the ray through a pixel of the window.
 float shoot(int primitive, Target aim, ivec2 pixel)
 {
     vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);

@@ -1,30 +1,30 @@
-// t_buffer_small.comp: the rays at primitives that cover few pixels, a primitive per invocation [TB II.B].
-// A rasteriser spends most of its time on setting up primitives of a pixel's size. First each pixel gets the least t
-// (SECOND not defined), then the lowest number of those primitives that have it. Primitives of many pixels are marked,
-// to be drawn.
-// SECOND is another program, and GLSL does not promise that it finds the same bits: so it decides nothing, but goes
-// through the rectangles of the first; it takes t a little off where nothing has the very bits; and where it finds
-// nothing at all, one of those that the first has hit stays.
+// t_buffer_small.comp: rays at primitives that cover few pixels, a primitive per invocation [TB II.B].
+// A rasteriser spends most of its time on the setup of pixel-sized primitives. The first program (SECOND not defined) finds the
+// minimum t of each pixel, the second the lowest number among primitives with that t. Primitives of many pixels are marked, to
+// be drawn.
+// SECOND is another program, and GLSL does not guarantee that it computes the same bits. It therefore uses the rectangles of
+// the first program. If no primitive has the exact bits, it accepts a slightly different t. If it finds none at all, a
+// primitive that the first program has hit stays.
 #include <T_BUFFER>
 #include "t_buffer/t_buffer_ray.glsl"
 
 layout(local_size_x = GROUP) in;
 
-uniform int first;  // number of the first primitive of the kind
-uniform int count;  // of them
+uniform int first;  // index of the first primitive of this kind
+uniform int count;  // number of primitives
 
 #ifdef COUNT_TESTS
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 #endif
-layout(std430, binding = 2) buffer Nearest { uint min_t[]; };    // bits of a positive float have its order
-layout(std430, binding = 3) buffer Numbers { uint lowest[]; };     // of a primitive, and how sure that is
-layout(std430, binding = 4) buffer Large { uint large[]; };        // a bit per primitive
+layout(std430, binding = 2) buffer Nearest { uint min_t[]; };    // bits of positive floats, which have the same order
+layout(std430, binding = 3) buffer Numbers { uint lowest[]; };     // number of a primitive, and its certainty
+layout(std430, binding = 4) buffer Large { uint large[]; };        // one bit per primitive
 layout(std430, binding = 6) buffer Small { uvec2 rectangles[]; };  // first pixel | y << 16; width | height << 16
 
 const int MAX_PIXELS = 64;
-const uint ULPS = 16u;  // that t may differ by from program to program
+const uint ULPS = 16u;  // maximum difference of t between programs
 
-// The pixels of a small primitive; false where there are none.
+// Sets the pixels of a small primitive; returns false if there are none.
 bool small_rectangle(int item, int primitive, out ivec2 low, out ivec2 size)
 {
 #ifdef SECOND

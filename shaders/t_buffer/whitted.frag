@@ -1,12 +1,12 @@
-// whitted.frag: from what the eye sees to the radiance of a pixel [TB IV].
-// Needs:  <SCENE>; BY_BVH: rays that leave a surface go by it, else by the classical algorithm;
-//         SHADOW_BUFFERS: lights with a position are looked up (point_shadow.glsl), else a ray is shot;
-//         STREAM_SHADOWS: streamed triangles block rays as well (stream_shadows.glsl);
-//         REFLECTIONS: there are any. (llvmpipe runs the body of a loop once also where no pixel enters it.)
+// whitted.frag: computes a pixel's radiance from the primitive that the eye sees [TB IV].
+// Needs:  <SCENE>; BY_BVH: secondary rays use the BVH, otherwise the classical algorithm; SHADOW_BUFFERS: lights with a
+//         position are looked up (point_shadow.glsl), otherwise a ray is shot; STREAM_SHADOWS: streamed triangles block rays
+//         too (stream_shadows.glsl); REFLECTIONS: the scene has reflections. (llvmpipe runs the body of a loop once even if no
+//         pixel enters it.)
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 //
 //   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
-// where a light is punctual, or a point of an emitting shape, or a direction of the sky: LIGHT_SAMPLES of these.
+// Lights are punctual lights, points of emitting shapes and directions of the sky, with LIGHT_SAMPLES of the latter two.
 #include <SCENE>
 #include "scene/surface_at.glsl"
 #include "camera/camera.glsl"
@@ -28,29 +28,29 @@
 #endif
 
 UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
-uniform int max_depth;         // surfaces between light and eye
+uniform int max_depth;         // maximum number of surfaces between light and eye
 uniform vec3 ambient;
 
 #ifdef COUNT_TESTS
-layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // shadow rays, secondary rays
+layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // counts for shadow rays and secondary rays
 #endif
 
 #ifdef HAS_ALPHA
-uint rays_cast = 0u;  // of the pixel
+uint rays_cast = 0u;  // number of rays of the pixel
 #endif
 
-// A point of a surface that a ray of the pixel has hit.
+// Point of a surface that a ray of the pixel has hit.
 struct Shaded
 {
     int primitive;
     Surface surface;
     bool front;
-    vec3 normal;     // on the side that is seen
+    vec3 normal;     // on the visible side
     vec3 n;          // shading normal
     float vertex_cosine;
     Bsdf bsdf;
     vec3 wo;         // back along the ray
-    float rounding;  // how far from the surface rays that leave it begin
+    float rounding;  // distance from the surface at which secondary rays begin
 };
 
 Shaded shaded_at(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float t, float rounding)
@@ -68,7 +68,7 @@ Shaded shaded_at(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float 
     return at;
 }
 
-// Another chance for every ray to pass through blended surfaces.
+// Uses a new random number for every ray at blended surfaces.
 void begin_ray()
 {
 #ifdef HAS_ALPHA
@@ -87,13 +87,13 @@ bool is_blocked(int ray, vec3 origin, vec3 direction, float tmin, float tmax, in
 #endif
 }
 
-// ray: its number, see shadow_rays.glsl
+// ray: number of the ray, see shadow_rays.glsl
 bool shadow_ray_blocked(Shaded at, int ray, vec3 wi, float tmax)
 {
     return is_blocked(ray, at.surface.position, wi, at.rounding, tmax, at.primitive);
 }
 
-// What the eye sees behind all shapes: the background, with the shapes' shadow on the ground where there is one.
+// Light that the eye sees behind all shapes: the background, with the shapes' shadow on the ground if there is one.
 vec3 seen_by_eye(vec3 origin, vec3 direction)
 {
     vec3 light = seen_behind(direction);
@@ -105,7 +105,7 @@ vec3 seen_by_eye(vec3 origin, vec3 direction)
     return light;
 }
 
-// Radiance towards wo of the light that comes straight from the lights.
+// Radiance towards wo from the punctual lights.
 vec3 light_from_lights(Shaded at)
 {
     vec3 sum = vec3(0.0);
@@ -136,7 +136,7 @@ vec3 light_from_lights(Shaded at)
 }
 
 #ifdef LIGHT_SAMPLES
-// The same, of light samples and the sky: always by rays, as the points are others in every path set.
+// Radiance towards wo from light samples and the sky, always by rays, because the points differ in every path set.
 vec3 light_from_samples(Shaded at)
 {
     vec3 sum = vec3(0.0);
@@ -157,7 +157,7 @@ vec3 light_from_samples(Shaded at)
 }
 #endif
 
-// Add light to a pixel's; direct: no mirror was in between.
+// Adds light to a pixel; direct: true if no mirror was in between.
 void add_light(inout vec3 L, vec3 light, bool direct)
 {
     L += light;
@@ -166,7 +166,7 @@ void add_light(inout vec3 L, vec3 light, bool direct)
 #endif
 }
 
-// What the surface emits, and the ambient light that it reflects.
+// Adds light that the surface emits, and the ambient light that it reflects.
 void add_emission(inout vec3 L, Shaded at, vec3 weight, int depth)
 {
     float pdf_area;
@@ -176,7 +176,7 @@ void add_emission(inout vec3 L, Shaded at, vec3 weight, int depth)
 #endif
 }
 
-// What the surface reflects of the light that comes straight to it.
+// Adds direct light that the surface reflects.
 void add_direct_light(inout vec3 L, Shaded at, vec3 weight, int depth)
 {
     add_light(L, weight * light_from_lights(at), depth == 1);
@@ -186,10 +186,10 @@ void add_direct_light(inout vec3 L, Shaded at, vec3 weight, int depth)
 }
 
 #if defined(REFLECTIONS) && defined(HAS_COAT_NORMALS)
-uint mirrors_chosen = 0u;  // of the pixel
+uint mirrors_chosen = 0u;  // number of choices of the pixel
 
-// A smooth clearcoat with normals of its own mirrors another direction than its base does. A ray does not part: it follows one
-// of the two, as often as that mirrors more.
+// A smooth clearcoat with its own normals mirrors another direction than its base. The ray is not split; it follows one of the
+// two, with a probability in proportion to their reflectance.
 void choose_mirror(Shaded at, inout vec3 share, inout vec3 mirroring)
 {
     float coat = coat_mirrored(at.bsdf), both = coat + mean(share);
@@ -206,7 +206,7 @@ void choose_mirror(Shaded at, inout vec3 share, inout vec3 mirroring)
 #endif
 
 #ifdef REFLECTIONS
-// Follow the ray to the next surface; false where nothing more of it would be seen.
+// Follows the ray to the next surface; returns false if nothing more would contribute.
 bool mirror_ray(
     Shaded at, bool last, inout vec3 weight, inout vec3 origin, inout vec3 direction, inout int primitive, inout float t)
 {

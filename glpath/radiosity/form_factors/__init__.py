@@ -1,1 +1,1 @@
-"""Form factors between patches and elements, by rays, and how they are kept."""
+"""Form factors between patches and elements, computed by rays, and their storage."""

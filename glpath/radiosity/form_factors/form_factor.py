@@ -1,19 +1,20 @@
 """Form factors by casting rays from points of the receivers to samples of an emitter (Wallace et al. 1989).
 
-F_ij, from receiver i to emitter j, is the share of what leaves i that reaches j, and so the share of j's radiosity
-that is irradiance of i. It is the mean over points of the receiver, but for those that are buried in a solid, as is
-the floor under a box; of each point it is
+F_ij, from receiver i to emitter j, is the fraction of light leaving i that reaches j. It is also the fraction of
+j's radiosity that becomes irradiance of i. It is the mean over points of the receiver, without points buried in a
+solid such as a box on the floor. At each point it is
 
-    "polygon"  the form factor of the whole triangle by Lambert's formula, times the share of it that is visible
+    "polygon"  the form factor of the whole triangle by Lambert's formula, times its visible fraction
     "disc"     the sum over visible samples of cos cos / (pi r^2 + A / n) * A / n, Wallace's discs
 
-With polygons the rows of a closed room without occluders add up to 1 to the last digits, and with discs roughly. An
-emitter has 1 to 25 samples, more where it is large and near: the distance should be five times the size of a part.
+With polygons the rows of a closed room without occluders add up to 1 to the last digits, with discs only
+approximately. An emitter has 1 to 25 samples, more if it is large and near: the distance should be five times the
+size of a part.
 
 J. Wallace, K. Elmquist, E. Haines, "A ray tracing algorithm for progressive radiosity", 1989.
 
-Cost:     a ray per receiver point and emitter sample, and less where a shaft is empty.
-Poor at:  receivers that touch an emitter, and the penumbra of a lamp of which 25 samples are too few.
+Cost:     a ray per receiver point and emitter sample, and none if the shaft is empty.
+Poor at:  receivers that touch an emitter, and the penumbra of a lamp for which 25 samples are too few.
 """
 
 from __future__ import annotations
@@ -41,26 +42,26 @@ from glpath.system.time_limit import check_time
 Kind = Literal["polygon", "disc"]
 KINDS: tuple[Kind, ...] = ("polygon", "disc")
 
-#: The distance in sizes of a part of an emitter from which one sample stands for the part.
+#: Distance, in sizes of an emitter's part, from which one sample represents the part.
 FIVE_TIMES = 5.0
-#: Share of all points above which their shafts, made once for all of them, are worth it for some.
+#: Fraction of all points above which the shafts prepared for all points are used for some of them.
 _MAX_SHARE = 0.4
-#: Height of a point before an emitter, in that emitter's size, below which it is not lit by it.
+#: Minimum height of a lit point in front of an emitter, as a fraction of the emitter's size.
 _LEVEL = 1e-9
 
 
 class FormFactors:
-    """Columns of the form factor matrix: from all receivers to one emitter, or to several of a batch.
+    """Columns of the form factor matrix, from all receivers to one emitter or to a batch of emitters.
 
-    Emitters that lie together on one polygon are a batch: their rays share shafts, and the cost of a call.
+    Neighbouring emitters on one polygon form a batch; their rays share shafts and the cost of a call.
 
-    scene      : in triangles
-    visibility : among its occluders, of `Occluders.of_scene`
+    scene      : triangulated scene
+    visibility : visibility among its occluders, of `Occluders.of_scene`
     emitters   : elements whose sides `shooting` emit
-    kind       : see above
-    max_samples       : samples of an emitter, at most: 1, 4, 9, 16 or 25
-    points     : per receiver: 1, 4, 9, ...
-    together   : emitters of a batch, at most
+    kind       : "polygon" or "disc", see the module
+    max_samples       : maximum number of samples of an emitter: 1, 4, 9, 16 or 25
+    points     : number of points per receiver: 1, 4, 9, ...
+    together   : maximum number of emitters of a batch
     """
 
     def __init__(
@@ -95,12 +96,12 @@ class FormFactors:
             self.batch_of[batch] = i
 
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
-        """Sides of elements as points, for `of_batch`."""
+        """Return points of the sides of elements, for `of_batch`."""
         solid = self.visibility.occluders.solid[self._polygon]
         points, is_open = Solids.of(self.scene, solid).open_points(elements, sides, self.points)
         each = points.shape[1]
         polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
-        # A receiver for shafts is one side of one polygon.
+        # One side of one polygon is a receiver for shafts.
         key = 2 * polygon + np.repeat(sides.back, each)
         order = np.argsort(key, kind="stable")
         normals = np.ascontiguousarray(np.repeat(sides.normal, each, axis=0)[order])
@@ -110,7 +111,7 @@ class FormFactors:
         return ReceiverPoints(receivers, prepared, _Lit(receivers.points, normals, number), is_open, each)
 
     def of_batch(self, batch: int, at: ReceiverPoints) -> tuple[NDArray[np.float32], Statistics]:
-        """(B, R) float32: from every receiver to each emitter of a batch, and what it took."""
+        """Return (B, R) float32, form factors from every receiver to each emitter of a batch, and statistics."""
         which = self.batches[batch]
         emitters = _Emitters(self._corners[which], self._normals[which[0]], self._size[which], self._areas[which])
         tier = np.empty((len(at.lit.points), len(which)), np.int8)
@@ -138,19 +139,19 @@ class FormFactors:
     def of_batches(
         self, batches: Sequence[int], at: ReceiverPoints
     ) -> list[tuple[NDArray[np.float32], Statistics]]:
-        """Return `of_batch` of several, shared between threads. Raises TimeLimitError."""
+        """Return `of_batch` of several batches, computed in threads. Raises TimeLimitError."""
         threads = max(1, min(core_count(), len(batches)))
         found = []
         with ThreadPoolExecutor(threads) as pool:
             share = pool.map if threads > 1 else map
             for one in share(lambda b: self.of_batch(b, at), batches):
                 found.append(one)
-                check_time("finding form factors")  # here, as threads have no limit
+                check_time("finding form factors")  # checked here, because threads have no limit
         return found
 
 
 def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:
-    """Numbers of points (N, 3) of one group that lie together, at most so many in each."""
+    """Return batches of indices of neighbouring points (N, 3) of one group, each at most `max_samples` long."""
     order = np.argsort(group, kind="stable")
     pending = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
     done = []
@@ -167,7 +168,7 @@ def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:
 
 
 class _Lit(NamedTuple):
-    """Points for the kernels: (P, 3), their normals (P, 3), and the receiver of each (P,)."""
+    """Points for the kernels: positions (P, 3), normals (P, 3), and the receiver (P,) of each."""
 
     points: Float64
     normals: Float64
@@ -175,7 +176,7 @@ class _Lit(NamedTuple):
 
 
 class _Emitters(NamedTuple):
-    """The emitters of a batch for the kernels: triangles (B, 3, 3), their normal, sizes and areas (B,)."""
+    """Emitters of a batch for the kernels: triangles (B, 3, 3), their normal, sizes (B,) and areas (B,)."""
 
     corners: Float64
     normal: Float64
@@ -185,13 +186,13 @@ class _Emitters(NamedTuple):
 
 @dataclass(frozen=True)
 class ReceiverPoints:
-    """Points that stand for receivers, polygon by polygon.
+    """Points that represent receivers, polygon by polygon.
 
-    receivers : as `Visibility` wants them
-    prepared  : the same, with what its shafts are made for
-    lit       : the same, with what they are part of
-    open      : (R,) share of a receiver that is not buried in a solid
-    each      : points of a receiver
+    receivers : points for `Visibility`
+    prepared  : the same points, prepared for shafts
+    lit       : the same points, with the receivers that contain them
+    open      : (R,) fraction of each receiver that is not buried in a solid
+    each      : number of points of a receiver
     """
 
     receivers: Receivers
@@ -210,7 +211,7 @@ class ReceiverPoints:
 
 @kernel
 def _tiers(lit, emitters, tiers, tier):  # type: ignore[no-untyped-def]
-    """Fill tier (P, B): which of the numbers of samples along a side, `tiers`, a point needs; -1 if not lit."""
+    """Fill tier (P, B): index into `tiers`, numbers of samples along a side, that a point needs; -1 if not lit."""
     points, normals, _ = lit
     corners, normal, sizes, _ = emitters
     last = len(tiers) - 1
@@ -241,9 +242,10 @@ def _tiers(lit, emitters, tiers, tier):  # type: ignore[no-untyped-def]
 
 @kernel
 def _factors(lit, emitters, some, wanted, samples, visible, polygon, factors):  # type: ignore[no-untyped-def]
-    """Add those of points `some` to factors (B, R), where they are `wanted`, (P, B).
+    """Add the form factors of points `some` to factors (B, R), for pairs that are `wanted` (P, B).
 
-    samples: (B, S, 3), visible: (len(some), B * S).
+    samples : (B, S, 3)
+    visible : (len(some), B * S)
     """
     points, normals, number = lit
     corners, normal, _, areas = emitters
@@ -270,16 +272,17 @@ def _factors(lit, emitters, some, wanted, samples, visible, polygon, factors):  
             if not polygon:
                 factors[b, number[p]] += seen
             elif seen > 0 or total == 0:
-                # What rises over the horizon by less than a sample is taken for visible.
+                # An emitter that rises over the horizon by less than a sample counts as visible.
                 share = seen / total if total > 0 else 1.0
                 factors[b, number[p]] += share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
 
 
 @inner_kernel
 def triangle_factor(px, py, pz, nx, ny, nz, corners):  # type: ignore[no-untyped-def]
-    """From a small plane element at p, with the normal n, to a triangle (3, 3), either side of it, unblocked.
+    """Return the unoccluded form factor from a small element at p to a triangle (3, 3), for either side of it.
 
-    Lambert's formula, 1 / (2 pi) sum theta (v_i x v_i+1) / |v_i x v_i+1| . n, of what is above the horizon.
+    n is the element's normal. The formula is Lambert's, 1 / (2 pi) sum theta (v_i x v_i+1) / |v_i x v_i+1| . n, of
+    the part above the horizon.
     """
     total = 0.0
     n = (nx, ny, nz)
@@ -310,7 +313,7 @@ def triangle_factor(px, py, pz, nx, ny, nz, corners):  # type: ignore[no-untyped
 
 @inner_kernel
 def _edge(a, b, n):  # type: ignore[no-untyped-def]
-    """The angle that an edge spans, times the cosine between its plane's normal and n."""
+    """Return the angle that an edge subtends, times the cosine between its plane's normal and n."""
     cx, cy, cz = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     sine = np.sqrt(cx * cx + cy * cy + cz * cz)
     if sine == 0:

@@ -1,4 +1,4 @@
-"""A few of many punctual lights for each point, by what they are worth near it: an estimate without bias."""
+"""Choose a few of many punctual lights for each point, by their estimated irradiance near it, without bias."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from glpath.scene.model import Float64
 
 Int64 = NDArray[np.int64]
 
-#: Lights from which on points look at a few of them.
+#: Number of lights from which on a point samples only a few.
 MANY = 9
-#: Of those, samples of a point.
+#: Number of light samples of a point.
 _SAMPLES = 4
-# Of the chances: by what lights bring to a point of the row, by what they may bring near it, and all alike.
+# Weights of three probabilities: by irradiance at a point of the row, by its bound near that point, and uniform.
 _BRINGS, _MAY_BRING, _ALIKE = 0.6, 0.35, 0.05
-# Chances in a table, at most: of more, all points have those of their mean.
+# Maximum number of probabilities in a table; larger tables are replaced by one row for all points.
 _MAX_CHANCES = 1 << 22
 
 
 class LightChoice(NamedTuple):
-    """Chances of lights, in rows.
+    """Probabilities of lights, in rows.
 
-    edges  : (R L,) running sums of the chances of row r, plus r
-    lights : L
+    edges  : (R L,) cumulative sums of the probabilities of row r, plus r
+    lights : number L of lights
     """
 
     edges: Float64
@@ -33,7 +33,10 @@ class LightChoice(NamedTuple):
 
     @classmethod
     def of(cls, brings: Float64, may_bring: Float64) -> LightChoice:
-        """brings, may_bring : (R, L), what each light brings to a point of the row, and at most to any near it"""
+        """Build the probabilities from the lights' irradiances.
+
+        brings, may_bring : (R, L), irradiance of each light at a point of the row, and its maximum near that point
+        """
         lights = brings.shape[1]
         if not brings.size or brings.size > _MAX_CHANCES:
             brings, may_bring = (each.sum(axis=0, keepdims=True) for each in (brings, may_bring))
@@ -43,7 +46,7 @@ class LightChoice(NamedTuple):
         return cls(edges.ravel(), lights)
 
     def draw(self, rows: Int64, random: np.random.Generator) -> tuple[Int64, Float64]:
-        """(P, 4) lights for points of rows (P,), stratified, and what a sample of each counts."""
+        """Return stratified lights (P, 4) for points of rows (P,), and the weight of each sample."""
         if len(self.edges) == self.lights:
             rows = np.zeros_like(rows)
         u = (np.arange(_SAMPLES) + random.random((len(rows), _SAMPLES))) / _SAMPLES
@@ -55,13 +58,16 @@ class LightChoice(NamedTuple):
 
 
 def _shares(worth: Float64) -> Float64:
-    """(R, L) of each row's sum; all alike where that is 0."""
+    """Return (R, L), fractions of each row's sum; uniform if the sum is 0."""
     total = worth.sum(axis=1, keepdims=True)
     return np.asarray(np.where(total > 0, worth / np.maximum(total, np.finfo(float).tiny), 1.0 / worth.shape[1]))
 
 
 class Chosen(NamedTuple):
-    """The choice of points. rows : (P,) of `choice`"""
+    """Light choice of points.
+
+    rows : (P,) row of `choice` for each point
+    """
 
     choice: LightChoice
     rows: Int64

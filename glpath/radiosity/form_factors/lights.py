@@ -1,14 +1,14 @@
-"""Direct light from what is no patch: irradiance by point, spot and directional lights and by the sky, at points.
+"""Direct light at points from lights that are not patches: point, spot and directional lights, and the sky.
 
-What they send is cast to the points ray by ray, and what surfaces reflect of it is what the solvers begin with.
+Their light is traced to the points by rays, and the solvers start with the light that surfaces reflect.
 
-Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` where there is a sky; twice as
-          many where that is an environment map, half of them as dense as its radiance, of directions that points
-          share. Under another sky 16 to 256 more, half of which go where those from the same element have seen
-          the sky.
-          Light passes through a triangle by its mean opacity, and straight through panes.
-Poor at:  an environment map that is seen through small openings, which few of a point's rays go through; solid and
-          rough transmission, behind which it is dark here.
+Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` if there is a sky. An
+          environment map takes twice as many, half of them distributed by its radiance in directions that points
+          share. Under another sky it takes 16 to 256 more, half of which are aimed at directions in which rays of
+          the same element have seen the sky. Light passes through a triangle by its mean opacity, and straight
+          through thin dielectrics.
+Poor at:  an environment map seen through small openings, which few of a point's rays pass; solid and rough
+          transmission, behind which this light is missing.
 """
 
 from __future__ import annotations
@@ -34,23 +34,27 @@ from glpath.system.machine import core_count
 
 Int64 = NDArray[np.int64]
 
-#: Rays from a point to the sky, a square: one in each cell of the unit square that the hemisphere is mapped to.
+#: Number of rays from a point to the sky, a square number: one in each cell of the unit square mapped to the
+#: hemisphere.
 SKY_RAYS = 64
-#: Parts of the unit square that directions about a normal come from, a square, for guides to the sky.
+#: Number of bins of the unit square that is mapped to directions about a normal, a square number, for guides to the
+#: sky.
 BINS = 64
-_GUIDED = 0.5  # of all rays; the others go by the cosine, and carry twice as much at most
-#: Rays that are aimed by guides, of all points, and of each: a mean over many elements needs fewer of each.
+_GUIDED = 0.5  # fraction of guided rays; the others are cosine-weighted, which limits the weight of a ray to 2
+#: Target number of guided rays of all points, minimum and maximum for each point, and number of points in a task. A
+#: mean over many elements needs fewer rays for each.
 _AIMED_RAYS, _MIN_AIMED, _MAX_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
-#: Points that are looked at together, so that their rays fit into memory.
+#: Number of points in a task, so that their rays fit into memory.
 _TOGETHER = 4096
-#: Directions as dense as a map's radiance that so many points share.
+#: Number of directions, distributed by a map's radiance, that points share.
 _DRAWN = 1 << 14
-#: What lies this share of a distance before a light does not count: the light may stand on a surface.
+#: Distance from a light, as a fraction of the ray's length, within which occluders are ignored, as lights may lie
+#: on surfaces.
 _NEAR_LIGHT = 1e-9
 
 
 class DirectLight:
-    """The lights of a scene in triangles that are no patches."""
+    """Lights of a triangulated scene that are not patches."""
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -62,10 +66,10 @@ class DirectLight:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
 
     def of_sides(self, sides: Sides, triangle: Int64, points: Float64, number: Int64, each: int) -> Float64:
-        """(R, 3) irradiance of sides, W m^-2: the mean over `each` points of all.
+        """Return (R, 3), irradiance of sides in W m^-2, each the mean over `each` points.
 
-        triangle : (R,) of the scene, that a side is part of
-        points   : (P, 3), and the number of the side (P,) that each lies on
+        triangle : (R,) index of the scene's triangle that each side is part of
+        points   : (P, 3), with the index (P,) of the side of each in `number`
         """
         if not self:
             return np.zeros((len(sides), 3))
@@ -77,9 +81,10 @@ class DirectLight:
         return np.stack(sums, axis=1) / each
 
     def _at_aimed(self, points: Float64, sides: Sides, triangle: Int64, number: Int64) -> Float64:
-        """`at` under a sky that may be seen through a small window alone: first rays say where it is seen.
+        """Return irradiance as `at` does, under a sky that may be visible only through a small window.
 
-        What they bring is left out then, and so does not decide what counts: the mean is right.
+        First rays find where the sky is visible. Their radiance guides the other rays but is not in the estimate,
+        which is therefore unbiased.
         """
         rays = int(np.clip(_AIMED_RAYS // max(len(points), 1), _MIN_AIMED, _MAX_AIMED))
         parts = [slice(i, i + _AIMED_TOGETHER) for i in range(0, len(points), _AIMED_TOGETHER)]
@@ -103,7 +108,7 @@ class DirectLight:
         return found
 
     def at(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
-        """(P, 3) irradiance at points (P, 3) of triangles (P,), on the side of unit normals (P, 3)."""
+        """Return (P, 3), irradiance at points (P, 3) of triangles (P,), on the side of unit normals (P, 3)."""
         parts = [slice(i, i + _TOGETHER) for i in range(0, len(points), _TOGETHER)]
 
         def part(i: int) -> Float64:
@@ -124,10 +129,11 @@ class DirectLight:
         guides: Float64 | None = None,
         chosen: Chosen | None = None,
     ) -> Float64:
-        """As `at`, by the calling thread alone, with so many rays to the sky: a square, few for many points.
+        """Return irradiance as `at` does, in the calling thread, with `sky_rays` rays to the sky, a square number.
 
-        guides : (P, BINS) sums of the chances of rays from each point to a sky of few colours; by the cosine else
-        chosen : by which a few of many punctual lights are looked at, in the mean as if all were
+        guides : (P, BINS) cumulative probabilities of rays from each point to a sky without a map; None for
+                 cosine-weighted rays
+        chosen : choice of a few of many punctual lights, without bias; None for all
         """
         total = self._punctual(points, normals, triangle, chosen, random)
         sky = self.lighting.sky
@@ -152,7 +158,7 @@ class DirectLight:
         sky_rays: int,
         chosen: Chosen | None = None,
     ) -> tuple[Float64, Float64]:
-        """`estimate` as the mean of the channels (P,), and what of it (P, BINS) came from each bin of the sky."""
+        """Return `estimate` as the mean of the channels (P,), and the part (P, BINS) from each bin of the sky."""
         bins = np.zeros((len(points), BINS))
         sky = self.lighting.sky
         if sky is None or isinstance(sky, Environment):
@@ -165,8 +171,10 @@ class DirectLight:
         return self._punctual(points, normals, triangle, chosen, random).mean(axis=1) + bins.sum(axis=1), bins
 
     def choice(self, points: Float64, normals: Float64, triangle: Int64, radius: Float64) -> LightChoice | None:
-        """By what punctual lights bring to points (P, 3), a row for each, and may bring within a radius (P,) of it;
-        None where there are few."""
+        """Return the choice of punctual lights for points (P, 3), a row for each; None if there are few lights.
+
+        radius : (P,) distance within which the maximum irradiance of each light also counts
+        """
         lights = self.lighting.punctual
         if len(lights) < MANY:
             return None
@@ -189,7 +197,7 @@ class DirectLight:
         chosen: Chosen | None,
         random: np.random.Generator,
     ) -> Float64:
-        """(P, 3) irradiance by point, spot and directional lights."""
+        """Return (P, 3), irradiance by point, spot and directional lights."""
         total = np.zeros((len(points), 3))
         if chosen is None:
             for light in self.lighting.punctual:
@@ -203,11 +211,11 @@ class DirectLight:
         return np.asarray((counts[..., None] * found.reshape(-1, each, 3)).sum(axis=1))
 
     def _of_light(self, light: Light, points: Float64, normals: Float64, triangle: Int64) -> Float64:
-        """(P, 3) irradiance by one light."""
+        """Return (P, 3), irradiance by one light."""
         return self._arriving(incident(light, points), points, normals, triangle)
 
     def _arriving(self, there: Incident, points: Float64, normals: Float64, triangle: Int64) -> Float64:
-        """(P, 3) irradiance by what is sent to each point."""
+        """Return (P, 3), irradiance by the incident light at each point."""
         found = np.zeros((len(points), 3))
         cosine = np.einsum("pi,pi->p", normals, there.wi)
         lit = np.flatnonzero((cosine > 0) & there.irradiance.any(axis=1))
@@ -224,13 +232,16 @@ class DirectLight:
         random: np.random.Generator,
         rays: int,
     ) -> Float64:
-        """(P, 3) irradiance by an environment map, from so many rays by the cosine and as many by its radiance."""
+        """Return (P, 3), irradiance by an environment map, from `rays` cosine-weighted rays and as many others.
+
+        The others are distributed by the map's radiance.
+        """
         by_cosine = _about(normals[:, None], _stratified(len(points), random, rays))
         wi = np.concatenate([by_cosine, _by_the_radiance(sky, len(points), random, rays)], axis=1)
         cosine = np.einsum("pkc,pc->pk", wi, normals)
         point, ray = np.nonzero(cosine > 0)
         free = self._free(points[point], triangle[point], wi[point, ray, None], np.full(len(point), np.inf))[:, 0]
-        # In a room few rays arrive, and a map is slower to look up than they are to cast.
+        # In a room few rays reach the sky, and looking up a map is slower than casting a ray.
         arrive = np.flatnonzero(free.any(axis=1))
         point, ray = point[arrive], ray[arrive]
         radiance = sky.radiance(wi[point, ray])
@@ -239,13 +250,13 @@ class DirectLight:
         return np.stack([np.bincount(point, each[:, c], minlength=len(points)) for c in range(3)], axis=1)
 
     def _from_sky(self, points: Float64, triangle: Int64, wi: Float64) -> Float64:
-        """(P, K, 3) radiance of the sky that arrives along directions wi (P, K, 3)."""
+        """Return (P, K, 3), radiance of the sky that arrives from directions wi (P, K, 3)."""
         assert self.lighting.sky is not None
         free = self._free(points, triangle, wi, np.full(len(points), np.inf))
         return np.asarray(free * self.lighting.sky.radiance(wi))
 
     def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> Float64:
-        """(P, K, 3): the share of light that arrives; 0 or 1 where no surface lets some of it through."""
+        """Return (P, K, 3), the fraction of light that arrives; 0 or 1 unless surfaces transmit a part of it."""
         end = distance * (1 - _NEAR_LIGHT)
         free = np.empty(wi.shape)
         _free(self._surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
@@ -253,7 +264,7 @@ class DirectLight:
 
 
 def _about(normals: Float64, u: Float64) -> Float64:
-    """(..., 3) unit directions by the cosine about normals: a point of the unit sphere about the normal's tip."""
+    """Return (..., 3), cosine-weighted directions about normals: points of the unit sphere around the tip."""
     z = 1 - 2 * u[..., 0]
     r, phi = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * np.pi * u[..., 1]
     wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals
@@ -262,13 +273,14 @@ def _about(normals: Float64, u: Float64) -> Float64:
 
 
 def guides_of(weights: Float64) -> Float64:
-    """(P, BINS): sums of the chances of the bins, from what each is worth (P, BINS), estimated from few rays.
+    """Return (P, BINS), cumulative probabilities of the bins, from weights (P, BINS) estimated with few rays.
 
-    What no ray has hit is beside what one has, or anywhere: half of all go by the cosine.
+    Rays may miss parts of the sky. Weights are therefore spread to neighbouring bins, and half of all rays stay
+    cosine-weighted.
     """
     side = round(BINS**0.5)
     grid = weights.reshape(-1, side, side)
-    # Bins of one height go round.
+    # Bins of one height form a ring.
     grid = grid + 0.5 * (np.roll(grid, 1, axis=2) + np.roll(grid, -1, axis=2))
     above = np.concatenate([grid[:, :1], grid[:, :-1]], axis=1)
     below = np.concatenate([grid[:, 1:], grid[:, -1:]], axis=1)
@@ -280,7 +292,7 @@ def guides_of(weights: Float64) -> Float64:
 
 
 def drawn_bins(guides: Float64, random: np.random.Generator, rays: int) -> tuple[Int64, Float64]:
-    """(P, rays) bins drawn by guides (P, BINS), stratified, and the chance of each."""
+    """Return (P, rays), bins drawn by guides (P, BINS), stratified, and the probability of each."""
     at = (np.arange(rays) + random.random((len(guides), rays))) / rays
     bins = np.minimum((guides[:, None] <= at[..., None]).sum(axis=2), BINS - 1)
     row = np.arange(len(guides))[:, None]
@@ -288,17 +300,18 @@ def drawn_bins(guides: Float64, random: np.random.Generator, rays: int) -> tuple
 
 
 def directions_in_bins(normals: Float64, bins: Int64, random: np.random.Generator) -> Float64:
-    """(..., 3) unit directions about normals, by the cosine within each bin."""
+    """Return (..., 3), unit directions about normals, cosine-weighted within each bin."""
     side = round(BINS**0.5)
     u = (np.stack([bins // side, bins % side], axis=-1) + random.random((*bins.shape, 2))) / side
     return _about(normals, u)
 
 
 def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:
-    """(P, rays, 3) unit directions as dense as the map's radiance, for so many points, stratified.
+    """Return (P, rays, 3), unit directions distributed by the map's radiance for `count` points, stratified.
 
-    To draw one costs more than to cast it. So many points choose from `_DRAWN`, each one from each cell, which
-    leaves the mean what it is; these are stratified within cells, too, as their error is one of all these points.
+    Drawing a direction costs more than casting a ray. Many points therefore choose from `_DRAWN` directions, one
+    from each cell, which leaves the mean unchanged. These directions are stratified within cells too, because all
+    points share their error.
     """
     cells, finer = round(rays**0.5), round((_DRAWN / rays) ** 0.5)
     if count <= finer * finer:
@@ -310,20 +323,20 @@ def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, 
 
 
 def _directions(sky: Environment, u: Float64, random: np.random.Generator) -> Float64:
-    """(..., 3) by a map's radiance, from (..., 2): the first chooses the row, the other the texel."""
+    """Return (..., 3), directions by a map's radiance, from u (..., 2): numbers for the row and the texel."""
     numbers = np.stack([u[..., 0], random.random(u.shape[:-1]), u[..., 1]], axis=-1)
     return sky.directions(numbers.reshape(-1, 3)).reshape(*u.shape[:-1], 3)
 
 
 def _stratified(count: int, random: np.random.Generator, rays: int) -> Float64:
-    """(P, rays, 2) in [0, 1), one in each cell of the square for each point."""
+    """Return (P, rays, 2) in [0, 1), one in each cell of the square for each point."""
     cells = round(rays**0.5)
     at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
     return np.asarray((at + random.random((count, cells * cells, 2))) / cells)
 
 
 class _Surfaces(NamedTuple):
-    """What lets light through: normals (T, 3), opacity (T,), and (T,) bool whether a back is not there."""
+    """Transmission of surfaces: normals (T, 3), opacity (T,), (T,) True if the back is culled, and glass."""
 
     rays: Rays
     normals: Float64
@@ -339,9 +352,10 @@ class _Surfaces(NamedTuple):
 
 @kernel
 def _free(surfaces, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
-    """Fill (P, K, 3): what is left of light along rays wi (P, K, 3) from points of triangles, up to the end (P,).
+    """Fill `free` (P, K, 3), the fraction of light left along rays wi (P, K, 3) from points of triangles.
 
-    work: (2, 3).
+    end  : (P,) end of the rays
+    work : (2, 3) working memory
     """
     rays, normals, opacity, culled, glass = surfaces
     o, found = work[0], work[1]

@@ -1,6 +1,6 @@
-"""How light goes between the surfaces of a mesh: patches shoot, elements receive, form factors are kept.
+"""Transport of light between the surfaces of a mesh: patches shoot, elements receive, form factors are cached.
 
-What progressive refinement and the full matrix have in common.
+Progressive refinement and the full matrix share this code.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from glpath.system.machine import core_count
 
 Float32 = NDArray[np.float32]
 
-#: Points of receivers times emitters that a call is worth: fewer, and calling costs more than what is done.
+#: Number of receiver points times emitters that is worth a call; with fewer the call costs more than its work.
 _WORTH_A_CALL = 100_000
 _MAX_TOGETHER = 64
-#: Share of an element that counts where all of it is buried: next to nothing.
+#: Fraction of a fully buried element's area that still counts.
 _BURIED = 1e-6
 
 
 @dataclass(frozen=True)
 class FormFactorOptions:
-    """How form factors are found, see `glpath.radiosity.form_factors.form_factor`.
+    """Options of form factors, see `glpath.radiosity.form_factors.form_factor`.
 
     kind   : "polygon" or "disc"
-    max_samples   : samples of an emitter, at most
-    points : of a receiver
+    max_samples   : maximum number of samples of an emitter
+    points : number of points of a receiver
     """
 
     kind: Kind = "polygon"
@@ -46,21 +46,21 @@ class FormFactorOptions:
 
 
 class Transport:
-    """Form factors from the elements of a mesh to its patches, by columns: one is one patch's side.
+    """Form factors from the elements of a mesh to its patches; each column belongs to one side of a patch.
 
     Parameters
     ----------
     mesh  : patches and elements
-    cache : bytes that columns may take; the oldest go first
-    shafts : how occluders are found
+    cache : maximum size of cached columns in bytes; the oldest are removed first
+    shafts : options of the search for occluders
 
     Attributes
     ----------
-    sides    : Q sides of patches, which shoot
-    areas    : (Q,) of them, what is buried in solids left out
-    elements : R sides of elements, which receive
-    patch    : (R,) the side of a patch that an element's is part of
-    share    : (R,) of its area
+    sides    : Q sides of the patches, which shoot
+    areas    : (Q,) areas of these sides without parts buried in solids
+    elements : R sides of the elements, which receive
+    patch    : (R,) index of the patch's side that each element's side is part of
+    share    : (R,) fraction of that side's area
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Transport:
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
             scene,
-            # Threads share emitters.
+            # Threads process different emitters.
             Visibility(Occluders.of_scene(scene, culling=True), shafts or ShaftOptions(), threads=1),
             mesh.patches,
             self.sides,
@@ -90,7 +90,7 @@ class Transport:
         self._at = self._receive()
 
     def _receive(self) -> ReceiverPoints:
-        """Take the sides of the mesh's elements for receivers."""
+        """Make receivers of the sides of the mesh's elements."""
         mesh = self.mesh
         self.elements = Sides.of(mesh.scene, mesh.elements)
         number = self.sides.number(len(mesh.patches))
@@ -102,7 +102,7 @@ class Transport:
         return at
 
     def from_lights(self) -> Float64:
-        """(R, 3): irradiance of the elements by lights that are no patches, see `DirectLight`."""
+        """Return (R, 3), irradiance of the elements by lights that are not patches, see `DirectLight`."""
         return self._lit(self.elements, self._at)
 
     def _lit(self, sides: Sides, at: ReceiverPoints) -> Float64:
@@ -110,7 +110,7 @@ class Transport:
         return self._lights.of_sides(sides, triangle, at.lit.points, at.lit.number, at.each)
 
     def sent_on(self, irradiance: Float64) -> Float64:
-        """(Q, 3): what patches reflect and transmit of irradiance (R, 3) of their elements' sides."""
+        """Return (Q, 3), radiosity that patches reflect and transmit of their elements' irradiance (R, 3)."""
         found = self.mean_of_patches(self.elements.reflectance * irradiance)
         if self.elements.transmittance.any():
             through = self.mean_of_patches(self.elements.transmittance * irradiance)
@@ -120,30 +120,32 @@ class Transport:
 
     @cached_property
     def behind(self) -> Int64:
-        """(Q,): the side of a patch that is the other one of each; -1 where that is black."""
+        """Index (Q,) of the opposite side of each patch's side; -1 if that is black."""
         number = self.sides.number(len(self.mesh.patches))
         return np.asarray(number[self.sides.element, 1 - self.sides.back])
 
     def mean_of_patches(self, values: Float64) -> Float64:
-        """(Q, 3): the mean over each patch of values (R, 3) of its elements."""
+        """Return (Q, 3), the mean over each patch of values (R, 3) of its elements."""
         return np.stack(
             [np.bincount(self.patch, values[:, c] * self.share, minlength=len(self.sides)) for c in range(3)],
             axis=1,
         )
 
     def on_sides(self, irradiance: Float64) -> Float64:
-        """(2, 2, E, 3): irradiance (2, R, 3) of the elements' sides as a solution has it, [part, side, element].
+        """Return irradiance (2, R, 3) of elements' sides in a solution's layout, [part, side, element, channel].
 
-        0 where a side neither reflects nor emits; nowhere below 0, as shooting ahead of time may leave it.
+        It is 0 if a side neither reflects nor emits. Negative values, which overshooting may leave, are clamped to
+        0.
         """
         found = np.zeros((2, 2, len(self.mesh.elements), 3))
         found[:, self.elements.back, self.elements.element] = np.maximum(irradiance, 0.0)
         return found
 
     def column(self, side: int, next_ones: Callable[[], list[int]] = list) -> Float32:
-        """(R,) float32, form factors from all elements to a side of a patch.
+        """Return (R,) float32, form factors from all elements to a side of a patch.
 
-        next_ones : gives sides that will be asked for soon: where this one has to be found, other cores find theirs
+        next_ones : function that returns sides needed soon; if this column is not cached, other cores compute
+                    theirs
         """
         found = self._columns.get(side)
         return found if found is not None else self._find(side, next_ones)
@@ -171,7 +173,7 @@ class Transport:
         return wanted
 
     def matrix(self) -> Float32:
-        """(R, Q) float32: all of them."""
+        """Return (R, Q) float32, all form factors."""
         f = self.form_factors
         found = np.empty((len(self.elements), len(self.sides)), np.float32)
         cores = core_count()
@@ -183,15 +185,15 @@ class Transport:
         return found
 
     def refine(self, which: NDArray[np.bool_], irradiance: Float64, shot: Float64) -> Float64:
-        """Split elements in four; irradiance (2, R', 3) of all then, from what the patches have shot (2, Q, 3).
+        """Split elements in four; return irradiance (2, R', 3) of all elements from the radiosity shot by patches.
 
-        which      : (E,) bool, of the mesh's elements
-        irradiance : (2, R, 3) before, direct and indirect, as is `shot`
+        which      : (E,) bool, True for elements to split
+        irradiance : (2, R, 3) before the split, direct and indirect, as `shot` (2, Q, 3)
         """
         before = self.elements
         kept = ~which[before.element]
         self.mesh = self.mesh.refine(which)
-        # Fronts come before backs, and in both what stays before what is new.
+        # Fronts come before backs, and in both the unsplit elements before the new ones.
         staying = int(np.count_nonzero(~which))
         at_all = self._receive()
         fresh = self.elements.element >= staying
@@ -215,7 +217,7 @@ class Transport:
         now: Float64,
         old: dict[int, Float32],
     ) -> None:
-        """The light of new elements `numbers` from all that shot. Fills `now` and makes the kept columns longer."""
+        """Gather light of new elements `numbers` from patches that shot; fill `now` and extend cached columns."""
         f = self.form_factors
         batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=(0, 2)))]).tolist()
         cores = core_count()

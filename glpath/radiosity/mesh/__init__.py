@@ -1,1 +1,1 @@
-"""Surfaces in patches and elements: lattices, sides, and values at vertices from those of elements."""
+"""Meshes of patches and elements: lattices, sides of elements, and vertex values made from element values."""

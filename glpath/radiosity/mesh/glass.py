@@ -1,11 +1,11 @@
-"""Glass: thin dielectrics transmit light straight, solids by refraction, what the surface does not reflect.
+"""Transmission of glass: thin dielectrics do not bend light, solids refract it; neither transmits reflected light.
 
-To the solvers all surfaces are diffuse. What glass lets through continues behind it, by the angle of incidence,
-as the shaders have it (`shaders/bsdf/bsdf.glsl`): by Schlick's formula, or by Fresnel's equations for solids, slabs
-and all layerings but glTF's.
+The solvers treat all surfaces as diffuse. Light that passes through glass continues behind it. The fraction depends
+on the angle of incidence as in `shaders/bsdf/bsdf.glsl`: by Schlick's formula, or by Fresnel's equations for solids,
+slabs and all layerings except glTF's.
 
-Poor at:  rough transmission, which is treated as clear; coloured slabs, of which all channels have the curve of the
-          clearest.
+Poor at:  rough transmission, which is treated as clear; coloured slabs, all channels of which have the curve of the
+          clearest channel.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from glpath.system.kernels import inner_kernel
 
 
 class Glass(NamedTuple):
-    """The glass of a scene's triangles.
+    """Optical properties of the glass triangles of a scene.
 
-    clear : (T, 3) share that is let through where nothing is reflected, of a slab once; 0 of what is no glass
-    layer : (T, 5) what its surface reflects at normal and at grazing incidence, the share of it that reflects so,
-            the share under a clearcoat, and what it reflects of light from everywhere
-    fresnel : (T, 2) index of Fresnel's equations, 0 for Schlick's formula, and factor of what they reflect
-    ior   : (T,) of refraction, of solids; 0 for what is thin
-    slab  : (T,) of refraction, of slabs; 0 for others
-    thin  : (T,) bool: thin and smooth, so that rays to a light go through
-    attenuation : (T, 3) inside of solids, per scene unit
+    clear : (T, 3) transmitted fraction without reflection, for one pass through a slab; 0 for other materials
+    layer : (T, 5) reflectance at normal and at grazing incidence, fraction of the surface that reflects so, weight
+            of the clearcoat, and mean reflectance for uniform light
+    fresnel : (T, 2) refractive index for Fresnel's equations, 0 for Schlick's formula, and factor of the reflectance
+    ior   : (T,) refractive index of solids; 0 for thin materials
+    slab  : (T,) refractive index of slabs; 0 for others
+    thin  : (T,) bool, True for thin smooth materials, which shadow rays pass through
+    attenuation : (T, 3) attenuation inside solids, per scene unit
     """
 
     clear: Float64
@@ -81,10 +81,10 @@ def _fresnel(material: Material) -> tuple[float, float]:
 
 @inner_kernel
 def at_glass(glass, triangle, cosine, inside):  # type: ignore[no-untyped-def]
-    """The share of light that its surface mirrors, and the one that `clear` is a share of.
+    """Return the fraction of light that the glass mirrors, and the factor by which `clear` is multiplied.
 
-    cosine : of its angle to the normal
-    inside : it comes from within a solid
+    cosine : cosine of the angle between light and normal
+    inside : True if the light comes from inside a solid
     """
     index = glass.slab[triangle]
     if index > 0:

@@ -1,7 +1,7 @@
 """Interpolate irradiance within elements so that each element keeps its mean and no light leaks around edges.
 
-Values at vertices are means of the elements around, so interpolation alone moves light from bright elements to dark
-ones. The values at an element's corners are therefore shifted until their mean is the element's own.
+Values at vertices are means of the adjacent elements, so interpolation alone moves light from bright elements to
+dark ones. The values at an element's corners are therefore shifted until their mean is the element's own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ABRUPT = 0.9
 def interpolate(vertices_of: Int64, leaf: Int64, vertices: Float64, elements: Float64) -> Float64:
     """Return values (2, E, 3, C) at each element's corners, for linear interpolation within the element.
 
-    They are the values of the vertices, shifted so that their mean is the element's own.
+    The values of the vertices are shifted so that their mean is the element's own.
 
     vertices_of : (E, 3) indices from `vertices_of_elements`
     leaf        : (E,) index of the solver's element that each element is part of

@@ -1,7 +1,7 @@
-"""A scene's triangles in patches, which shoot, and elements, which receive (Cohen et al. 1986).
+"""Divide a scene's triangles into patches, which shoot, and elements, which receive (Cohen et al. 1986).
 
-Patches are the elements of a triangle's lattice; elements are the leaves of quadtrees in them, one triangle
-becoming four. Both are of one size all over the scene until `Mesh.refine` splits elements.
+Patches are the elements of a triangle's lattice. Elements are the leaves of quadtrees in the patches; a split makes
+four triangles of one. Both have one size all over the scene until `Mesh.refine` splits elements.
 
 M. Cohen, D. Greenberg, D. Immel, P. Brock, "An efficient radiosity approach for realistic image synthesis", 1986.
 """
@@ -20,20 +20,20 @@ from glpath.scene.model import Float64, Int32
 
 Int64 = NDArray[np.int64]
 
-#: Cosine of the angle between two triangles' normals down to which they are one surface: 30 degrees.
+#: Cosine of the largest angle between the normals of two neighbouring triangles of one surface: 30 degrees.
 _SMOOTH = float(np.cos(np.radians(30)))
-#: Points of one surface that are nearer to each other than this share of the scene are one.
+#: Distance below which points of one surface are merged, as a fraction of the scene's extent.
 _WELD = 0.7236e-6
 
 
 @dataclass(frozen=True)
 class Elements:
-    """Triangles of lattices: (E,) int64 each.
+    """Elements of triangles' lattices, as arrays (E,) int64.
 
-    triangle : of the scene
-    n        : parts of that triangle's edges in the lattice that the element belongs to
-    i, j     : its cell
-    upper    : 1 for the upper element of the cell, see `lattice`
+    triangle : index of the scene's triangle
+    n        : number of parts of that triangle's edges in the element's lattice
+    i, j     : indices of the element's cell
+    upper    : 1 for the upper element of the cell, 0 for the lower, see `lattice`
     """
 
     triangle: Int64
@@ -55,17 +55,17 @@ class Elements:
 
     @classmethod
     def of_lattices(cls, divisions: Int64) -> Elements:
-        """All elements of the triangles' lattices, in the order of `lattice`."""
+        """Return all elements of the triangles' lattices, in the order of `lattice`."""
         triangle = np.repeat(np.arange(len(divisions)), lattice.element_count(divisions))
         cells = [_cells(int(n)) for n in divisions]
         i, j, upper = np.concatenate(cells).T if cells else np.zeros((3, 0), np.int64)
         return cls(triangle, divisions[triangle], i, j, upper)
 
     def split(self) -> Elements:
-        """Each in four of half the size: (4 E,), those of an element one behind the other."""
+        """Split each element into four of half its size; return (4 E,), the four of an element in sequence."""
         up = self.upper[:, None]
         i, j = 2 * self.i[:, None], 2 * self.j[:, None]
-        # The one in the middle comes last and is upside down.
+        # The middle element comes last and is rotated by 180 degrees.
         di = np.where(up, [[1, 0, 1, 1]], [[0, 1, 0, 0]])
         dj = np.where(up, [[1, 1, 0, 1]], [[0, 0, 1, 0]])
         upper = np.where([[0, 0, 0, 1]], 1 - up, up)
@@ -73,18 +73,21 @@ class Elements:
         return Elements(triangle, n, (i + di).ravel(), (j + dj).ravel(), upper.ravel())
 
     def corners(self) -> Int64:
-        """(E, 3, 2): lattice coordinates of the vertices, counter-clockwise like the triangle."""
+        """Return (E, 3, 2), lattice coordinates of the vertices, counter-clockwise like the triangle."""
         up = self.upper
         i = np.stack([self.i + up, self.i + 1 - up, self.i + up], axis=1)
         j = np.stack([self.j + up, self.j + up, self.j + 1 - up], axis=1)
         return np.stack([i, j], axis=2)
 
     def index(self) -> Int64:
-        """Their numbers in their triangles' lattices."""
+        """Return (E,), indices of the elements in their triangles' lattices."""
         return lattice.element_index(self.n, self.i, self.j, self.upper)
 
     def points(self, scene: Scene, barycentric: Float64) -> Float64:
-        """(E, k, 3): the points of barycentric coordinates (k, 3) in each element, or of its own (E, k, 3)."""
+        """Return the points (E, k, 3) at barycentric coordinates in each element.
+
+        barycentric : (k, 3), the same for all elements, or (E, k, 3)
+        """
         subscripts = "kc,ecx->ekx" if barycentric.ndim == 2 else "ekc,ecx->ekx"
         b = np.einsum(subscripts, barycentric, self.corners() / self.n[:, None, None])
         triangles = scene.triangles[self.triangle]
@@ -94,7 +97,7 @@ class Elements:
 
 @lru_cache(maxsize=64)
 def _cells(n: int) -> Int64:
-    """(n * n, 3): i, j and upper of a lattice's elements in their order."""
+    """Return (n * n, 3): i, j and upper of a lattice's elements, in order."""
     length = 2 * (n - np.arange(n)) - 1  # of each row
     j = np.repeat(np.arange(n), length)
     in_row = np.arange(n * n) - np.repeat(np.cumsum(length) - length, length)
@@ -103,13 +106,13 @@ def _cells(n: int) -> Int64:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Patches and elements of a scene in triangles.
+    """Patches and elements of a triangulated scene.
 
-    scene    : of triangles only
-    surface  : (T,) int64, which of the scene's smooth surfaces a triangle belongs to, see `surfaces`
-    patches  : every element of the triangles' lattices
-    elements : leaves of quadtrees
-    patch    : (E,) the patch that an element is part of
+    scene    : scene of triangles only
+    surface  : (T,) int64, index of the smooth surface that each triangle belongs to, see `surfaces`
+    patches  : all elements of the triangles' lattices
+    elements : leaves of the quadtrees in the patches
+    patch    : (E,) index of the patch that each element is part of
     """
 
     scene: Scene
@@ -120,35 +123,37 @@ class Mesh:
 
     @classmethod
     def uniform(cls, scene: Scene, divisions: Int64, surface: Int64, splits: int = 0) -> Mesh:
-        """Each patch in 4^splits elements."""
+        """Return a mesh whose patches have 4^splits elements each."""
         patches = elements = Elements.of_lattices(divisions)
         for _ in range(splits):
             elements = elements.split()
         return cls(scene, surface, patches, elements, np.repeat(np.arange(len(patches)), 4**splits))
 
     def refine(self, which: NDArray[np.bool_]) -> Mesh:
-        """A mesh with those elements split in four: what stays comes first, then the new ones."""
+        """Return a mesh with the selected elements split in four; unsplit elements come before the new ones."""
         split = self.elements[which].split()
         patch = np.concatenate([self.patch[~which], np.repeat(self.patch[which], 4)])
         return Mesh(self.scene, self.surface, self.patches, self.elements[~which] + split, patch)
 
     @cached_property
     def areas(self) -> Float64:
-        """(E,) scene units squared."""
+        """Areas (E,) of the elements, in scene units squared."""
         return np.asarray(self.scene.areas[self.elements.triangle] / self.elements.n**2)
 
 
 def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> Int64:
-    """(T,) parts of each triangle's edges, so that none is longer than `size`, one for all or (T,).
+    """Return (T,) numbers of parts of each triangle's edges, so that no part is longer than `size`.
 
-    Triangles of one surface whose numbers would differ get powers of two, so that their vertices meet: one that
-    lies between two of the neighbour's is in the middle of them, or halfway to the middle, and so on.
+    size : one length for all triangles, or (T,)
+
+    If the numbers differ within a surface, powers of two are used, so that vertices on shared edges coincide. A
+    vertex between two of the neighbour's is then in the middle of them, or halfway to the middle, and so on.
     """
     return _divisions(_longest(scene), surface, size)
 
 
 def _divisions(longest: Float64, surface: Int64, size: float | Float64) -> Int64:
-    """(T,), of the longest edge of each triangle."""
+    """Return (T,) numbers of parts, from the longest edge of each triangle."""
     parts = np.maximum(np.ceil(longest / size - 1e-9), 1)
     min_parts = np.full(surface.max(initial=-1) + 1, np.inf)
     max_parts = np.zeros_like(min_parts)
@@ -159,10 +164,10 @@ def _divisions(longest: Float64, surface: Int64, size: float | Float64) -> Int64
 
 
 def size_for_count(scene: Scene, surface: Int64, count: int, *, by_size: bool = False) -> float:
-    """The element size with which a mesh has the most patches up to `count`, or one patch a triangle.
+    """Return the element size that gives the most patches up to `count`, but at least one patch a triangle.
 
-    by_size : triangles that are smaller than a patch count as the share of one that they are, so that a small
-              object of many triangles leaves large walls as many patches as one of few would
+    by_size : True if triangles smaller than a patch count as the fraction of one that they are. A small object of
+              many triangles then leaves large walls as many patches as an object of few triangles would
     """
     longest = _longest(scene)
     largest, even = float(longest.max()), float(np.sqrt((longest**2).sum() / max(count, 1)))
@@ -184,7 +189,7 @@ def size_for_count(scene: Scene, surface: Int64, count: int, *, by_size: bool = 
 
 
 def surfaces(scene: Scene) -> Int64:
-    """(T,) int64: triangles of one shape that meet along edges at less than 30 degrees are one surface."""
+    """Return (T,) int64 surface indices: triangles of a shape that meet at less than 30 degrees share a surface."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -202,10 +207,10 @@ def surfaces(scene: Scene) -> Int64:
 
 
 def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
-    """(N,) int64 numbers of points (N, 3), the same for points of one group at one position."""
+    """Return (N,) int64 numbers of points (N, 3), equal for points of one group at one position."""
     lower, upper = scene.bounds
     steps = np.round((points - lower) / (_WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)))
-    # Two numbers instead of four make the sorting three times as fast.
+    # Sorting by two keys instead of four is three times as fast.
     keys = np.empty((len(points), 2), np.int64)
     keys[:, 0] = steps[:, 0].astype(np.int64) << 21 | steps[:, 1].astype(np.int64)
     keys[:, 1] = steps[:, 2].astype(np.int64) << 32 | group
@@ -217,11 +222,11 @@ def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
 
 
 def occluder_of_triangle(parallelogram: NDArray[np.bool_]) -> Int32:
-    """(T,) int32: the number of each triangle in `Occluders.of_scene`, where two in a row may have become one."""
+    """Return (T,) int32 indices of the triangles in `Occluders.of_scene`, which may merge two successive ones."""
     return np.repeat(np.arange(len(parallelogram), dtype=np.int32), np.where(parallelogram, 2, 1))
 
 
 def _longest(scene: Scene) -> Float64:
-    """(T,) the longest edge of each triangle."""
+    """Return (T,) lengths of the longest edge of each triangle."""
     edges = np.roll(scene.triangles, -1, axis=1) - scene.triangles
     return np.asarray(np.linalg.norm(edges, axis=2).max(axis=1))

@@ -1,10 +1,10 @@
 """Quadtrees over the lattices of a scene's triangles: elements are small where the light changes, large elsewhere.
 
-Particles are counted on a fine lattice. Four elements stay apart if their irradiance differs by more than their
-noise; otherwise they count as the one that they are parts of. So the noise of an element does not grow as the
-lattice gets finer.
+Particles are counted on a fine lattice. Four elements stay separate if their irradiance differs by more than their
+noise; otherwise they are merged into their parent. The noise of an element therefore does not grow as the lattice
+gets finer.
 
-Poor at:  changes that few particles show, in the dark.
+Poor at:  changes in dark regions, which few particles show.
 Source:   Heckbert 1990, Adaptive radiosity textures for bidirectional ray tracing.
 """
 
@@ -22,18 +22,19 @@ from glpath.scene.model import Float64
 
 Bools = NDArray[np.bool_]
 
-#: Standard errors by which one of four parts has to differ from their mean, for the element to be split.
+#: Number of standard errors by which one of four parts must differ from their mean to split the element.
 _SIGNIFICANT = 4.0
-#: Share of the scene's mean irradiance that is added to the local one before differences are compared with it.
+#: Fraction of the scene's mean irradiance that is added to the local irradiance before differences are compared
+#: with it.
 _DARK = 0.1
 
 
 @dataclass(frozen=True)
 class Quadtree:
-    """Nested lattices. Level 0 is the coarse one; each further level halves the edges, down to a triangle's depth.
+    """Nested lattices. Level 0 is the coarsest; each further level halves the edges, down to a triangle's depth.
 
     coarse : (T,) divisions of each triangle at level 0
-    depth  : (T,) how many times each triangle's lattice is halved
+    depth  : (T,) number of times that each triangle's lattice is halved
     """
 
     coarse: Int64
@@ -45,22 +46,22 @@ class Quadtree:
         return int(self.depth.max(initial=0))
 
     def divisions(self, level: int) -> Int64:
-        """(T,) divisions of each triangle at a level."""
+        """Return (T,) divisions of each triangle at a level."""
         return np.asarray(self.coarse << np.minimum(self.depth, level))
 
     @property
     def finest(self) -> Int64:
-        """(T,) divisions of each triangle at its own depth."""
+        """Divisions (T,) of each triangle at its own depth."""
         return self.divisions(self.height)
 
     @cached_property
     def levels(self) -> list[Elements]:
-        """For each level, all of its elements, in the order of `glpath.radiosity.mesh.lattice`."""
+        """List of all elements of each level, in the order of `glpath.radiosity.mesh.lattice`."""
         return [Elements.of_lattices(self.divisions(level)) for level in range(self.height + 1)]
 
     @cached_property
     def parents(self) -> list[Int64]:
-        """For each level below level 0, in order, (E,) the number of each element's parent one level up."""
+        """List for the levels from 1 on: (E,) index of each element's parent, one level up."""
         found = []
         for level in range(1, self.height + 1):
             fine, divisions = self.levels[level], self.divisions(level - 1)
@@ -73,7 +74,7 @@ class Quadtree:
         return found
 
     def sums(self, values: Float64) -> list[Float64]:
-        """Return, for every level, the sums over each element of the values (..., E, C) of the finest level."""
+        """Return the sums over each element of every level, from the values (..., E, C) of the finest level."""
         found = [values]
         for level in range(self.height, 0, -1):
             rows = found[0].reshape(-1, *found[0].shape[-2:])
@@ -83,7 +84,7 @@ class Quadtree:
         return found
 
     def of_coarse(self, values: Float64) -> Float64:
-        """Values (S, E) of level 0, handed down to the elements of the finest level."""
+        """Return the values (S, E) of level 0 at the elements of the finest level."""
         number = np.arange(values.shape[1])
         for parent in self.parents:
             number = number[parent]
@@ -95,7 +96,7 @@ class Detail:
     """Elements across which the light varies by more than noise.
 
     tree       : quadtree of the lattices
-    split      : for each level, (E,) bool: the element has to be divided
+    split      : for each level, (E,) bool, True if the element has to be divided
     misplaced  : (T,) fraction of the arriving energy that each triangle's finest elements put into the wrong part
     """
 
@@ -109,8 +110,8 @@ class Detail:
 
         flux      : (S, E, 3) energy that arrived at the sides of the finest elements
         square    : (S, E) sums of the squared energy of each arrival, mean of the channels
-        areas     : (T,) of the triangles
-        threshold : share of the local irradiance by which a part has to differ from the mean of the four
+        areas     : (T,) areas of the triangles
+        threshold : fraction of the local irradiance by which a part has to differ from the mean of the four
         """
         arrived = tree.sums(flux.mean(axis=2)[..., None])
         squares = tree.sums(square[..., None])
@@ -138,7 +139,7 @@ class Detail:
 
     @cached_property
     def leaves(self) -> list[Bools]:
-        """For each level, (E,) bool: the element is there and is not divided."""
+        """List for each level: (E,) bool, True if the element exists and is not divided."""
         found = []
         exists = np.ones(len(self.tree.levels[0]), bool)
         for level, elements in enumerate(self.tree.levels):
@@ -149,7 +150,10 @@ class Detail:
         return found
 
     def mesh(self, base: Mesh) -> Mesh:
-        """The mesh of all leaves, level by level, with the patches of `base`; `base` itself if none is divided."""
+        """Return the mesh of all leaves, level by level, with the patches of `base`.
+
+        If no element is divided, `base` itself is returned.
+        """
         if not any(split.any() for split in self.split):
             return base
         elements, patches = self.tree.levels[0][self.leaves[0]], [np.flatnonzero(self.leaves[0])]

@@ -16,14 +16,14 @@ from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, weld
 from glpath.scene.model import Float64
 
-#: How often the vertices are moved towards what the elements' means ask for.
+#: Number of corrections of the vertex values towards the elements' means.
 _CORRECTIONS = 2
-#: Numbers of vertices, each in the middle of an edge that ends at the next.
+#: Maximum number of vertices in a chain in which each is in the middle of an edge that ends at the next.
 _LONGEST_CHAIN = 64
 
 
 def at_corners(mesh: Mesh, values: Float64) -> Float64:
-    """(S, E, 3, 3): values at the corners of the elements, [side, element, corner], from (S, E, 3) of S sides."""
+    """Return values (S, E, 3, 3) at the elements' corners, [side, element, corner], from (S, E, 3) of S sides."""
     nodes = _Nodes(mesh)
     return np.stack([nodes.values(side)[nodes.of] for side in values])
 
@@ -31,10 +31,10 @@ def at_corners(mesh: Mesh, values: Float64) -> Float64:
 class Resampled(NamedTuple):
     """Values of a mesh on the lattices of its finest elements.
 
-    divisions : (T,) of each triangle's lattice
-    elements  : (..., E', 3) of the lattices' elements
-    vertices  : (..., V, 3) of the lattices' vertices, interpolated within each element of the mesh
-    leaf      : (E',) the mesh's element that a lattice element is part of
+    divisions : (T,) divisions of each triangle's lattice
+    elements  : (..., E', 3) values of the lattices' elements
+    vertices  : (..., V, 3) values of the lattices' vertices, interpolated within each element of the mesh
+    leaf      : (E',) index of the mesh's element that each lattice element is part of
     """
 
     divisions: Int64
@@ -46,8 +46,8 @@ class Resampled(NamedTuple):
 def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = None) -> Resampled:
     """Resample the values (..., 2, E, 3) of the sides of a mesh's elements on lattices.
 
-    buried : (2, E) sides that no light can reach, as a solid covers them. They get the mean of their neighbours, so
-             that they do not darken these
+    buried : (2, E) True for sides that no light can reach, because a solid covers them. They get the mean of their
+             neighbours, so that they do not darken their neighbours
     """
     nodes = _Nodes(mesh)
     known = np.ones((2, len(mesh.elements)), np.bool_) if buried is None else ~buried
@@ -97,11 +97,11 @@ def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
 
 
 class _Nodes:
-    """The distinct corners of elements, on each surface.
+    """Distinct corners of elements, on each surface.
 
-    of      : (E, 3), the node at each corner of an element
-    size    : how many nodes there are
-    hanging : (h, 3), a node in the middle of an edge, and that edge's ends
+    of      : (E, 3), index of the node at each corner of an element
+    size    : number of nodes
+    hanging : (h, 3), indices of a node in the middle of an edge and of that edge's ends
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -132,12 +132,12 @@ class _Nodes:
         return self.filled(elements, np.ones(len(elements), np.bool_))[1]
 
     def filled(self, elements: Float64, known: NDArray[np.bool_]) -> tuple[Float64, Float64]:
-        """Return (E, 3) the values of the elements of one side, and (N, 3) those at the nodes.
+        """Return values (E, 3) of the elements of one side, and values (N, 3) at the nodes.
 
         known : (E,) False for elements without a value of their own: they get the mean of their nodes
         """
         if not elements.any():
-            return elements, np.zeros((self.size, 3))  # such as the backs of a closed room
+            return elements, np.zeros((self.size, 3))  # for example the backs of a closed room
         shares = np.maximum(np.bincount(self.of.ravel(), np.repeat(known, 3), self.size), 1.0)[:, None]
         found = self._spread(elements) / shares
         for _ in range(_CORRECTIONS):

@@ -1,7 +1,7 @@
-"""Sides of elements: which of them reflect or emit, and what of them is in the open.
+"""Sides of elements that reflect, transmit or emit, and the unburied parts of these sides.
 
-Solids stand in each other and on floors. What of an element is buried in one gets no light and sends none; were it
-to count, the rest of the element would be too dark, and the room with it.
+Solids overlap each other and stand on floors. The part of an element that is buried in a solid gets no light and
+sends none. If it counted, the rest of the element would be too dark, and so would the room.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from glpath.scene.model import Float64
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
 
-#: Parts of an edge of an element that is partly buried, for its points and its area.
+#: Number of parts of an edge of a partly buried element, for choosing its points and measuring its open area.
 _FINE = 8
-#: How far off its surface a point looks around, as a share of its coordinates: those of files have 24 bits.
+#: Distance of ray origins from the surface, as a fraction of the coordinates; coordinates in files have 24 bits.
 _OFF = 1e-6
 
 
 @dataclass(frozen=True)
 class Sides:
-    """Sides of elements that reflect, transmit or emit: (R,) each.
+    """Sides of elements that reflect, transmit or emit, as arrays (R,).
 
-    element     : its number
-    back        : 0 the front, 1 the back
-    normal      : (R, 3) away from this side
+    element     : index of the element
+    back        : 0 for the front, 1 for the back
+    normal      : (R, 3) unit normal that points away from this side
     reflectance : (R, 3)
     emission    : (R, 3), radiosity pi Le, W m^-2
-    transmittance : (R, 3), of light on this side what leaves from the other, all around
+    transmittance : (R, 3), fraction of the light on this side that leaves diffusely from the other side
     """
 
     element: Int64
@@ -50,7 +50,7 @@ class Sides:
 
     @classmethod
     def of(cls, scene: Scene, elements: Elements) -> Sides:
-        """Front sides first, then back sides, each in the order of the elements. Black ones are left out."""
+        """Return the sides that are not black: fronts first, then backs, each in the order of the elements."""
         shape = scene.triangle_shape[elements.triangle]
         reflectance = scene.side_reflectance[:, elements.triangle]
         emits_at_all = np.array([s.emits for s in scene.shapes], bool)[shape]
@@ -69,7 +69,7 @@ class Sides:
         for back in (0, 1):
             reflects = reflectance[back]
             emits = emission * (both[shape, None] if back else 1.0)
-            # A black element of a picture that shines stays, as the patch that it is part of does.
+            # Black elements under an emission texture are kept, because the patches that contain them are kept.
             shines = emits_at_all & (both[shape] if back else True)
             some = np.flatnonzero(reflects.any(axis=1) | through.any(axis=(0, 2)) | shines)
             parts.append(
@@ -85,14 +85,14 @@ class Sides:
         return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
 
     def number(self, count: int) -> Int64:
-        """(count, 2): which of these an element's front and back are; -1 for none."""
+        """Return (count, 2), the index in this object of each element's front and back; -1 for none."""
         found = np.full((count, 2), -1, np.int64)
         found[self.element, self.back] = np.arange(len(self))
         return found
 
 
 def sub_triangles(k: int) -> Float64:
-    """(k * k, 3): the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
+    """Return (k * k, 3), the barycentric coordinates of the middles of the k * k equal parts of a triangle."""
     cells = [(i + (1 + up) / 3, j + (1 + up) / 3) for j in range(k) for i in range(k - j) for up in (0, 1)
              if i + j + up < k]  # fmt: skip
     b1, b2 = np.array(cells).T / k
@@ -100,23 +100,23 @@ def sub_triangles(k: int) -> Float64:
 
 
 def random_in_parts(k: int, count: int, seed: int) -> Float64:
-    """(count, k * k, 3): the barycentric coordinates of a uniform random point in each of the equal parts."""
+    """Return (count, k * k, 3), barycentric coordinates of a uniform random point in each of the equal parts."""
     middles = sub_triangles(k)
     within = np.random.default_rng(seed).random((count, k * k, 2))
     within = np.where(within.sum(axis=2, keepdims=True) > 1, 1 - within, within)
     off = np.concatenate([1 - within.sum(axis=2, keepdims=True), within], axis=2) - 1 / 3
-    # Parts that stand on their heads have their middle at two thirds of a cell.
+    # Upper parts, which are rotated by 180 degrees, have their middle at two thirds of a cell.
     upper = np.round(middles[:, 1:2] * k % 1 * 3) == 2
     return np.asarray(middles + np.where(upper, -off, off) / k)
 
 
 @dataclass(frozen=True)
 class Solids:
-    """The closed surfaces of a scene in which parts of other surfaces may be buried, such as a floor under a box.
+    """Closed surfaces of a scene in which parts of other surfaces may be buried, such as a floor under a box.
 
-    scene : in triangles
-    solid : (T,) bool, the triangle belongs to a closed surface that nothing looks out of
-    rays  : of the scene
+    scene : triangulated scene
+    solid : (T,) bool, True if the triangle belongs to a closed surface without a camera or light inside
+    rays  : ray queries of the scene
     """
 
     scene: Scene
@@ -125,20 +125,22 @@ class Solids:
 
     @classmethod
     def of(cls, scene: Scene, closed: NDArray[np.bool_], rays: Rays | None = None) -> Solids:
-        """Return those of the closed surfaces that are no rooms: no camera and no light is in them.
+        """Select the closed surfaces that are not rooms, which means that no camera and no light is inside.
 
-        closed : (T,) bool, the triangle belongs to a closed surface, whichever side its fronts are
+        closed : (T,) bool, True if the triangle belongs to a closed surface; its fronts may point inwards or
+                 outwards
         """
         return cls(scene, closed & ~_inhabited(scene)[scene.triangle_shape], rays or rays_of(scene))
 
     def open_points(
         self, elements: Elements, sides: Sides, count: int, seed: int | None = None
     ) -> tuple[Float64, Float64]:
-        """Return (R, count, 3) points of each side, of its part that is not buried, and (R,) how large that is.
+        """Return points (R, count, 3) on the unburied part of each side, and (R,) its fraction of the side's area.
 
         count : 1, 4, 9, ...
-        seed  : of points at random in equal parts of an element; None takes the middles of these, which never
-                come close to the element's edge: of a blind behind a window they see too much of the window
+        seed  : seed of random points in equal parts of an element. None takes the middles of the parts, which never
+                come close to the element's edge, so that points of a blind behind a window see too much of the
+                window
         """
         k = round(count**0.5)
         parts = sub_triangles(k) if seed is None else random_in_parts(k, len(elements), seed)
@@ -146,7 +148,7 @@ class Solids:
         is_open = np.ones(len(sides))
         if not (self.solid.any() and len(sides)):
             return points, is_open
-        # A closer look at triangles of which something is buried.
+        # Test more points on triangles that have a buried point.
         triangle = elements.triangle[sides.element]
         buried = ~self._free(points, sides.normal).all(axis=1)
         near = np.flatnonzero(np.isin(triangle, triangle[buried]))
@@ -162,14 +164,14 @@ class Solids:
         return points, is_open
 
     def _free(self, tested: Float64, normal: Float64) -> NDArray[np.bool_]:
-        """(R, k) bool: which of the points (R, k, 3) of sides with normals (R, 3) are not buried."""
+        """Return (R, k) bool, True for points (R, k, 3) of sides with normals (R, 3) that are not buried."""
         normals = np.repeat(normal, tested.shape[1], axis=0)
         found = in_the_open(self.scene, self.solid, tested.reshape(-1, 3), normals, self.rays)
         return found.reshape(tested.shape[:2])
 
 
 def _inhabited(scene: Scene) -> NDArray[np.bool_]:
-    """(shapes,) bool: whether the camera, a lamp or a positional light is within a shape of triangles."""
+    """Return (shapes,) bool, True if the camera, a lamp or a positional light is inside a shape of triangles."""
     inside = np.zeros(len(scene.shapes), bool)
     points = [
         scene.camera.at().position,
@@ -194,7 +196,7 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
 
 
 def has_solids(scene: Scene) -> bool:
-    """Return True if a shape is a closed surface and no room, so that other surfaces may be buried in it."""
+    """Return True if a shape is a closed surface but not a room, so that other surfaces may be buried in it."""
     inhabited = _inhabited(scene)
     return any(
         shape.primitive == "triangle" and not room and is_closed(scene.triangles[part])
@@ -205,14 +207,14 @@ def has_solids(scene: Scene) -> bool:
 def in_the_open(
     scene: Scene, solid: NDArray[np.bool_], points: Float64, normals: Float64, rays: Rays | None = None
 ) -> NDArray[np.bool_]:
-    """(P,) bool: False for points of surfaces that are buried in a solid, such as a floor under a box.
+    """Return (P,) bool, False for points of surfaces that are buried in a solid, such as a floor under a box.
 
-    solid           : (T,) which triangles belong to closed surfaces
+    solid           : (T,) True for triangles of closed surfaces
     points, normals : (P, 3), on surfaces and away from them
 
-    Buried is what sees the inside of a closed surface straight ahead and to three sides. Where a wall stands on a
-    floor or joins a wall, two faces lie in one plane, and which of them a ray meets first is chance: so it looks
-    from off its surface by more than rounding, and what leaves a solid counts before what enters another there.
+    A point is buried if a ray along its normal and rays to three sides all hit the inside of a closed surface. At
+    joins of walls and floors two faces lie in one plane, and which of them a ray hits first is arbitrary. Rays
+    therefore start off the surface by more than rounding. Of two such faces, an exit from a solid takes precedence.
     """
     free = np.zeros(len(points), np.bool_)
     of_solid, room = np.ascontiguousarray(solid), np.empty((3, 3))
@@ -225,7 +227,11 @@ def in_the_open(
 
 @kernel
 def _in_the_open(rays, solid, face, points, normals, off, work, free):  # type: ignore[no-untyped-def]
-    """Fill free (P,), which is all False; off (P,): how far apart faces in one plane may be; work: (3, 3)."""
+    """Fill free (P,), which is all False.
+
+    off  : (P,) maximum distance between faces in one plane
+    work : (3, 3)
+    """
     o, d, found = work[0], work[1], work[2]
     for p in range(len(points)):
         for attempt in range(4):

@@ -1,1 +1,1 @@
-"""What occludes two surfaces from each other [SC]: shafts, candidate lists and the casting of rays through them."""
+"""Occluders between two surfaces [SC]: shafts, candidate lists, and casting rays through them."""

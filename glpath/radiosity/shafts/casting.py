@@ -1,7 +1,7 @@
-"""Segments between an emitter's samples and receiver points against candidate lists, until something stops them.
+"""Cast segments between an emitter's samples and receiver points against candidate lists.
 
-Kernels. All rays of a group go against one candidate after the other, so that the processor tests several at once;
-or one ray after the other, each until it is blocked, as in the paper.
+These are kernels. Either all rays of a group are tested against one candidate after the other, so that the
+processor tests several at once. Or one ray after the other is tested until it is blocked, as in the paper.
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 @inner_kernel
 def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
-    """Whether a segment meets boxes[i] between its `ENDS`. ix, iy, iz: inverse of b - a, finite.
+    """Return True if a segment hits boxes[i] between its `ENDS`; ix, iy, iz are the finite inverse of b - a.
 
-    Of two boxes, one in the other, it never hits the inner and misses the outer, as every step here keeps the
-    order.
+    Of two nested boxes it never hits the inner and misses the outer one, because every step preserves order.
     """
     t0, t1 = (boxes[i, 0] - ax) * ix, (boxes[i, 3] - ax) * ix
     near, far = max(ENDS, min(t0, t1)), min(1 - ENDS, max(t0, t1))
@@ -44,13 +43,16 @@ def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _inverse(d):  # type: ignore[no-untyped-def]
-    """1 / d, or so: never infinite, so that 0 times it is no NaN."""
+    """Return 1 / d, limited to 1e300, so that its product with 0 is not NaN."""
     return 1 / d if abs(d) > 1e-300 else (1e300 if d >= 0 else -1e300)
 
 
 @inner_kernel
 def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ignore[no-untyped-def]
-    """The first polygon of a list that a segment crosses, or -1; its index there; tests of boxes and of objects."""
+    """Return the first polygon of a list that a segment crosses, its index, and counts of box and object tests.
+
+    Polygon and index are -1 if the segment crosses none.
+    """
     ax, ay, az, bx, by, bz, own_a, own_b = segment
     ix = iy = iz = 0.0
     if found.boxed:
@@ -59,7 +61,7 @@ def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ign
     boxes, skip, items, first, order = tree.boxes, tree.skip, tree.items, tree.first, tree.order
     nodes, objects, mark, number = lists.nodes, lists.objects, lists.mark, found.number
     for i in range(found.begin, found.end):
-        x = np.int64(objects[i])  # one type everywhere, so that functions are compiled once
+        x = np.int64(objects[i])  # the same type everywhere, so that functions are compiled once
         if x >= 0:
             if (x == own_a) | (x == own_b):
                 continue
@@ -96,9 +98,9 @@ def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ign
 
 @kernel_part
 def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untyped-def]
-    """The rays of a group as in the paper: the last occluder, then the shaft's list until something is hit.
+    """Cast the rays of a group as in the paper: test the last occluder, then the shaft's list up to the first hit.
 
-    found, built : the candidates, if the shaft is built; else the parent's, from which it will be
+    found, built : candidates of the shaft, if it is built; otherwise those of its parent, from which it is built
     """
     tree, polygons, source, lit, groups, settings, visible = step
     lists, latest, counts = work.lists, work.latest, work.counts
@@ -149,7 +151,7 @@ def _to_front(at, begin, lists):  # type: ignore[no-untyped-def]
 
 
 class _Clump(NamedTuple):
-    """Receiver points of a bundle: the first one, how many, and the polygon that all lie on; see `Groups`."""
+    """Receiver points of a bundle: first point, number, and the polygon that contains all of them, see `Groups`."""
 
     begin: int
     size: int
@@ -158,7 +160,7 @@ class _Clump(NamedTuple):
 
 @kernel_part
 def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-def]
-    """All rays of a group against one candidate after the other, so that the processor tests several at once."""
+    """Cast all rays of a group against one candidate after the other, for vector units."""
     tree, polygons, source, lit, groups, settings, visible = step
     lists, latest, counts, bundle = work.lists, work.latest, work.counts, work.bundle
     begin, own = groups.begin[group], groups.polygon[group]
@@ -205,7 +207,7 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
                         clear[s, k] = 0
                         left -= 1
     counts[BLOCKED] += rays - left
-    if left:  # it was all False before
+    if left:  # `visible` was all False before
         order = groups.order
         for k in range(clump.size):
             p = order[begin + k]
@@ -215,14 +217,14 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
 
 @kernel_part
 def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untyped-def]
-    """Which rays are cast: 1 in `clear` where both ends face each other. Returns how many.
+    """Set `clear` to 1 for rays whose ends face each other, which are to be cast; return their number.
 
-    common : (M, 3), of each group's points the normal
+    common : (M, 3), common normal of each group's points
     """
     clear, before, begin, count = bundle.clear, bundle.before, clump.begin, clump.size
     samples = len(source.points)
     n, a, heights = lit.normals, source.points, lit.heights
-    left = np.int64(0)  # of so many bits where this runs as Python, too: a sum of bytes would overflow
+    left = np.int64(0)  # 64 bits also when run as Python, because a sum of bytes would overflow
     for k in range(count):
         before[k] = before_emitter(lit, begin + k, source)
         left += before[k]
@@ -234,7 +236,7 @@ def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untype
         if not lit.one_sided:
             for k in range(count):
                 clear[s, k] = before[k]
-        elif flat:  # as `before_receiver`, with one normal
+        elif flat:  # same as `before_receiver`, with one normal
             height = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
             for k in range(count):
                 clear[s, k] = before[k] & (height > heights[begin + k])
@@ -248,7 +250,7 @@ def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untype
 
 @inner_kernel
 def _block(x, polygons, source, lit, clump, bundle, left):  # type: ignore[no-untyped-def]
-    """Take the rays that polygon x blocks out of `clear`; return how many are left of them."""
+    """Remove the rays that polygon x blocks from `clear`; return the number of remaining rays."""
     begin, count, own = clump
     clear, at_a, at_b = bundle.clear, bundle.at_a, bundle.at_b
     forms, flag = polygons.forms, polygons.flags[x]
@@ -262,7 +264,7 @@ def _block(x, polygons, source, lit, clump, bundle, left):  # type: ignore[no-un
     for k in range(count):
         at_b[0, k] = height(f0, f1, f2, f3, bx[begin + k], by[begin + k], bz[begin + k])
         before_b += at_b[0, k] > 0
-    # Nothing to do where no segment can cross the plane, or only from the back of a solid.
+    # Stop if no segment can cross the plane, or only from the back of a solid.
     if not ((before_a and before_b < count) or (before_a < samples and before_b and not flag & SOLID)):
         return left
     for j in range(1, 3):
@@ -295,7 +297,7 @@ def _block(x, polygons, source, lit, clump, bundle, left):  # type: ignore[no-un
 
 @inner_kernel
 def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type: ignore[no-untyped-def]
-    """As `hits`, for all segments at once. at_a, at_b: (3, n), the polygon's three forms at both ends."""
+    """Test all segments at once as `hits` does; at_a, at_b (3, n) are the polygon's three forms at both ends."""
     for s in range(samples):
         ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
         if ha > 0:
@@ -308,7 +310,7 @@ def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type
 
 @kernel_part
 def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
-    """How far the emitter reaches before points in a box that all have this normal; 0 where they haven't one."""
+    """Return the emitter's maximum height in front of a group's points; 0 if they have no common normal."""
     max_height = 0.0
     for k in range(3):
         n = groups.normal[group, k]
@@ -319,14 +321,14 @@ def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
 
 @kernel
 def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-untyped-def]
-    """The groups from `first` to `last`, which is no group's child, from the emitter list on."""
+    """Cast the rays of groups `first` to `last`, starting at the emitter list; `last` is not a child of a group."""
     source, lit, groups, settings = step.source, step.lit, step.groups, step.settings
     lists, around = work.lists, work.around
     for i in range(len(roots)):
         lists.nodes[i], lists.flags[i] = roots[i], root_flags[i]
     top, boxed = objects_of(step, False, -1, 0, len(roots), work)
     found = CandidateRange(0, top, boxed, -1)
-    # The groups around the current one: where each ends, and its list. The emitter list is that of them all.
+    # End and list of each group around the current one. The outermost list is the emitter list.
     ends, level = work.ends, 0
     ends[0] = last
     _keep_list(around, level, found)
@@ -336,7 +338,7 @@ def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-
     while group < last:
         while group >= ends[level]:
             level -= 1
-        # Facing tests first, of all of them at once.
+        # Facing tests come first, for all points of the group at once.
         if (source.one_sided and highest(groups.boxes, group, source.plane) < tiny) or (
             lit.one_sided and _turned_away(source, groups, group) < tiny
         ):
@@ -353,7 +355,7 @@ def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-
                 _keep_list(around, level, found)
                 group += 1
                 continue
-            built = True  # nothing occludes any of its parts
+            built = True  # nothing occludes its parts
         if settings.together:
             _cast_together(step, group, found, built, work)
         else:

@@ -1,7 +1,7 @@
-"""Goldsmith and Salmon's clusters: items put into a BVH one by one, each where it costs least.
+"""BVH of Goldsmith and Salmon: items are inserted one by one, each at the node with the lowest cost.
 
-The BVH of the paper's statistics [SC, Statistics]; an inner node has as many children as came to it. Kept for
-comparison: the trees of `glpath.accel.bvh.build_bvh` cost less by these authors' own measure.
+The paper's statistics use this BVH [SC, Statistics], whose inner nodes may have any number of children. It serves
+for comparison. The trees of `glpath.accel.bvh.build_bvh` cost less by these authors' own measure.
 
 Cost:     0.2 s for a hundred thousand items scattered in a cube.
 
@@ -22,15 +22,15 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 
 def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
-    """A BVH whose leaves are single items, built by insertion [Goldsmith 1987].
+    """Build a BVH whose leaves are single items, by insertion [Goldsmith 1987].
 
     Parameters
     ----------
-    lower, upper : (N, 3) corners of the items' boxes, finite; they may be flat, points, or equal to each other
-    seed         : of the order in which items come; theirs should be random, or neighbours in the list make long
+    lower, upper : (N, 3) corners of the items' boxes, finite; boxes may be flat, points, or equal to each other
+    seed         : seed of the order of insertion, which is random because neighbours in the list would make long
                    chains
 
-    Raises UsageError where the boxes are not finite or inside out.
+    Raises UsageError if boxes are not finite or have lower > upper.
     """
     low, high = checked_boxes(lower, upper)
     boxes = np.concatenate([low, high], axis=1)
@@ -42,11 +42,11 @@ def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
 
 
 class _Links(NamedTuple):
-    """The tree as links. Nodes below N are the items themselves, the others inner nodes; -1 is none.
+    """Tree as links between nodes. Nodes below N are the items, the others are inner nodes; -1 is no node.
 
-    boxes                  : (2 N, 6), the first N of them the items'
-    child, sibling, parent : (2 N,), the first child, the next one of the same parent, and that
-    children               : (2 N,), how many
+    boxes                  : (2 N, 6), boxes of nodes; the first N are those of the items
+    child, sibling, parent : (2 N,), first child, next child of the same parent, and parent
+    children               : (2 N,), number of children
     """
 
     boxes: Float64
@@ -57,14 +57,14 @@ class _Links(NamedTuple):
 
     @classmethod
     def of(cls, boxes: Float64) -> _Links:
-        """Room for a tree over these boxes of items."""
+        """Allocate a tree over the items' boxes."""
         child, sibling, parent = np.full((3, 2 * len(boxes)), -1, np.int32)
         return cls(np.concatenate([boxes, boxes]), child, sibling, parent, np.zeros(len(child), np.int32))
 
 
 @kernel
 def _insert_all(boxes, coming, links):  # type: ignore[no-untyped-def]
-    """Link all items as they are coming; returns the root, -1 without any."""
+    """Link all items in the order of `coming`; return the root, or -1 without items."""
     nodes, child, sibling, parent, children = links
     n = len(boxes)
     size = n
@@ -74,12 +74,12 @@ def _insert_all(boxes, coming, links):  # type: ignore[no-untyped-def]
         if root < 0:
             root = item
             continue
-        # Down along the least growth; among these nodes, the cheapest parent. Testing a node's children costs
-        # its area times their number, so growth costs the growth of the area times the number.
+        # Descend along the smallest growth, and choose the cheapest parent among these nodes. Testing a node's
+        # children costs its area times their number, so its growth costs the additional area times their number.
         node, inherited, best, chosen = root, 0.0, np.inf, -1
         while True:
             grown = _union_area(nodes, node, boxes, item)
-            if node < n:  # the two become a pair instead of the one
+            if node < n:  # the leaf is replaced by a pair
                 cost = inherited + 2 * grown
             else:
                 inherited += (grown - _area(nodes, node)) * children[node]
@@ -136,9 +136,9 @@ def _replace(root, old, new, links):  # type: ignore[no-untyped-def]
 
 @kernel
 def _flatten(links, root, tree, pending):  # type: ignore[no-untyped-def]
-    """The links as depth-first arrays; returns how many nodes there are.
+    """Convert the links to depth-first arrays; return the number of nodes.
 
-    pending : (2 M + 1,), for links yet to come, and ~node where a node's subtree ends
+    pending : (2 M + 1,), working memory for links still to visit, and ~node at the end of a node's subtree
     """
     linked, child, sibling = links.boxes, links.child, links.sibling
     nodes, skip, first, count, order = tree

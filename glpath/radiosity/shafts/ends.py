@@ -1,4 +1,4 @@
-"""The two ends of what is cast: the samples of an emitter, and the points of receivers."""
+"""Ends of the cast segments: samples of an emitter, and points of receivers."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from glpath.system.kernels import inner_kernel, kernel
 
 @dataclass(frozen=True)
 class Emitter:
-    """Points that light comes from.
+    """Sample points of an emitter.
 
     points  : (S, 3) float64
-    normal  : (3,) of a one-sided emitter, which lights only what lies before it; None for light to all sides
-    polygon : the occluder that the points lie on, which does not block them; -1 for none
-    box     : (6,) lower and upper corner, around the points; None for the smallest
+    normal  : (3,) normal of a one-sided emitter, which lights only points in front of it; None for light to all
+              sides
+    polygon : index of the occluder that contains the points and does not block them; -1 for none
+    box     : (6,) lower and upper corner of a box around the points; None for the smallest
     """
 
     points: Float64
@@ -30,9 +31,9 @@ class Emitter:
 
     @classmethod
     def on(cls, occluders: Occluders, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
-        """The front of a polygon, with side x side samples in the middles of cells; a triangle has half of them.
+        """Return samples on a polygon's front: side x side in the middles of cells; half of them on a triangle.
 
-        whole : shafts are made for all of the polygon, as in the paper, and not only for where the samples lie
+        whole : True to build shafts for the whole polygon, as in the paper, not only for the box of the samples
         """
         middles = (np.arange(side) + 0.5) / side
         points = _on_polygons(occluders, np.array([polygon]), middles, middles)[0]
@@ -44,13 +45,13 @@ class Emitter:
 
 @dataclass(frozen=True)
 class Receivers:
-    """Points that light comes to, receiver after receiver.
+    """Points that receive light, receiver after receiver.
 
     points   : (P, 3) float64
-    receiver : (P,) int32, the receiver of each point, in ascending order
-    normals  : (P, 3) of one-sided receivers, which are lit from their front only; None for all sides
-    polygons : (P,) int32, the occluder that each point lies on, which does not block it; -1 for none; None: none at
-               all
+    receiver : (P,) int32, index of the receiver of each point, in ascending order
+    normals  : (P, 3) normals of one-sided receivers, which are lit from their front only; None for all sides
+    polygons : (P,) int32, index of the occluder that contains each point and does not block it, -1 for none; None
+               if no point has one
     """
 
     points: Float64
@@ -60,7 +61,7 @@ class Receivers:
 
     @classmethod
     def on(cls, occluders: Occluders, spacing: float) -> Receivers:
-        """The front of every polygon, with the vertices of a grid at most `spacing` apart, corners included."""
+        """Return grid points on the front of every polygon, at most `spacing` apart, including the corners."""
         edges = np.linalg.norm(occluders.corners[:, 1:] - occluders.corners[:, :1], axis=2)
         cells = np.maximum(np.ceil(edges / spacing - 1e-9), 1).astype(int)
         kinds, kind = np.unique(np.column_stack([cells, occluders.parallelogram]), axis=0, return_inverse=True)
@@ -77,7 +78,7 @@ class Receivers:
 
 
 def _on_polygons(occluders: Occluders, which: NDArray[np.int64], u: Float64, v: Float64) -> Float64:
-    """(n, points, 3): the points u, v of n polygons of one kind, triangles or parallelograms."""
+    """Return (n, points, 3), the points u, v of n polygons of one kind, triangles or parallelograms."""
     uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
     if not occluders.parallelogram[which[0]]:
         uv = uv[uv.sum(axis=1) <= 1 + 1e-12]
@@ -87,7 +88,7 @@ def _on_polygons(occluders: Occluders, which: NDArray[np.int64], u: Float64, v: 
 
 
 class Source(NamedTuple):
-    """The emitter."""
+    """Record of the emitter for the kernels, see `source_of`."""
 
     points: Float64
     box: Float64
@@ -97,7 +98,7 @@ class Source(NamedTuple):
 
 
 class Lit(NamedTuple):
-    """The receivers' points in the order of the groups: x, y, z, normals, normal . point and their polygons."""
+    """Receivers' points in the order of the groups: x, y, z, normals, heights normal . point, and own polygons."""
 
     x: Float64
     y: Float64
@@ -109,7 +110,7 @@ class Lit(NamedTuple):
 
 
 def facing(emitter: Emitter, receivers: Receivers) -> NDArray[np.bool_]:
-    """(P, S) bool: which receiver points and emitter samples lie before each other."""
+    """Return (P, S) bool, True if a receiver point and an emitter sample lie in front of each other."""
     order = np.arange(len(receivers.points))
     faces = np.zeros((len(order), len(emitter.points)), np.bool_)
     _facing(source_of(emitter), lit_of(receivers, order), order, faces)
@@ -132,7 +133,7 @@ def lit_of(receivers: Receivers, order: NDArray[np.int64]) -> Lit:
 
 
 def _plane(emitter: Emitter) -> Float64:
-    """(4,): the height before the emitter, of the farthest back of its points."""
+    """Return the emitter's plane (4,) through its rearmost point; zeros if it emits to all sides."""
     if emitter.normal is None:
         return np.zeros(4)
     normal = _unit(np.asarray(emitter.normal, np.float64))
@@ -151,14 +152,14 @@ def _unit(vectors: Float64) -> Float64:
 
 @inner_kernel
 def before_emitter(lit, k, source):  # type: ignore[no-untyped-def]
-    """Receiver point k lies where the emitter shines."""
+    """Return True if receiver point k lies in front of the emitter."""
     p = source.plane
     return not source.one_sided or p[0] * lit.x[k] + p[1] * lit.y[k] + p[2] * lit.z[k] + p[3] > 0
 
 
 @inner_kernel
 def before_receiver(lit, k, source, s):  # type: ignore[no-untyped-def]
-    """Sample s lies before receiver point k."""
+    """Return True if sample s lies in front of receiver point k."""
     if not lit.one_sided:
         return True
     n, a = lit.normals, source.points
@@ -167,7 +168,7 @@ def before_receiver(lit, k, source, s):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def segment_between(source, s, lit, k):  # type: ignore[no-untyped-def]
-    """From a sample to a receiver point."""
+    """Return the segment from sample s to receiver point k."""
     a = source.points
     return Segment(a[s, 0], a[s, 1], a[s, 2], lit.x[k], lit.y[k], lit.z[k], source.polygon, lit.own[k])
 

@@ -1,8 +1,8 @@
-"""Occluders: flat polygons that can stand between two points, and the one test of a segment against one of them.
+"""Occluders: flat polygons that may block a segment, and the test of a segment against a polygon.
 
-Every search for an occluder ends in `height` and `crosses`, so that all of them must agree bit for bit. What makes
-it so: the boxes of the BVH are wider than any rounding of a crossing. Coordinates in a sliver round worse; its hit
-counts only where the point that it computes lies in the sliver's box, widened less than that of the BVH.
+Every search for an occluder ends in `height` and `crosses`, so all searches agree bit for bit. This requires boxes
+of the BVH that are widened by more than any rounding of a hit. Coordinates in slivers have larger rounding errors.
+A sliver's hit counts only if the computed point lies in the sliver's box, which is widened less than the BVH's.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from glpath.scene.appearance import Appearance
 from glpath.scene.model import Scene
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
-#: Share of a segment, at each of its ends, where nothing blocks it: the surfaces that it ends on have neighbours.
+#: Fraction of a segment at each end where nothing blocks it, because the surfaces at its ends have neighbours.
 ENDS = 1e-5
-#: Rounding, as a share of the largest coordinate: of what a box is widened by, and of a distance from a plane.
+#: Widening of a box, and rounding error of a distance from a plane, as fractions of the largest coordinate.
 _WIDER = 1e-9
 _ROUNDING = 1e-12
-#: How many times the occluders' largest coordinate a point's may be, so that these still cover the rounding.
+#: Maximum coordinate of a point, relative to the occluders' largest, for which these values still cover the
+#: rounding.
 _FARTHEST = 1e3
 
 PARALLELOGRAM, SOLID, SLIVER = 1, 2, 4
-#: Sine of the angle between a polygon's edges below which its coordinates round too badly.
+#: Sine of the angle between a polygon's edges below which it is a sliver, as rounding is too large.
 _THIN = 1e-3
-#: Mean opacity below which a polygon hides nothing.
+#: Mean opacity below which a polygon does not occlude.
 _CLEAR = 0.5
 
 
 class Polygons(NamedTuple):
-    """For the kernels.
+    """Records of polygons for the kernels.
 
-    forms  : (N, 12) float64, three linear forms of a point, four numbers each: the height over the polygon's plane
-             towards its front, and the coordinates along its two edges, 0 to 1 inside
-    bounds : (N, 6) float64, the box that a sliver's hit has to lie in
-    flags  : (N,) uint8, PARALLELOGRAM (else a triangle), SOLID and SLIVER
-    length : the normals' L1 norms, (N,) float64: what a rounding of coordinates does to a height
+    forms  : (N, 12) float64, three linear forms of a point with four numbers each: height over the polygon's plane
+             towards its front, and coordinates along its two edges, 0 to 1 inside
+    bounds : (N, 6) float64, box that must contain a sliver's hit
+    flags  : (N,) uint8, bits PARALLELOGRAM (otherwise a triangle), SOLID and SLIVER
+    length : (N,) float64, L1 norms of the normals, the factor from rounding of coordinates to that of heights
     """
 
     forms: Float64
@@ -52,7 +53,7 @@ class Polygons(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """From point a to point b, for the kernels; own_a and own_b are the polygons that they lie on, -1 for none."""
+    """Segment from point a to point b, for the kernels; own_a and own_b are the ends' polygons, -1 for none."""
 
     ax: float
     ay: float
@@ -66,14 +67,16 @@ class Segment(NamedTuple):
 
 @dataclass(frozen=True)
 class Occluders:
-    """Triangles and parallelograms.
+    """Triangles and parallelograms that occlude.
 
-    corners       : (N, 3, 3) float64: a corner and the next one on either side, counter-clockwise from the front
-    parallelogram : (N,) bool; a triangle otherwise
-    solid         : (N,) bool, part of a closed surface, so that whatever hits its back must have hit a front
-    shape         : (N,) int32, of the scene's shapes
-    clear         : (N,) bool, hides nothing; None: all hide what is behind them
-    culled        : (N,) bool, hides light from behind it alone, which receivers see from its front; None: of none
+    corners       : (N, 3, 3) float64, a corner and both neighbouring corners, counter-clockwise seen from the front
+    parallelogram : (N,) bool, True for parallelograms, False for triangles
+    solid         : (N,) bool, True for parts of closed surfaces, so that a segment that hits a back has also hit a
+                    front
+    shape         : (N,) int32, index of the scene's shape
+    clear         : (N,) bool, True for polygons that do not occlude; None if all occlude
+    culled        : (N,) bool, True for polygons with a culled back, which occlude only emitters behind them from
+                    receivers in front; None if there are none
     """
 
     corners: Float64
@@ -85,12 +88,12 @@ class Occluders:
 
     @classmethod
     def of_scene(cls, scene: Scene, *, culling: bool = False) -> Occluders:
-        """The polygons of a scene; two triangles that make a parallelogram become one. No spheres or planes.
+        """Return the polygons of a scene without spheres and planes; two triangles may form one parallelogram.
 
-        Visibility is all or nothing: of a surface with an opacity or of glass, a polygon hides what is behind it
-        where half of it or more lets nothing through.
+        Visibility is binary: a polygon of a surface with opacity or of glass occludes if it is at least half
+        opaque.
 
-        culling : backs that are not there hide nothing from receivers; else they hide what is behind them
+        culling : True if culled backs do not occlude for receivers behind them; False if they occlude
         """
         shape = scene.triangle_shape
         triangles = np.ascontiguousarray(scene.triangles, np.float64)
@@ -116,7 +119,7 @@ class Occluders:
 
     @classmethod
     def of_triangles(cls, triangles: ArrayLike) -> Occluders:
-        """Triangles (N, 3, 3) as they are."""
+        """Return triangles (N, 3, 3) as occluders, unmerged."""
         corners = np.ascontiguousarray(triangles, np.float64)
         if corners.ndim != 3 or corners.shape[1:] != (3, 3):
             raise UsageError(f"Occluders.of_triangles: shape {corners.shape}; must be (N, 3, 3).")
@@ -128,38 +131,38 @@ class Occluders:
 
     @cached_property
     def size(self) -> float:
-        """The largest coordinate, which rounding is measured by."""
+        """Largest coordinate, which rounding errors are relative to."""
         return float(np.abs(self._outlines()).max(initial=np.finfo(float).tiny))
 
     @property
     def slack(self) -> float:
-        """Length by which a shaft has to be larger than the hull of the points it is made for."""
+        """Length by which a shaft has to be larger than the hull of its points."""
         return _WIDER * self.size
 
     @cached_property
     def normals(self) -> Float64:
-        """(N, 3) unit normals out of the front; of no meaning for a polygon without area."""
+        """Unit normals (N, 3) on the front side; meaningless for polygons without an area."""
         n = self._normals()
         return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
 
     @property
     def areas(self) -> Float64:
-        """(N,) scene units squared."""
+        """Areas (N,) in scene units squared."""
         return np.asarray(np.linalg.norm(self._normals(), axis=1) * np.where(self.parallelogram, 1.0, 0.5))
 
     def boxes(self) -> tuple[Float64, Float64]:
-        """Lower and upper corners, (N, 3) each, widened as a BVH needs them."""
+        """Return lower and upper corners of the boxes, (N, 3) each, widened for a BVH."""
         outlines = self._outlines()
         wide = 2 * _WIDER * self.size
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
 
     def polygons(self, solids: bool) -> Polygons:
-        """The records of the kernels. solids: a solid's polygon blocks only rays from its front."""
+        """Return the records of the kernels. If `solids`, a solid's polygon blocks only rays from its front."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal, front_only = self._normals(), self.solid & solids
         if self.culled is not None:
-            # As of a solid that is turned: what the emitter is behind of is before the receiver, which sees it.
+            # Flipped and treated as solids, they block only segments from emitters behind them.
             e1, e2 = np.where(self.culled[:, None], e2, e1), np.where(self.culled[:, None], e1, e2)
             normal = np.where(self.culled[:, None], -normal, normal)
             front_only = front_only | self.culled
@@ -172,7 +175,7 @@ class Occluders:
         for k, direction in enumerate((normal, np.cross(e2, normal) / over, np.cross(normal, e1) / over)):
             forms[:, k, :3] = direction
             forms[:, k, 3] = -np.einsum("ij,ij->i", direction, corner)
-        forms[~proper] = 0  # all heights 0: without area, or clear, it blocks nothing
+        forms[~proper] = 0  # heights are 0, so that polygons without area and clear ones block nothing
         outlines = self._outlines()
         wide = _WIDER * self.size
         bounds = np.concatenate([outlines.min(axis=1) - wide, outlines.max(axis=1) + wide], axis=1)
@@ -183,7 +186,7 @@ class Occluders:
         return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
 
     def check_points(self, points: Float64, name: str) -> None:
-        """Raises UsageError for points that rounding was not reckoned with for."""
+        """Raise UsageError for points beyond the range for which rounding errors are covered."""
         if points.ndim != 2 or points.shape[1] != 3:
             raise UsageError(f"{name}: shape {points.shape}; must be (n, 3).")
         largest = np.abs(points).max(initial=0.0)
@@ -198,14 +201,14 @@ class Occluders:
         return np.cross(self.corners[:, 1] - corner, self.corners[:, 2] - corner)
 
     def _outlines(self) -> Float64:
-        """(N, 4, 3): all corners; a triangle's last one twice."""
+        """Return (N, 4, 3), all corners; a triangle's last corner is repeated."""
         a, b, c = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
         fourth = np.where(self.parallelogram[:, None], b + c - a, c)
         return np.stack([a, b, c, fourth], axis=1)
 
 
 def is_closed(triangles: Float64) -> bool:
-    """Return True if every edge is passed once in either direction, vertices compared exactly."""
+    """Return True if every edge occurs once in each direction; vertices are compared exactly."""
     vertices = triangles.reshape(-1, 3) + 0.0  # -0 is 0
     _, which = np.unique(vertices, axis=0, return_inverse=True)
     faces = which.reshape(-1, 3)
@@ -216,9 +219,9 @@ def is_closed(triangles: Float64) -> bool:
 
 @kernel
 def _parallelograms(triangles, shape, corners, first, two):  # type: ignore[no-untyped-def]
-    """Put neighbours in the list together where they are a parallelogram; returns how many polygons there are.
+    """Merge successive triangles that form a parallelogram; return the number of polygons.
 
-    Fills corners (N, 3, 3), the first triangle of each (N,), and whether it was put together (N,).
+    Fills corners (N, 3, 3), first triangle of each polygon (N,), and True if it was merged (N,).
     """
     count = len(triangles)
     n, i = 0, 0
@@ -238,9 +241,9 @@ def _parallelograms(triangles, shape, corners, first, two):  # type: ignore[no-u
 
 @kernel_part
 def _apex(triangles, t):  # type: ignore[no-untyped-def]
-    """Which corner of triangle t is opposite to the next, where the two are a parallelogram; -1 where they aren't.
+    """Return the corner of triangle t opposite to the next triangle; -1 if the two do not form a parallelogram.
 
-    They are when they share an edge, passed in opposite directions, with the middle of the other two corners.
+    They do if they share an edge, in opposite directions, whose middle is that of the other two corners.
     """
     a, b = triangles[t], triangles[t + 1]
     for i in range(3):
@@ -263,27 +266,28 @@ def _apex(triangles, t):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
-    """A linear form of a point. All tests compute it here, so that they round alike."""
+    """Return a linear form of a point. All tests use this function, so that they round equally."""
     return f0 * x + f1 * y + f2 * z + f3
 
 
 @inner_kernel
 def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-def]
-    """Whether a segment crosses a polygon, from the three forms at its ends; ha > 0. No branches, for vectors.
+    """Return True if a segment crosses a polygon, from the three forms at its ends with ha > 0, without branches.
 
-    The crossing divides the segment as ha to -hb; everything is multiplied by ha - hb, which saves the division.
+    The hit divides the segment as ha to -hb. All terms are multiplied by ha - hb, which saves the division. Code
+    without branches is vectorized.
     """
     d = ha - hb
     u = ha * ub - hb * ua
     v = ha * vb - hb * va
     within = (ha > ENDS * d) & (ha < (1 - ENDS) * d) & (u >= 0) & (v >= 0)
-    # Of a triangle u + v is at most 1; of a parallelogram each of them is.
+    # In a triangle u + v is at most 1; in a parallelogram u and v each are.
     return within & ((u <= d) & (v <= d) if parallelogram else u + v <= d)
 
 
 @inner_kernel
 def hits(x, segment, polygons):  # type: ignore[no-untyped-def]
-    """Whether polygon x crosses a segment: the test that everything rests on."""
+    """Return True if polygon x crosses a segment; all other tests must agree with this one."""
     ax, ay, az, bx, by, bz, _, _ = segment
     forms, bounds = polygons.forms, polygons.bounds
     f0, f1, f2, f3 = forms[x, 0], forms[x, 1], forms[x, 2], forms[x, 3]
@@ -314,10 +318,10 @@ def hits(x, segment, polygons):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def never_hit(x, a, b, polygons, size):  # type: ignore[no-untyped-def]
-    """Polygon x cannot stand between boxes a and b, since neither reaches to the other side of its plane.
+    """Return True if polygon x cannot block between boxes a and b, because neither crosses its plane.
 
-    That includes one that lies in the plane: a hit would be in the `ENDS` of the segment. And a solid's polygon
-    that a lies behind [SC, Enhancements]. size: the largest coordinate.
+    A box may also lie in the plane, because a hit would be in the `ENDS` of the segment. Also True for a solid's
+    polygon with box a behind it [SC, Enhancements]. `size` is the largest coordinate.
     """
     forms = polygons.forms
     min_a = max_a = min_b = max_b = forms[x, 3]

@@ -1,4 +1,4 @@
-"""How candidates are found, and what was counted while they were: the plain data of `Visibility` [SC]."""
+"""Options and statistics of the search for candidates in `Visibility` [SC]."""
 
 from __future__ import annotations
 
@@ -33,46 +33,48 @@ LARGEST_FIRST, LAST_OCCLUDER_FIRST = 1, 2
 
 @dataclass(frozen=True)
 class ShaftOptions:
-    """How candidates are found, and when it pays; what is visible is the same. The defaults are quick for rooms.
+    """Options of the search for candidates. They change the time, not the result. The defaults are fast for rooms.
 
-    `python -m benchmarks bench shaft-options` measures what each is worth.
+    `python -m benchmarks bench shaft-options` measures the gain of each option.
 
-    strategy          : what becomes of boxes that are not outside a shaft. "always open": the shortest lists, for
-                        many rays a shaft; "keep closed": the cheapest shafts, for few; "overlap open" and "ratio
-                        open" lie between, the paper's choice; "no shaft": a ray caster through the BVH, where
-                        nearly every shaft would have candidates, as in a heap of scattered triangles
-    ratio             : of "ratio open", 0 to 1: the share of children above which a box stays closed; the larger,
-                        the fewer stay closed
-    open_enclosing    : open boxes that enclose a reference box, as every ray would hit them: pays where objects
-                        stand within others' boxes
-    emitter_list      : start at what the emitter does not lie in, found once per step: pays with many receivers
-    behind_emitter    : leave out what lies behind a one-sided emitter, once per step: pays for lamps on walls
-    solids            : leave out polygons of closed surfaces that face away from the emitter: half of them. Only
-                        where no emitter sample lies inside of another solid: back faces do not block then
-    coplanar          : leave out polygons whose plane has the emitter and the receiver on one side: pays in rooms
-    mailbox           : "ratio open" marks the children that are outside below a box that stays closed: pays where a
-                        shaft has many rays
-    tolerance         : shafts begin and end where segments can be blocked, not at the surfaces, so that neighbours
-                        of the receiver stay out: pays on finely divided surfaces
-    coherency         : test the last ray's occluder first, and build the shaft when it misses: pays in deep shadow
-    together          : test all rays of a clump against one candidate after the other, for vector units; False: one
-                        ray after the other, each until it is blocked, as in the paper
-    object_boxes      : test a polygon's box before the polygon, as in the paper: pays for polygons with many
-                        corners and rays that are tested one by one
-    clump             : most points of a receiver that share a shaft; 0 for all of them. Small ones have short
-                        lists, large ones few shafts
-    group             : most points of several receivers that share a shaft, for whose parts further shafts are
-                        made; 0 for none. Pays where receivers are small and many
-    nested            : a clump's shaft starts from the candidate list of its receiver's or group's: pays with
-                        either
-    order             : of the candidate list: as found; the "largest first", or the "last occluder first", which
-                        pay where most rays are blocked and tested one by one
-    min_cut         : planes sorted by the volume they cut off the extent box, those below this share of it left
-                        out; None for all planes unsorted, which pays for very few boxes
-    longest           : number of candidates beyond which "always open" becomes "ratio open"; 0: no limit. Pays
+    strategy          : treatment of boxes that are not outside a shaft. "always open" gives the shortest lists, for
+                        many rays a shaft. "keep closed" gives the cheapest shafts, for few rays. "overlap open" and
+                        "ratio open", the paper's choice, lie between. "no shaft" casts rays through the BVH, for
+                        scenes in which nearly every shaft has candidates, such as a heap of scattered triangles
+    ratio             : for "ratio open", fraction of children not outside, 0 to 1, above which a box stays closed;
+                        larger values close fewer boxes
+    open_enclosing    : True to open boxes that enclose a reference box, because every ray would hit them; useful if
+                        objects lie within the boxes of others
+    emitter_list      : True to start at nodes that do not contain the emitter, found once per step; useful with
+                        many receivers
+    behind_emitter    : True to remove nodes behind a one-sided emitter, once per step; useful for lamps on walls
+    solids            : True to remove polygons of closed surfaces that face away from the emitter, about half of
+                        them. Valid only if no emitter sample lies inside another solid, because back faces do not
+                        block then
+    coplanar          : True to remove polygons whose plane has emitter and receiver on one side; useful in rooms
+    mailbox           : True to mark, below a box that stays closed, the children that are outside ("ratio open");
+                        useful if a shaft has many rays
+    tolerance         : True to begin and end shafts where segments can be blocked, not at the surfaces, which
+                        excludes neighbours of the receiver; useful on finely divided surfaces
+    coherency         : True to test the last ray's occluder first, and to build the shaft if it misses; useful in
+                        deep shadow
+    together          : True to test all rays of a clump against one candidate after the other, for vector units;
+                        False to test one ray after the other until it is blocked, as in the paper
+    object_boxes      : True to test a polygon's box before the polygon, as in the paper; useful for polygons with
+                        many corners and rays that are tested one by one
+    clump             : maximum number of points of a receiver that share a shaft; 0 for all. Small clumps have
+                        short lists, large clumps need few shafts
+    group             : maximum number of points of several receivers that share a shaft, whose parts get nested
+                        shafts; 0 for no groups. Useful if receivers are small and many
+    nested            : True if a clump's shaft starts from the candidate list of its receiver or group
+    order             : order of the candidate list: "found", "largest first", or "last occluder first". The last
+                        two are useful if most rays are blocked and tested one by one
+    min_cut         : minimum volume that a plane cuts off the extent box, as a fraction of the box; smaller planes
+                        are left out, others sorted. None for all planes unsorted, useful for very few boxes
+    longest           : number of candidates above which "always open" becomes "ratio open"; 0 for no limit. Useful
                         in scenes of many thousands of polygons
-    no_shaft_below    : number of rays below which no shaft is built: pays with few receiver points
-    keep_closed_below : number of rays below which the strategy is "keep closed", likewise
+    no_shaft_below    : number of rays below which no shaft is built; useful with few receiver points
+    keep_closed_below : number of rays below which the strategy is "keep closed"; useful with few receiver points
     """
 
     strategy: StrategyName = "always open"
@@ -110,9 +112,9 @@ class ShaftOptions:
 
     @classmethod
     def of_words(cls, words: Sequence[str]) -> ShaftOptions:
-        """From NAME=VALUE, as typed: "strategy=ratio open", "clump=8", "nested=no"; "paper" first: the paper's own.
+        """Parse words NAME=VALUE such as "strategy=ratio open"; the first word "paper" selects the paper's options.
 
-        Raises UsageError for a name or a value that there is not.
+        Raises UsageError for an unknown name or value.
         """
         made = cls()
         for number, word in enumerate(words):
@@ -138,7 +140,7 @@ _TRUTHS = {"yes": True, "true": True, "no": False, "false": False}
 def _value_of(name: str, word: str) -> Any:
     kind = _KINDS[name]
     if kind in ("StrategyName", "OrderName"):
-        return word  # looked at by the options
+        return word  # checked by the options
     if kind == "bool":
         if word.lower() not in _TRUTHS:
             raise UsageError(f"shaft option {name}={word}: must be yes or no.")
@@ -151,7 +153,7 @@ def _value_of(name: str, word: str) -> Any:
         raise UsageError(f"shaft option {name}={word}: must be a {'whole ' * (kind == 'int')}number.") from error
 
 
-#: The paper's own: one shaft per receiver, one ray after the other, nothing of what it leaves to the future.
+#: Options of the paper: one shaft per receiver, one ray after the other, without its future work.
 PAPER = ShaftOptions(
     strategy="ratio open",
     together=False,
@@ -168,19 +170,19 @@ PAPER = ShaftOptions(
 
 @dataclass
 class Statistics:
-    """Counts of a step. Rays are segments that are cast because both ends face each other.
+    """Counts of a step. Rays are segments whose ends face each other.
 
-    shafts       : formed
-    empty_shafts : without any candidate, so that all their rays are free
-    shaft_tests  : of boxes against shafts
-    candidates   : on the lists of shafts that rays were cast through
-    lists        : how many lists that were
-    rays         : all of them
-    blocked      : of the rays
-    cached       : rays that the last occluder stopped, with one test each
+    shafts       : formed shafts
+    empty_shafts : shafts without candidates, so that all their rays are unoccluded
+    shaft_tests  : tests of boxes against shafts
+    candidates   : candidates on the lists of shafts that rays were cast through
+    lists        : lists of shafts that rays were cast through
+    rays         : all rays
+    blocked      : blocked rays
+    cached       : rays that the last occluder blocked, with one test each
     free         : rays through shafts without candidates, without any test
-    box_tests    : of rays against boxes
-    object_tests : of rays against polygons, those of cached rays included
+    box_tests    : tests of rays against boxes
+    object_tests : tests of rays against polygons, including those of cached rays
     """
 
     shafts: int = 0
@@ -197,14 +199,14 @@ class Statistics:
 
     @property
     def tests(self) -> int:
-        """Of rays, against boxes and polygons."""
+        """Number of tests of rays against boxes and polygons."""
         return self.box_tests + self.object_tests
 
     def __add__(self, other: Statistics) -> Statistics:
         return Statistics(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
-# Where each stands in the counts of the kernels.
+# Indices into the counts of the kernels.
 SHAFTS, EMPTY, SHAFT_TESTS, CANDIDATES, LISTS = 0, 1, 2, 3, 4
 RAYS, BLOCKED, CACHED, FREE, BOX_TESTS, OBJECT_TESTS = 5, 6, 7, 8, 9, 10
 STATISTICS = len(fields(Statistics))

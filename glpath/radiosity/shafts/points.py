@@ -1,7 +1,8 @@
-"""Receiver points in clumps that lie together, for shafts narrow enough to be empty and wide enough to pay.
+"""Group receiver points into clumps of nearby points that share a shaft.
 
-The paper makes one shaft per receiver, and leaves clumps of points, shafts within shafts and shafts for several
-receivers to the future [SC, Future Work]. All of them are ranges of the points in one order.
+A shaft should be narrow enough to be empty and wide enough to be worth its cost. The paper makes one shaft per
+receiver, and leaves clumps, nested shafts and shafts for several receivers to the future [SC, Future Work]. Here
+all of them are ranges of one order of the points.
 """
 
 from __future__ import annotations
@@ -16,25 +17,24 @@ from glpath.accel.bvh import Float64, Int32, build_bvh
 from glpath.radiosity.shafts.sorting import merge_sort
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
-#: A shaft within a shaft is made when it has at most this share of the points.
+#: Maximum number of points of a nested shaft, as a fraction of the outer shaft's points.
 _PART = 0.25
 
 
-#: Instead of a polygon's number, where points of a group lie on different ones.
+#: Value instead of a polygon's index if points of a group lie on different polygons.
 SEVERAL = -2
 
 
 class Groups(NamedTuple):
-    """Ranges of points that share a shaft, as a forest in depth-first order, M nodes.
+    """Ranges of points that share a shaft, as a forest of M nodes in depth-first order.
 
-    order      : (P,) int64, the points; a group is order[begin : end]
-    boxes      : (M, 6) float64, around the points
-    skip       : (M,) int64, the node after a group and its parts
+    order      : (P,) int64, indices of the points; a group is order[begin : end]
+    boxes      : (M, 6) float64, boxes around the points
+    skip       : (M,) int64, node after a group and its parts
     begin, end : (M,) int64
-    polygon    : (M,) int64, the occluder that all points lie on; -1 for none, SEVERAL where they lie on different
-                 ones
-    normal     : (M, 3) float64, of unit length where it is that of all points; 0 where it isn't
-    levels     : most groups around any point
+    polygon    : (M,) int64, occluder that contains all points; -1 for none, SEVERAL if they lie on different ones
+    normal     : (M, 3) float64, common unit normal of all points; 0 if their normals differ
+    levels     : maximum number of groups around a point
     """
 
     order: NDArray[np.int64]
@@ -47,7 +47,7 @@ class Groups(NamedTuple):
     levels: int
 
     def parts(self, number: int) -> list[slice]:
-        """The nodes in that many ranges, or fewer, of about as many points, none of which parts a tree."""
+        """Split the nodes into at most `number` ranges with similar numbers of points, without splitting a tree."""
         roots = []
         node = 0
         while node < len(self.skip):
@@ -69,10 +69,10 @@ def group_points(
     group: int,
     nested: bool,
 ) -> Groups:
-    """Clumps of at most `clump` points (0: whole receivers), in groups of at most `group` (0: none).
+    """Group points into clumps of at most `clump` points (0: receivers), in groups of at most `group` (0: none).
 
-    A group and a receiver have shafts of their own only if `nested`. Receivers that are small enough together share
-    a clump where there are groups.
+    Groups and receivers have their own shafts only if `nested`. With groups, receivers that are small enough
+    together share a clump.
     """
     count = len(points)
     start = np.flatnonzero(np.diff(receiver, prepend=receiver[0] - 1))
@@ -100,7 +100,7 @@ def group_points(
     skips, begin, end, of_polygon = (a[:n].copy() for a in (skips, begin, end, of_polygon))
     normal = np.zeros((n, 3))
     if normals is not None:
-        # Equal throughout a range where the last change of the normal lies before it.
+        # Normals are equal in a range if no change of the normal lies inside it.
         sorted_normals = normals[order]
         changes = np.any(np.diff(sorted_normals, axis=0, prepend=sorted_normals[:1]) != 0, axis=1)
         changed = np.cumsum(changes)
@@ -111,11 +111,11 @@ def group_points(
 
 
 class _Forest(NamedTuple):
-    """The receivers, as a forest in depth-first order.
+    """Receivers, as a forest in depth-first order.
 
-    skip   : (F,) int64, the node after a node and those below it
-    size   : (receivers,) int64, points of each leaf
-    before : (F + 1,) int64, how many points lie before each node: filled by `_groups`
+    skip   : (F,) int64, node after a node's subtree
+    size   : (receivers,) int64, number of points of each leaf
+    before : (F + 1,) int64, number of points before each node, filled by `_groups`
     """
 
     skip: NDArray[np.int64]
@@ -124,7 +124,7 @@ class _Forest(NamedTuple):
 
 
 class _Division(NamedTuple):
-    """How points are divided; see `group_points`."""
+    """Limits for dividing points, see `group_points`."""
 
     clump: int
     group: int
@@ -132,12 +132,12 @@ class _Division(NamedTuple):
 
 
 class _Workspace(NamedTuple):
-    """Room to group P points in.
+    """Working memory to group P points.
 
-    pending         : (M + 2, 4), ranges yet to come: node of the forest (-1 below a receiver), begin, end, points
-                      of the group around (0: none). (-2, group) is a group's end
-    box             : (1, 6)
-    keys, by, spare : (P,) to sort points by
+    pending         : (M + 2, 4), ranges still to visit: node of the forest (-1 below a receiver), begin, end,
+                      number of points of the enclosing group (0: none). (-2, group) marks a group's end
+    box             : (1, 6), box of a range
+    keys, by, spare : (P,) working memory to sort points
     """
 
     pending: NDArray[np.int64]
@@ -154,9 +154,9 @@ class _Workspace(NamedTuple):
 
 @kernel
 def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no-untyped-def]
-    """See `group_points`. Fills the arrays of `groups`, but for the normals, and permutes its order.
+    """Fill the arrays of `groups` except the normals, and permute its order; see `group_points`.
 
-    Returns how many groups there are, and the most around any point.
+    Returns the number of groups, and the maximum number of groups around a point.
     """
     order, boxes, skips, begins, ends, polygons, _, _ = groups
     clump, group, nested = division
@@ -212,7 +212,7 @@ def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no
                     waiting += 1
                     children += 1
                     child = skip[child]
-                for i in range(children // 2):  # the first one on top
+                for i in range(children // 2):  # reversed, so that the first child is on top
                     for k in range(4):
                         x = pending[waiting - children + i, k]
                         pending[waiting - children + i, k] = pending[waiting - 1 - i, k]
@@ -243,7 +243,7 @@ def _around(points, order, begin, end, boxes, at):  # type: ignore[no-untyped-de
 
 @kernel_part
 def _halve(points, order, begin, end, work):  # type: ignore[no-untyped-def]
-    """Part a range in the middle of its longest side, half of the points each; return where."""
+    """Split a range along the longest side of its box into halves of the points; return where."""
     box, keys, by = work.box, work.keys, work.by
     _around(points, order, begin, end, box, 0)
     axis = 0

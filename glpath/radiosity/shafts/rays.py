@@ -1,4 +1,4 @@
-"""Rays through a BVH of triangles, on the CPU: the nearest hit."""
+"""Nearest hits of rays in a BVH of triangles, on the CPU."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
 from glpath.system.kernels import inner_kernel
 
-#: Distance along a ray, in the size of the scene, below which it is still at its start.
+#: Minimum distance of a hit, as a fraction of the scene's extent.
 _START = 1e-9
 
 
 class Rays(NamedTuple):
-    """The tree and triangles of `nearest`.
+    """BVH and triangles for `nearest`.
 
-    boxes   : (M, 6) of a BVH; see `Bvh` for skip, first, items (its count) and order
+    boxes   : (M, 6) boxes of the nodes; see `Bvh` for skip, first, items (its count) and order
     corners : (T, 9): corner 0 of each triangle, and the edges from it to corners 1 and 2
-    start   : distance before which nothing is hit
+    start   : minimum distance of a hit
     """
 
     boxes: Float64
@@ -33,16 +33,16 @@ class Rays(NamedTuple):
 
 
 def rays_of(scene: Scene) -> Rays:
-    """Of a scene in triangles."""
+    """Build the ray queries of a triangulated scene."""
     low, high = scene.bounds
     return rays_through(scene.triangles, float(np.max(high - low)))
 
 
 def rays_through(triangles: Float64, extent: float) -> Rays:
-    """Of triangles (T, 3, 3), one at least, in a scene whose box has a longest side of `extent`."""
+    """Build the ray queries of T >= 1 triangles (T, 3, 3) in a scene whose box has a longest side of `extent`."""
     tree = build_bvh(triangles.min(axis=1), triangles.max(axis=1))
     start = _START * extent
-    # Wider than a crossing is rounded by.
+    # Boxes are widened by more than the rounding of a hit.
     boxes = np.concatenate([tree.lower - start, tree.upper + start], axis=1)
     corners = np.concatenate(
         [triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]], 1
@@ -52,10 +52,10 @@ def rays_through(triangles: Float64, extent: float) -> Rays:
 
 @inner_kernel
 def nearest(rays, o, d, own, found):  # type: ignore[no-untyped-def]
-    """The first triangle along a ray, but for `own`; -1 for none. Fills found: distance and b1, b2 of the hit."""
+    """Return the first triangle along a ray except `own`, or -1. Fills `found`: distance and b1, b2 of the hit."""
     boxes, corners = rays.boxes, rays.corners
     ox, oy, oz, dx, dy, dz = o[0], o[1], o[2], d[0], d[1], d[2]
-    # Infinities do what is right, but for 0 * infinity, which min and max pass over.
+    # Infinities give correct results, except for 0 * infinity, which min and max ignore.
     ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
     far, hit = np.inf, -1
     node = 0

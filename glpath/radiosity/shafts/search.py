@@ -1,7 +1,7 @@
-"""Candidates between an emitter and a group of receiver points: the emitter list, and the lists of shafts.
+"""Candidate occluders between an emitter and a group of receiver points: the emitter list, and lists of shafts.
 
-Kernels. A list is a range of `Work`, and starts from the list of the group around, if there is one: shafts within
-shafts [SC, Future Work].
+These are kernels. A list is a range in `Work`. A nested shaft's list starts from the list of the enclosing group
+[SC, Future Work].
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _KEEP_CLOSED, _ALWAYS_OPEN, _RATIO_OPEN = (
 
 
 class SearchTree(NamedTuple):
-    """With the parent of each node, and the leaf of each item."""
+    """Tree with the parent of each node, and the leaf of each item."""
 
     tree: Tree
     parent: Int32
@@ -52,7 +52,7 @@ class SearchTree(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """`ShaftOptions` for the kernels."""
+    """`ShaftOptions` as numbers for the kernels."""
 
     strategy: int
     ratio: float
@@ -72,7 +72,7 @@ class Settings(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One emitter against all receivers.
+    """Input and output of the visibility between one emitter and all receivers.
 
     visible : (P, S) bool, the result
     """
@@ -89,9 +89,9 @@ class Step(NamedTuple):
 class Bundle(NamedTuple):
     """Rays that are tested together.
 
-    clear      : (S, K) which are not blocked yet
-    before     : (K,) which points lie before the emitter
-    at_a, at_b : (3, S) and (3, K), forms of a polygon at their ends
+    clear      : (S, K) 1 for rays that are not blocked so far
+    before     : (K,) 1 for points in front of the emitter
+    at_a, at_b : (3, S) and (3, K), linear forms of a polygon at both ends of the rays
     """
 
     clear: NDArray[np.uint8]
@@ -101,14 +101,14 @@ class Bundle(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room that a thread works in.
+    """Working memory of a thread.
 
-    lists           : of candidates, those of the groups around before a group's own
-    shaft           : the latest
-    latest          : (2,) the latest shaft's number, and the latest occluder or -1
-    keys, by, spare : (M,) of `merge_sort`; empty where lists are not sorted
-    ends, around    : (L,) of the groups around the current one where each ends, and (L, 4) its list
-    counts          : of `Statistics`, which are added to
+    lists           : candidate lists, those of enclosing groups before a group's own
+    shaft           : latest shaft
+    latest          : (2,) number of the latest shaft, and the latest occluder or -1
+    keys, by, spare : (M,) working memory of `merge_sort`; empty if lists are not sorted
+    ends, around    : (L,) end, and (L, 4) list, of each group around the current one
+    counts          : counts of `Statistics`, which are increased
     """
 
     lists: CandidateLists
@@ -124,7 +124,7 @@ class Work(NamedTuple):
 
     @classmethod
     def of(cls, step: Step, together: int, mailbox: bool) -> Work:
-        """For at most `together` points at once."""
+        """Allocate for at most `together` points at once."""
         nodes, levels, samples = len(step.tree.skip), step.groups.levels, len(step.source.points)
         room = (levels + 2) * nodes + 1
         longest = nodes if step.settings.order == LARGEST_FIRST else 0
@@ -148,7 +148,7 @@ NUMBER, OCCLUDER = 0, 1
 
 
 class CandidateRange(NamedTuple):
-    """Candidates in `Work`: their range, whether boxes are tested, and the number of the shaft (-1: of none)."""
+    """Candidates in `Work`: their range, True if boxes are tested, and the shaft's number, -1 for none."""
 
     begin: int
     end: int
@@ -158,7 +158,7 @@ class CandidateRange(NamedTuple):
 
 @kernel
 def _upwards(tree, parent, leaf_of):  # type: ignore[no-untyped-def]
-    """Fill each node's parent and each item's leaf, which are -1."""
+    """Fill in each node's parent and each item's leaf, which are -1 before."""
     for node in range(len(tree.skip)):
         child = node + 1
         while child < tree.skip[node]:
@@ -170,7 +170,7 @@ def _upwards(tree, parent, leaf_of):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
-    """The largest height of boxes[i] over a plane (4,)."""
+    """Return the largest height of boxes[i] over a plane (4,)."""
     max_height = plane[3]
     for k in range(3):
         max_height += plane[k] * boxes[i, k + 3 if plane[k] > 0 else k]
@@ -179,18 +179,18 @@ def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
 
 @kernel
 def find_emitter_list(search, source, wanted, behind, touching, lists):  # type: ignore[no-untyped-def]
-    """See `Visibility.emitter_list`. Fills the nodes and flags of `lists`, and returns how many there are.
+    """Fill the nodes and flags of `lists` as `Visibility.emitter_list` describes, and return their number.
 
-    touching : the flag of what overlaps the emitter's box
+    touching : flag of nodes that overlap the emitter's box
     """
     tree, parent, leaf_of = search
-    leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1  # of its polygon, which is left out
+    leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1  # of the emitter, which is left out
     box, plane, pending = source.box, source.plane, lists.stack[:, 0]
     n = 0
     if not len(tree.skip):
         return n
-    # Walk up from the emitter; the siblings of its nodes are looked at. An emitter that is none of the objects, or
-    # that has a larger box than its polygon, starts at the root.
+    # Walk up from the emitter, and test the siblings of its nodes. An emitter that is not an object, or whose box
+    # is larger than its polygon's, starts at the root.
     below = leaf
     node = parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
@@ -231,12 +231,12 @@ def find_emitter_list(search, source, wanted, behind, touching, lists):  # type:
 
 @inner_kernel
 def objects_of(step, coplanar, own_b, begin, end, work):  # type: ignore[no-untyped-def]
-    """Note which candidates are single polygons; leave out those that can't block between the shaft's boxes.
+    """Record which candidates are single polygons; remove those that cannot block between the shaft's boxes.
 
-    coplanar : leave out by planes, too
-    own_b    : the polygon that the receiver points lie on
+    coplanar : True to remove polygons by their planes too
+    own_b    : index of the polygon that contains the receiver points
 
-    Returns the new end, and whether boxes are left.
+    Returns the new end, and True if boxes must be tested.
     """
     tree, polygons, settings, own_a = step.tree, step.polygons, step.settings, step.source.polygon
     lists, shaft = work.lists, work.shaft
@@ -262,7 +262,7 @@ def objects_of(step, coplanar, own_b, begin, end, work):  # type: ignore[no-unty
 
 @kernel_part
 def _largest_first(tree, begin, end, work):  # type: ignore[no-untyped-def]
-    """Sort a list by the surface of the part of each box that lies in the shaft's extent box."""
+    """Sort a list by the surface area of each box's part inside the shaft's extent box, largest first."""
     n = end - begin
     extent, boxes, lists = work.shaft.extent, tree.boxes, work.lists
     keys, by, spare = work.keys, work.by, work.spare
@@ -287,14 +287,14 @@ def _permute(values, begin, by, spare, n):  # type: ignore[no-untyped-def]
         values[begin + i] = spare[i]
 
 
-@kernel  # and not a part of its callers, so that it can be compiled beside them
+@kernel  # separate from its callers, so that it is compiled in parallel with them
 def shaft_list(step, group, parent, leaf, work):  # type: ignore[no-untyped-def]
-    """Form the shaft between the emitter and a group; its candidates' range, behind the parent's."""
+    """Form the shaft between the emitter and a group; return the range of its candidates, after the parent's."""
     tree, source, groups, settings = step.tree, step.source, step.groups, step.settings
     lists, shaft, latest, counts = work.lists, work.shaft, work.latest, work.counts
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
-        # The points that lie this share along the segments from all of one box to all of the other.
+        # Points at this fraction of all segments from one box to the other.
         emitter, receiver = source.box[k], groups.boxes[group, k]
         shaft.a[k] = emitter + share * (receiver - emitter)
         shaft.b[k] = receiver + share * (emitter - receiver)
@@ -308,7 +308,7 @@ def shaft_list(step, group, parent, leaf, work):  # type: ignore[no-untyped-def]
     longest = settings.longest if strategy == _ALWAYS_OPEN else nodes
     opening = Opening(strategy, settings.ratio, settings.open_enclosing)
     size, tests = gather(tree, shaft, opening, lists, parent.begin, parent.end, number, longest)
-    if size < 0:  # too many to test one by one: keep boxes of them
+    if size < 0:  # too many to test one by one, so keep boxes closed
         opening = Opening(_RATIO_OPEN, settings.ratio, settings.open_enclosing)
         size, more = gather(tree, shaft, opening, lists, parent.begin, parent.end, number, nodes)
         tests += more

@@ -1,18 +1,18 @@
-"""Shaft: the volume between two boxes, and which boxes and spheres can stand in it [SC].
+"""Shaft: the volume between two boxes, and tests of boxes and spheres against it [SC].
 
-The shaft is the convex hull of the two boxes. Its faces are those of the box around both, and one plane through
-each pair of parallel edges that has an edge of that box to cut off: at most eight.
+The shaft is the convex hull of the two boxes. Its faces are those of the extent box around both, and at most eight
+planes. Each plane goes through a pair of parallel edges and cuts off an edge of the extent box.
 
-Why boxes are never falsely called overlapping, which the paper supposes: two convex bodies are apart exactly where
-a facet normal of their difference separates them. Towards every direction of one octant the support of a box is one
-corner, that of the hull the farther one of two corners; so within an octant only the plane of directions in which
-these two are equally far can bend the difference's support. Facet normals are where such bends meet: on the axes,
-and where that plane meets a side of the octant, where one coordinate of the direction is 0. The former are the
-faces of the extent box, the latter are the planes of the plane set, all of which are tested. Spheres have other
-normals.
+The test never classifies a separate box as overlapping, which the paper assumes. Two convex bodies
+are separate exactly if a facet normal of their Minkowski difference separates them. For all directions in an
+octant, a box's support is one corner, and the hull's support is the farther of two corners. Within an octant, only
+the plane of directions in which these two are equally far can bend the difference's support. Facet normals are
+intersections of such bends: the axes, and directions of that plane with one coordinate 0. The former are the faces
+of the extent box. The latter are the planes of the plane set, all of which are tested. Spheres have other normals.
 
-Cost:     to form, at most eight planes of four operations each; to test a box, at most two products per plane.
-Poor at:  boxes far larger than what they stand for: a wide diagonal polygon fills little of its box.
+Cost:     at most eight planes of four operations each to form a shaft; at most two products per plane to test a
+          box.
+Poor at:  boxes far larger than their contents, such as the box of a wide diagonal polygon.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
 1991. [Arvo 1990] J. Arvo, "A simple method for box-sphere intersection testing", Graphics Gems, 335-339.
@@ -32,13 +32,13 @@ from glpath.accel.nodes import Bvh, Tree
 from glpath.errors import UsageError
 from glpath.system.kernels import inner_kernel, kernel, outer
 
-#: A box as six numbers: lo.x lo.y lo.z hi.x hi.y hi.z. Offsets and faces count in this order.
+#: Order of a box's six numbers, offsets and faces: lo.x lo.y lo.z hi.x hi.y hi.z.
 FACES = ("MIN_X", "MIN_Y", "MIN_Z", "MAX_X", "MAX_Y", "MAX_Z")
 MAX_PLANES = 8
 
 
 class Containment(IntEnum):
-    """Where a box or a sphere lies with respect to a shaft."""
+    """Position of a box or a sphere relative to a shaft."""
 
     OUTSIDE = 0
     OVERLAPPING = 1
@@ -46,13 +46,13 @@ class Containment(IntEnum):
 
 
 class Strategy(IntEnum):
-    """How to treat a box of several items that is not outside [SC, Creating the Candidate List].
+    """Treatment of a box of several items that is not outside [SC, Creating the Candidate List].
 
-    KEEP_CLOSED  : a candidate. The quickest list, and the longest rays
-    ALWAYS_OPEN  : open it, so that the list holds objects only
-    OVERLAP_OPEN : a candidate where it is inside, since rays may well miss it; opened where it overlaps
-    RATIO_OPEN   : as before, but one that overlaps stays closed when more than the share `ratio` of its children is
-                   not outside. A single such child replaces its parent
+    KEEP_CLOSED  : it becomes a candidate. The list is the fastest, the rays are the slowest
+    ALWAYS_OPEN  : it is opened, so that the list holds objects only
+    OVERLAP_OPEN : it becomes a candidate if it is inside, because rays may miss it; it is opened if it overlaps
+    RATIO_OPEN   : as OVERLAP_OPEN, but an overlapping box stays closed if more than the fraction `ratio` of its
+                   children is not outside. A single such child replaces its parent
     """
 
     KEEP_CLOSED = 0
@@ -62,21 +62,21 @@ class Strategy(IntEnum):
 
 
 _OUTSIDE, _OVERLAPPING, _INSIDE = (int(p) for p in Containment)
-_ENCLOSING = 3  # overlaps, and has a whole reference box in it, so that every ray hits it
+_ENCLOSING = 3  # overlaps and contains a whole reference box, so that every ray hits it
 _KEEP_CLOSED, _ALWAYS_OPEN, _OVERLAP_OPEN, _RATIO_OPEN = (int(s) for s in Strategy)
 
 
 @dataclass(frozen=True)
 class Shaft:
-    """The convex hull of two boxes, as the paper forms it.
+    """Convex hull of two boxes, formed as in the paper.
 
-    box_a, box_b     : (6,) float64, the reference boxes: lo.x lo.y lo.z hi.x hi.y hi.z
-    extent           : (6,) float64, the box around both, `slack` larger on every side
-    faces_a, faces_b : the faces of the extent box that only that reference box reaches, such as "MIN_X"
-    planes           : (P, 4) float64, normal out of the shaft (not of unit length; one coordinate is 0) and
-                       distance: a point x is outside where normal . x + distance > 0
-    near, far        : (P, 3) int64, for each plane which of a box's six numbers are the corner nearest to the
-                       inside, and the farthest
+    box_a, box_b     : (6,) float64, reference boxes: lo.x lo.y lo.z hi.x hi.y hi.z
+    extent           : (6,) float64, box around both, `slack` larger on every side
+    faces_a, faces_b : names of the extent box's faces that only that reference box reaches, such as "MIN_X"
+    planes           : (P, 4) float64, outward normal (not of unit length, one coordinate is 0) and distance; a
+                       point x is outside if normal . x + distance > 0
+    near, far        : (P, 3) int64, indices into a box's six numbers for each plane: corner nearest to the inside,
+                       and farthest corner
 
     Example
     -------
@@ -101,13 +101,15 @@ class Shaft:
     def between(
         cls, box_a: ArrayLike, box_b: ArrayLike, *, slack: float = 0.0, min_cut: float | None = None
     ) -> Shaft:
-        """The shaft between two boxes, each [lower, upper] or six numbers; flat, equal, nested: all are allowed.
+        """Build the shaft between two boxes, each [lower, upper] or six numbers; they may be flat, equal or nested.
 
         Parameters
         ----------
-        slack     : length by which the shaft is larger on every side, so that rounding cannot lose what touches it
-        min_cut : sort the planes by the volume that each cuts off the extent box, largest first, and leave out
-                    those that cut off less than this share of it [SC, Future Work]; None takes them as they come
+        slack     : length by which the shaft is larger on every side, so that rounding does not lose boxes that
+                    touch it
+        min_cut : minimum volume that a plane cuts off the extent box, as a fraction of the box. Planes are sorted
+                    by this volume, largest first, and smaller ones are left out [SC, Future Work]. None keeps all
+                    planes unsorted
         """
         a, b = _box(box_a, "box_a"), _box(box_b, "box_b")
         formed = FormedShaft.between(a, b)
@@ -119,7 +121,7 @@ class Shaft:
         return cls(a, b, formed.extent, faces_a, faces_b, full, corners)
 
     def classify(self, boxes: ArrayLike) -> NDArray[np.int8]:
-        """(N,) int8 of `Containment`, for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
+        """Return (N,) int8 of `Containment` for boxes (N, 2, 3), lower and upper corners, or (N, 6)."""
         given = np.ascontiguousarray(boxes, np.float64)
         if given.ndim < 2 or given[0:1].size not in (0, 6) or given.size % 6:
             raise UsageError(f"Shaft.classify: boxes of shape {given.shape}; allowed are (N, 2, 3) and (N, 6).")
@@ -129,10 +131,10 @@ class Shaft:
         return found
 
     def classify_spheres(self, centres: ArrayLike, radii: ArrayLike) -> NDArray[np.int8]:
-        """(N,) int8 of `Containment`, for spheres: centres (N, 3), radii (N,) >= 0.
+        """Return (N,) int8 of `Containment` for spheres with centres (N, 3) and radii (N,) >= 0.
 
-        A sphere can be called overlapping though it is outside, near an edge of the shaft [SC, figure 4]; never the
-        reverse. INSIDE is T < -radius, see ERRATA of the paper: its comparison is printed reversed.
+        Near an edge of the shaft, a sphere outside may be classified as overlapping [SC, figure 4], but never the
+        reverse. INSIDE means T < -radius; the paper prints this comparison reversed.
         """
         centre = np.ascontiguousarray(centres, np.float64).reshape(-1, 3)
         radius = np.ascontiguousarray(np.broadcast_to(np.asarray(radii, np.float64), len(centre)))
@@ -145,14 +147,14 @@ class Shaft:
 
 
 class FormedShaft(NamedTuple):
-    """A `Shaft` for the kernels.
+    """Record of a `Shaft` for the kernels.
 
-    a, b   : (6,) float64, the reference boxes
-    extent : (6,) float64
-    planes : (8, 4) float64: the two coordinates of the normal that are not 0, the distance, and the share that it
-             cuts off, where that is asked for
-    near   : (8, 2) int64: which of a box's six numbers belong to them; the axis is that modulo 3
-    size   : (1,) int64, planes that there are
+    a, b   : (6,) float64, reference boxes
+    extent : (6,) float64, box around both
+    planes : (8, 4) float64, the two coordinates of the normal that are not 0, the distance, and the fraction that
+             the plane cuts off, if requested
+    near   : (8, 2) int64, indices into a box's six numbers for both coordinates; the axis is the index modulo 3
+    size   : (1,) int64, number of planes
     """
 
     a: Float64
@@ -164,7 +166,7 @@ class FormedShaft(NamedTuple):
 
     @classmethod
     def between(cls, a: Float64, b: Float64) -> FormedShaft:
-        """Room for the shaft between two boxes, which `form_shaft` fills."""
+        """Allocate the shaft between two boxes, which `form_shaft` fills."""
         planes, near = np.empty((MAX_PLANES, 4)), np.empty((MAX_PLANES, 2), np.int64)
         return cls(a, b, np.empty(6), planes, near, np.zeros(1, np.int64))
 
@@ -175,7 +177,7 @@ class FormedShaft(NamedTuple):
 
 
 class Opening(NamedTuple):
-    """Which boxes of several items are opened: a `Strategy`, its ratio, and those that enclose a reference box."""
+    """Rule that opens boxes of several items: a `Strategy`, its ratio, and True to open enclosing boxes."""
 
     strategy: int
     ratio: float
@@ -183,14 +185,14 @@ class Opening(NamedTuple):
 
 
 class CandidateLists(NamedTuple):
-    """Lists of candidates one behind the other, and what finds them works in.
+    """Lists of candidates one after the other, and working memory of `gather`.
 
-    nodes   : (L,) int32, of the tree
-    flags   : (L,) int8, what is known of each, see `classify_box`
-    objects : (L,) int32, the polygon of a leaf or -1; empty where only nodes are asked for
-    mark    : (M,) int64; children that are outside, but whose parent is a candidate, have the number of the shaft
-              [SC, Enhancements: mailbox]. Empty where they aren't marked
-    stack   : (M + 1, 3) int32, what is still to be looked at: node, flag and containment
+    nodes   : (L,) int32, nodes of the tree
+    flags   : (L,) int8, flag of each node, see `classify_box`
+    objects : (L,) int32, polygon of a leaf or -1; empty if only nodes are requested
+    mark    : (M,) int64, number of the shaft for children outside it whose parent is a candidate [SC, Enhancements:
+              mailbox]. Empty if children are not marked
+    stack   : (M + 1, 3) int32, nodes still to be tested: node, flag and containment
     """
 
     nodes: Int32
@@ -201,7 +203,7 @@ class CandidateLists(NamedTuple):
 
     @classmethod
     def empty(cls, nodes: int, room: int, objects: int = 0, mailbox: bool = False) -> CandidateLists:
-        """For a tree of so many nodes, with room for so many candidates and polygons."""
+        """Allocate for a tree of `nodes` nodes, `room` candidates and `objects` polygons."""
         return cls(
             np.empty(room, np.int32),
             np.empty(room, np.int8),
@@ -219,22 +221,23 @@ def candidate_list(
     ratio: float = 0.4,
     open_enclosing: bool = True,
 ) -> Int32:
-    """The nodes that can stand between the two boxes of a shaft [SC, Creating the Candidate List].
+    """Return the nodes that may block between the two boxes of a shaft [SC, Creating the Candidate List].
 
-    All items not below one of these nodes are outside the shaft. An empty list: nothing occludes.
+    All items not below one of these nodes are outside the shaft. If the list is empty, nothing occludes.
 
     Parameters
     ----------
-    ratio          : of `Strategy.RATIO_OPEN`
-    open_enclosing : open nodes that enclose a reference box whatever the strategy, as every ray would hit them
+    ratio          : ratio of `Strategy.RATIO_OPEN`
+    open_enclosing : True to open nodes that enclose a reference box with any strategy, because every ray would hit
+                     them
 
-    Returns (n,) int32, nodes of the BVH: leaves, and what the strategy keeps closed.
+    Returns (n,) int32, nodes of the BVH: leaves, and nodes that the strategy keeps closed.
     """
     tree = Tree.of(bvh)
     n = len(tree.skip)
     roots = min(n, 1)
     lists = CandidateLists.empty(n, n + roots)
-    # From the root on; whether it overlaps the first box is not known.
+    # Start at the root; its overlap with the first box is unknown.
     lists.nodes[:roots], lists.flags[:roots] = 0, -1
     opening = Opening(int(strategy), float(ratio), open_enclosing)
     end, _ = _gather(tree, FormedShaft.of(shaft), opening, lists, 0, roots, 0, n)
@@ -255,10 +258,10 @@ def _box(box: ArrayLike, name: str) -> Float64:
 
 
 def _with_three_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, NDArray[np.int64]]:
-    """From the kernels' planes of two coordinates, (P, 4) and (P, 2), to the paper's."""
+    """Convert the kernels' planes of two coordinates, (P, 4) and (P, 2), to the paper's (P, 4) and (P, 3)."""
     rows = np.arange(len(planes))
     full = np.zeros((len(planes), 4))
-    corner = np.tile(np.arange(3), (len(planes), 1))  # where the normal is 0, either will do
+    corner = np.tile(np.arange(3), (len(planes), 1))  # if the normal is 0 there, either corner is right
     for k in range(2):
         full[rows, near[:, k] % 3] = planes[:, k]
         corner[rows, near[:, k] % 3] = near[:, k]
@@ -274,13 +277,13 @@ def _with_two_axes(planes: Float64, near: NDArray[np.int64]) -> tuple[Float64, N
 
 @inner_kernel
 def _beyond(a, b, face):  # type: ignore[no-untyped-def]
-    """Only box a reaches that face of the box around both."""
+    """Return True if only box a reaches that face of the box around both."""
     return a[face] < b[face] if face < 3 else a[face] > b[face]
 
 
 @inner_kernel
 def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
-    """Fill the planes and the extent of the shaft between its boxes. See `Shaft.between`."""
+    """Fill in the planes and the extent of the shaft between its boxes, see `Shaft.between`."""
     a, b, extent, planes, near, size = shaft
     for k in range(3):
         extent[k] = min(a[k], b[k]) - slack
@@ -293,19 +296,19 @@ def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
             i, j = f % 3, g % 3
             if i == j or not _beyond(b, a, g):
                 continue
-            # The edge where both coordinates are extreme is cut off, from the edge of a to the parallel one of b.
+            # Cut off the edge at which both coordinates are extreme, from the edge of a to the parallel edge of b.
             across, along = abs(a[f] - b[f]), abs(b[g] - a[g])
             ni = along if f >= 3 else -along
             nj = across if g >= 3 else -across
             distance = -(ni * a[f] + nj * a[g]) - slack * (along + across)
             cut = 0.0
             if min_cut >= 0:
-                # A prism: half a rectangle, of the extent box's cross-section.
+                # Fraction of a prism: half a rectangle relative to the extent box's cross-section.
                 cut = 0.5 * (across / (extent[i + 3] - extent[i])) * (along / (extent[j + 3] - extent[j]))
                 if cut < min_cut:
                     continue
             at = n
-            while at > 0 and cut > planes[at - 1, 3]:  # equal ones, all of them without an order, stay as they come
+            while at > 0 and cut > planes[at - 1, 3]:  # stable; without `min_cut` all are equal
                 for k in range(4):
                     planes[at, k] = planes[at - 1, k]
                 for k in range(2):
@@ -320,7 +323,7 @@ def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
-    """boxes[i] and a box. An index instead of a row, here and below: making a view of an array costs as much."""
+    """Return True if boxes[i] overlaps a box. An index is passed, because a view of a row costs as much."""
     return (
         boxes[i, 0] <= other[3] and other[0] <= boxes[i, 3]
         and boxes[i, 1] <= other[4] and other[1] <= boxes[i, 4]
@@ -330,7 +333,7 @@ def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def encloses(boxes, i, other):  # type: ignore[no-untyped-def]
-    """A box is within boxes[i]."""
+    """Return True if boxes[i] encloses a box."""
     return (
         boxes[i, 0] <= other[0] and other[3] <= boxes[i, 3]
         and boxes[i, 1] <= other[1] and other[4] <= boxes[i, 4]
@@ -340,10 +343,10 @@ def encloses(boxes, i, other):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def classify_box(boxes, i, flag, shaft, whole):  # type: ignore[no-untyped-def]
-    """`Containment` of boxes[i], INSIDE only where `whole`; or `_ENCLOSING`.
+    """Return the `Containment` of boxes[i], or `_ENCLOSING`; INSIDE is only detected if `whole`.
 
-    flag : what is known of the box and reference box a, the emitter's [SC, Enhancements]: 1 they overlap, 0 they
-           don't, -1 nothing. Where it is known, the box does not enclose a
+    flag : overlap of the box with reference box a, the emitter's [SC, Enhancements]: 1 overlap, 0 no overlap, -1
+           unknown. If it is known, the box does not enclose a
     """
     a, b, planes, near = shaft.a, shaft.b, shaft.planes, shaft.near
     touches = flag == 1
@@ -366,7 +369,7 @@ def classify_box(boxes, i, flag, shaft, whole):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _within(boxes, i, shaft):  # type: ignore[no-untyped-def]
-    """All of boxes[i] is in the shaft."""
+    """Return True if all of boxes[i] is in the shaft."""
     extent, planes, near = shaft.extent, shaft.planes, shaft.near
     for k in range(3):
         if boxes[i, k] < extent[k] or boxes[i, k + 3] > extent[k + 3]:
@@ -382,14 +385,14 @@ def _within(boxes, i, shaft):  # type: ignore[no-untyped-def]
 def _classify_boxes(boxes, shaft, found):  # type: ignore[no-untyped-def]
     for i in range(len(boxes)):
         containment = classify_box(boxes, i, np.int64(-1), shaft, True)
-        if containment == _ENCLOSING:  # which may be inside as well, where it is as large as the shaft
+        if containment == _ENCLOSING:  # may also be inside, if it is as large as the shaft
             containment = _INSIDE if _within(boxes, i, shaft) else _OVERLAPPING
         found[i] = containment
 
 
 @kernel
 def _classify_spheres(centres, radii, a, b, extent, planes, found):  # type: ignore[no-untyped-def]
-    """planes: (P, 4), of unit normals."""
+    """Fill in the `Containment` of spheres; planes (P, 4) have unit normals."""
     for i in range(len(centres)):
         c, r = centres[i], radii[i]
         if _distance_squared(c, extent) > r * r:
@@ -413,7 +416,7 @@ def _classify_spheres(centres, radii, a, b, extent, planes, found):  # type: ign
 
 @inner_kernel
 def _distance_squared(point, box):  # type: ignore[no-untyped-def]
-    """From a point to a box [Arvo 1990]."""
+    """Return the squared distance from a point to a box [Arvo 1990]."""
     total = 0.0
     for k in range(3):
         d = max(max(box[k] - point[k], point[k] - box[k + 3]), 0.0)
@@ -423,12 +426,12 @@ def _distance_squared(point, box):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def gather(tree, shaft, opening, lists, begin, end, number, max_candidates):  # type: ignore[no-untyped-def]
-    """The candidates below those from `begin` to `end`, behind these; see `candidate_list`.
+    """Append the candidates below those from `begin` to `end`; see `candidate_list`.
 
-    number         : of the shaft, for marks
-    max_candidates : give up beyond that many candidates
+    number         : number of the shaft, for marks
+    max_candidates : maximum number of candidates; with more it gives up
 
-    Returns the new end, -1 where it gave up, and how many boxes were tested.
+    Returns the new end, or -1 if it gave up, and the number of tested boxes.
     """
     strategy, ratio, open_enclosing = opening
     whole = strategy in (_OVERLAP_OPEN, _RATIO_OPEN)
@@ -451,7 +454,7 @@ def gather(tree, shaft, opening, lists, begin, end, number, max_candidates):  # 
             opened = opened or (strategy == _OVERLAP_OPEN and containment != _INSIDE)
             keep = items[node] > 0 or not (opened or (strategy == _RATIO_OPEN and containment != _INSIDE))
             if not keep:
-                # A child's box overlaps the emitter's only where its parent's does.
+                # A child's box overlaps the emitter's only if its parent's does.
                 below = 0 if flag == 0 else -1
                 base, children = top, 0
                 child = node + 1
@@ -478,5 +481,5 @@ def gather(tree, shaft, opening, lists, begin, end, number, max_candidates):  # 
     return size, tests
 
 
-# As Python calls them.
+# Variants that Python can call.
 _form_shaft, _gather = outer(form_shaft), outer(gather)

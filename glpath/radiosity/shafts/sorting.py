@@ -1,16 +1,16 @@
-"""A stable sort for kernels: numpy's, compiled, would take longer to compile than all of them."""
+"""Stable merge sort for kernels, because numpy's would take longer to compile than all other kernels."""
 
 from __future__ import annotations
 
 from glpath.system.kernels import inner_kernel
 
-#: Ranges that are sorted by insertion before they are merged.
+#: Length of ranges that are sorted by insertion before they are merged.
 _RUN = 16
 
 
 @inner_kernel
 def merge_sort(keys, order, spare, n):  # type: ignore[no-untyped-def]
-    """Sort order[:n], indices into `keys`, by their keys; equal ones stay as they are. spare: as long as order."""
+    """Sort order[:n], indices into `keys`, by their keys; the sort is stable. `spare` is as long as `order`."""
     for begin in range(0, n, _RUN):
         for i in range(begin + 1, min(begin + _RUN, n)):
             item = order[i]

@@ -4,13 +4,12 @@
     visibility.visible(points_a, points_b)                  # (A, B) bool, between two sets of points
     visibility.step(emitter, receivers)                     # one emitter against all receivers, with statistics
 
-A shaft is built between the emitter and a clump of receiver points; segments between the two are tested against its
-candidate list alone, and where that is empty no segment is tested at all. All options lead to exactly the same
-answer, that of testing every segment against every polygon; the bench "shaft-options" measures what they
-cost.
+A shaft is built between the emitter and a clump of receiver points. Segments between the two are tested against its
+candidate list only, and if the list is empty, no segment is tested. All options give exactly the result of testing
+every segment against every polygon. The bench "shaft-options" measures their cost.
 
-Cost:     groups of receivers are shared between threads; measured by the bench "shaft".
-Poor at:  few rays per shaft; a volume full of tiny polygons, where every shaft has a long list.
+Cost:     groups of receivers are distributed over threads; measured by the bench "shaft".
+Poor at:  few rays per shaft; a volume full of tiny polygons, in which every shaft has a long list.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from glpath.system.machine import core_count
 
 
 class Prepared(NamedTuple):
-    """Receivers as `Visibility.step` needs them."""
+    """Receivers prepared for `Visibility.step`."""
 
     groups: Groups
     lit: Lit
@@ -45,14 +44,14 @@ class Prepared(NamedTuple):
 
 @dataclass
 class Visibility:
-    """Visibility among some occluders.
+    """Visibility between points among occluders.
 
     Parameters
     ----------
-    occluders  : the polygons that can stand between
-    options   : how they are looked for
-    bvh : "areas", by `build_bvh`, or "clusters", by Goldsmith and Salmon as in the paper
-    threads   : that share the work; None for one per core
+    occluders  : polygons that may block segments
+    options   : options of the search for occluders
+    bvh : "areas" for the tree of `build_bvh`, or "clusters" for that of Goldsmith and Salmon as in the paper
+    threads   : number of threads; None for one per core
     """
 
     occluders: Occluders
@@ -62,7 +61,7 @@ class Visibility:
 
     @cached_property
     def tree(self) -> Bvh:
-        """Of the occluders' boxes, every leaf one polygon."""
+        """BVH of the occluders' boxes, with one polygon in every leaf."""
         boxes = self.occluders.boxes()
         return cluster(*boxes) if self.bvh == "clusters" else build_bvh(*boxes, leaf_size=1)
 
@@ -83,17 +82,18 @@ class Visibility:
         return self.occluders.polygons(self.options.solids)
 
     def visible(self, points_a: ArrayLike, points_b: ArrayLike) -> NDArray[np.bool_]:
-        """(A, B) bool: whether nothing occludes each point of one set from each of the other.
+        """Return (A, B) bool, True if nothing occludes a point of one set from a point of the other.
 
-        points_a, points_b : (A, 3) and (B, 3). Occluders within a share of 1e-5 of the segment from its ends don't
-        count, so that points may lie on surfaces. `ShaftOptions.solids` takes points_a for the emitter.
+        points_a, points_b : (A, 3) and (B, 3). Occluders within a fraction of 1e-5 of the segment's length from its
+                             ends do not count, so that points may lie on surfaces. `ShaftOptions.solids` takes
+                             points_a as the emitter
         """
         a, b = np.array(points_a, np.float64), np.array(points_b, np.float64)
         receivers = Receivers(b, np.zeros(len(b), np.int32))
         return np.ascontiguousarray(self.step(Emitter(a), receivers)[0].T)
 
     def prepare(self, receivers: Receivers) -> Prepared:
-        """Receivers in clumps that share shafts. The same for every emitter, so worth keeping between steps."""
+        """Group receivers into clumps that share shafts. Keep the result between steps; it fits all emitters."""
         self.occluders.check_points(receivers.points, "Receivers.points")
         o = self.options
         groups = group_points(
@@ -102,13 +102,13 @@ class Visibility:
         return Prepared(groups, lit_of(receivers, groups.order))
 
     def emitter_list(self, emitter: Emitter) -> tuple[Int32, NDArray[np.int8]]:
-        """Nodes that can block light of an emitter, and what is known of their boxes [SC, Enhancements].
+        """Return nodes that can block light of an emitter, and flags of their boxes [SC, Enhancements].
 
-        Returns (n,) int32 nodes and (n,) int8: 1 the box overlaps the emitter's, 0 it does not, -1 unknown.
+        Returns (n,) int32 nodes and (n,) int8 flags: 1 if the box overlaps the emitter's, 0 if not, -1 if unknown.
         """
         o = self.options
         behind = o.behind_emitter and emitter.normal is not None
-        # A shaft that begins before the emitter's surface can miss what overlaps the emitter's box.
+        # A shaft that begins in front of the emitter's surface can miss boxes that overlap the emitter's box.
         size = len(self.tree)
         lists = CandidateLists.empty(size, size)
         touching = -1 if o.tolerance else 1
@@ -116,9 +116,9 @@ class Visibility:
         return lists.nodes[:n], lists.flags[:n]
 
     def step(self, emitter: Emitter, receivers: Receivers | Prepared) -> tuple[NDArray[np.bool_], Statistics]:
-        """(P, S) bool: which samples of the emitter each receiver point sees, and what that took.
+        """Return (P, S) bool, True if a receiver point sees a sample of the emitter, and statistics.
 
-        False where the two don't face each other. receivers: of `prepare`, where there is more than one step.
+        Pairs that do not face each other are False. If there are several steps, pass receivers of `prepare`.
         """
         o = self.options
         self.occluders.check_points(emitter.points, "Emitter.points")
@@ -143,7 +143,8 @@ class Visibility:
             cast_groups(step, part.start, part.stop, roots, flags, work)
             return work.counts
 
-        # A call costs some 0.1 ms under Python's lock, so there are few, and just enough for them to even out.
+        # A call costs some 0.1 ms under Python's lock, so there are only as many calls as balance the threads'
+        # work.
         parts = groups.parts(1 if self._cores == 1 else 2 * self._cores)
         counts = sum(self._pool.map(some, parts) if len(parts) > 1 else map(some, parts))
         return visible, Statistics(*(int(c) for c in np.atleast_1d(counts)))
@@ -152,5 +153,5 @@ class Visibility:
 def visible(
     occluders: Occluders, points_a: ArrayLike, points_b: ArrayLike, options: ShaftOptions | None = None
 ) -> NDArray[np.bool_]:
-    """(A, B) bool: `Visibility.visible`, for once. For more than that make a `Visibility`, which keeps its tree."""
+    """Return the (A, B) bool of `Visibility.visible` for a single call; a `Visibility` keeps its tree for more."""
     return Visibility(occluders, options or ShaftOptions()).visible(points_a, points_b)

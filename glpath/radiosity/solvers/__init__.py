@@ -1,1 +1,1 @@
-"""From form factors or particles to a solution: progressive refinement, full matrix, Monte Carlo."""
+"""Solvers of radiosity by form factors or particles: progressive refinement, full matrix, Monte Carlo."""

@@ -1,13 +1,13 @@
-"""The largest kernels, compiled by processes beside this one, which meanwhile compiles the others.
+"""Compile the largest kernels in other processes, while this process compiles the others.
 
-Numba compiles under Python's lock, one kernel after the other: on a new machine half of the first solution's time
-is that of the ray caster, `casting.cast_groups`. Before several kernels are compiled, other processes
-begin with it, and with the largest kernel that it calls. All keep what they compile in one cache, where each finds
-what it needs, or waits for it (`kernel_cache`). Nothing depends on these processes: where they cannot run, this one
-compiles all.
+Numba compiles under Python's lock, one kernel after the other. On a new machine the ray caster,
+`casting.cast_groups`, takes half of the first solution's time. Before several kernels are compiled, other processes
+start with it, and with the largest kernel that it calls. All store compiled code in one cache, and each finds there
+what it needs, or waits for it (`kernel_cache`). Nothing depends on these processes: if they cannot run, this one
+compiles all kernels.
 
-They solve two facing squares with plain Python instead of all other kernels. So a kernel gets arguments of
-the same types as elsewhere, and no list of types has to be kept.
+They solve two facing squares, with plain Python instead of all other kernels. A kernel thus gets arguments of the
+same types as elsewhere, and no list of types has to be maintained.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from typing import Any
 from glpath.system.kernels import cache_folder, waiting
 from glpath.system.machine import core_count
 
-#: Each with those that it calls behind it.
+#: Each kernel, followed by the kernels that it calls.
 LARGEST = ("cast_groups", "shaft_list")
-#: Fewer kernels besides take less time than the other processes to start.
+#: Minimum number of other kernels; fewer compile faster than a process starts.
 _WORTH_A_PROCESS = 3
 
-# The path of modules is this process's; without it a file beside the user's script could stand in for a module.
+# The module path is passed on, because a file beside the user's script could otherwise shadow a module.
 _CODE = """
 import sys
 names, *sys.path = sys.argv[1:]
@@ -41,7 +41,7 @@ smallest.solve_smallest()
 
 
 def compile_ahead(needed: Sequence[Any]) -> None:
-    """Begin to compile the largest of the kernels needed, where that is worth a process."""
+    """Start to compile the largest of the needed kernels, if that is worth a process."""
     largest = [k for k in needed if k.__name__ in LARGEST]
     others = [k for k in needed if k.__name__ not in LARGEST]
     if not waiting(largest) or len(waiting(others)) < _WORTH_A_PROCESS:
@@ -49,12 +49,12 @@ def compile_ahead(needed: Sequence[Any]) -> None:
     if core_count() == 1 or cache_folder(largest[0]) is None:
         return
     for i in range(len(LARGEST)):
-        with suppress(OSError, RuntimeError):  # no program to be started, or too many of them or of threads
+        with suppress(OSError, RuntimeError):  # no program can be started, or too many processes or threads
             process = subprocess.Popen(
                 [os.fsdecode(get_executable()), "-c", _CODE, " ".join(LARGEST[i:]), *sys.path],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
-            # Somebody has to ask for its end, or it stays in the table of processes.
+            # A thread waits for the process, which would otherwise stay in the process table as a zombie.
             threading.Thread(target=process.wait, daemon=True, name="kernels compiled ahead").start()

@@ -1,13 +1,13 @@
-"""The state of a solver on disk while it works, so that it can resume where it was killed, bit-identical.
+"""Checkpoint of a solver, from which it resumes bit-identically if its process was killed.
 
     checkpoint = SolverCheckpoint("s.checkpoint.npz", seconds=60)
     solution = solve_radiosity(scene, checkpoint=checkpoint)
 
-Progressive refinement has irradiance and what is shot and unshot, of which all else follows: form factors are found
-again, and elements that were split are split again. Monte Carlo has its sums. The matrix has nothing between its
-beginning and its end; it is for small scenes. While it is solved no other process has the file (`locks`).
+Progressive refinement stores irradiance and the shot and unshot radiosity. Form factors are computed again, and
+split elements are split again. Monte Carlo stores its sums. The matrix has no intermediate state; it is for small
+scenes. While a solver runs, no other process has the file (`locks`).
 
-Cost:     a write of 48 bytes per element and 72 per patch, each time.
+Cost:     48 bytes per element and 72 per patch for each write.
 """
 
 from __future__ import annotations
@@ -31,36 +31,36 @@ _FORMAT = 2
 
 
 class Solver(Protocol):
-    """A solver with a state to keep."""
+    """Solver whose state can be stored."""
 
     whole: bool
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All that the solution depends on."""
+        """Return all data that the solution depends on."""
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Resume from it."""
+        """Resume from a state."""
 
 
 @dataclass
 class SolverCheckpoint(CheckpointFile):
-    """Where the state goes, and how often; a `with` block, which `solve_radiosity` enters.
+    """File of a solver's state and its interval; a `with` block, which `solve_radiosity` enters.
 
-    steps : shots of a patch, or batches of particles
+    Its steps are shots of a patch, or batches of particles.
     """
 
     holder = "a solver that resumes from it"
     work = "solving"
 
     _made_by: str = ""
-    #: Seconds that the solver of the file had worked.
+    #: Seconds that the solver had run when it wrote the file.
     elapsed_s: float = 0.0
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
-        """Resume from the file; whether there was one.
+        """Resume from the file; return False if there is none.
 
-        Raises UsageError, with all that differs, for one of another scene, setting or version; ImageError for a
-        file that is no checkpoint.
+        Raises UsageError, with all differences, for a file of another scene, setting or version; ImageError for a
+        file that is not a checkpoint.
         """
         wanted = {
             "scene": scene_hash,
@@ -89,14 +89,14 @@ class SolverCheckpoint(CheckpointFile):
         return True
 
     def step(self, solver: Solver, step: int, elapsed_s: float) -> None:
-        """Write the state if it is time for that, after so many steps and seconds in all."""
+        """Write the state if it is due after `step` steps and `elapsed_s` seconds in all."""
         if self.due(step):
             self.write(solver, step, elapsed_s)
 
     def write(self, solver: Solver, step: int, elapsed_s: float) -> None:
-        """Write it now, if it is whole."""
+        """Write the state now, unless it is being changed."""
         if not solver.whole:
-            return  # a signal came in the middle of a step; the file from before is good
+            return  # a signal came during a step; the previous file is still valid
 
         def save(path: Path) -> None:
             with whole_file(path) as temporary, temporary.open("wb") as file:

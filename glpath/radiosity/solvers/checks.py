@@ -1,4 +1,4 @@
-"""Checks of `solve_radiosity` before the work begins: options, scenes, and meshes larger than the memory."""
+"""Checks before `solve_radiosity` starts to work: options, scenes, and meshes larger than the memory."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from glpath.scene.source_location import SourceLocation
 
 Method = Literal["progressive", "matrix", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
-#: Bytes of an element, and of each point of a receiver: what was measured, rounded up.
+#: Bytes of an element, and of each point of a receiver, measured and rounded up.
 _BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1800, 400
 _SAMPLES = (1, 4, 9, 16, 25)
-# Options that are whole numbers, and from where to where.
+# Options that are whole numbers, with minimum and maximum.
 _COUNTS = {
     "splits": (0, 20),
     "adaptive": (0, 20),
@@ -33,7 +33,7 @@ _COUNTS = {
 
 
 def check_options(options: dict[str, object]) -> None:
-    """Raises UsageError for options of `solve_radiosity` that are out of range or contradict each other."""
+    """Raise UsageError for options of `solve_radiosity` that are out of range or contradict each other."""
     o = dict(options)
     for name, allowed in (("method", METHODS), ("form_factors", KINDS), ("emitter_samples", _SAMPLES)):
         if o[name] not in allowed:
@@ -67,7 +67,7 @@ def check_options(options: dict[str, object]) -> None:
 
 
 def check_solvable(scene: Scene) -> None:
-    """Raises SceneError for a scene in triangles that has no solution."""
+    """Raise SceneError for a triangulated scene that has no solution."""
     location = SourceLocation(scene.source or scene.name)
     if Lighting.of(scene).dark:
         raise location.error(
@@ -113,7 +113,7 @@ def check_solvable(scene: Scene) -> None:
 
 
 def check_memory(scene: Scene, divisions: Int64, size: float, splits: int, points: int, method: Method) -> float:
-    """Raises UsageError where the mesh needs more memory than there is; returns bytes per element."""
+    """Return bytes per element. Raises UsageError if the mesh needs more memory than is available."""
     ones = Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))
     sides = np.bincount(ones.element, minlength=len(scene.triangles)).astype(float)
     squares = divisions.astype(float) ** 2

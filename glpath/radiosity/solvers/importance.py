@@ -1,6 +1,6 @@
-"""Importance of a scene's light for a camera, by particles from its eye: the solver's own start and go by it.
+"""Importance of a scene's light for a camera, from particles that leave its eye; the solver's particles use it.
 
-Importance, the adjoint of radiance (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination
+Importance is the adjoint of radiance (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination
 computation).
 """
 
@@ -18,28 +18,28 @@ from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
 from glpath.system.time_limit import check_time
 
-#: Cells that reflected light starts in, where a camera says how many particles start in which.
+#: Number of cells in which reflected light starts if a camera decides how many particles start in each.
 CELLS = 4096
-#: Batches of paths from a camera that say so, and of those that say how much of the picture is from where.
+#: Number of batches of camera paths that estimate importance, and that estimate contributions to the image.
 _VISIT_BATCHES, _VIEW_BATCHES = 12, 1
 
 
 def start_cells(scene: Scene, surface: Int64) -> Elements:
-    """Parts of the scene's triangles, all about as large: the cells that reflected light starts in."""
+    """Return the cells in which reflected light starts: parts of the scene's triangles of similar size."""
     size = size_for_count(scene, surface, CELLS, by_size=True)
     return Elements.of_lattices(divisions_of_size(scene, surface, size))
 
 
 def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, seed: int) -> Int64:
-    """(T,) parts of each triangle's edges: those of `size`, and more where a surface matters more than its area.
+    """Return (T,) parts of each triangle's edges: those of `size`, and more for surfaces of high importance.
 
-    Of `count` elements each smooth surface gets as many as light from there matters to what the camera sees.
+    Each smooth surface gets a number of the `count` elements in proportion to its importance for the camera.
     """
     cells = start_cells(scene, surface)
     visits = visits_from_camera(scene, rays_of(scene), cells, seed).sum(axis=0)
     of = np.bincount(surface[cells.triangle], visits, minlength=surface.max(initial=-1) + 1)
     area = np.bincount(surface, scene.areas, minlength=len(of))
-    # As long as the longest edge of half a square of that area.
+    # Length of the longest edge of half a square of that area.
     longest = 2.0 * np.sqrt(area / np.maximum(count * of / max(float(of.sum()), 1e-300), 1e-300))
     return divisions_of_size(scene, surface, np.minimum(longest, size)[surface])
 
@@ -47,19 +47,21 @@ def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, 
 def visits_from_camera(
     scene: Scene, rays: Rays, cells: Elements, seed: int, came: Float64 | None = None
 ) -> Float64:
-    """(2, C): importance of the sides of cells, how much of the light that they send a camera sees, about.
+    """Return (2, C), importance of the sides of cells: about the fraction of their light that a camera sees.
 
-    Paths leave the camera, half in its view and half all around, as it may turn, and continue as particles do.
-    What is counted is where they arrive after the surface that the eye sees.
+    Paths leave the camera, half in its view and half in all directions, as it may turn, and continue as particles
+    do. Arrivals count after the first surface, which the camera sees directly.
 
-    came : (2, C, BINS), if given, is added the same by the bins of directions back along these paths
+    came : (2, C, BINS), if given, gets the same sums by bins of the directions back along these paths
     """
     return np.asarray(_from_camera(scene, rays, cells, seed, _VISIT_BATCHES, 0.5, ENDLESS, came).mean(axis=2))
 
 
 def gathered_by_camera(scene: Scene, rays: Rays, elements: Elements, seed: int) -> Float64:
-    """(2, E, 3), sr^-1: the mean radiance of a camera's picture, by irradiance of sides that the eye sees by one
-    reflection: what a gather looks up."""
+    """Return (2, E, 3), sr^-1, mean radiance of a camera's image per irradiance of the elements' sides.
+
+    These are sides that the eye sees by one reflection, which a gather looks up.
+    """
     found = _from_camera(scene, rays, elements, seed, _VIEW_BATCHES, 1.0, 1, None) / (_VIEW_BATCHES * BATCH)
     return np.asarray(found * scene.side_reflectance[:, elements.triangle] / np.pi)
 
@@ -74,7 +76,7 @@ def _from_camera(
     max_reflections: int,
     came: Float64 | None,
 ) -> Float64:
-    """(2, C, 3): what paths from a camera bring to sides of cells after the surface that the eye sees."""
+    """Return (2, C, 3), energy that camera paths bring to sides of cells after the first surface."""
     divisions = np.ones(len(scene.triangles), np.int64)
     np.maximum.at(divisions, cells.triangle, cells.n)
     surfaces, camera = Surfaces.of(scene, rays, divisions, from_eye=True), scene.camera.at()
@@ -93,7 +95,8 @@ def _from_camera(
 
 
 def _camera_rays(camera: Camera, u: Float64, in_view: float) -> tuple[Float64, Float64]:
-    """Origins and unit directions (N, 3) for u (N, 2): a share in a camera's view, then the others all around."""
+    """Return origins and unit directions (N, 3) for u (N, 2): a fraction in the camera's view, others all
+    around."""
     direction = uniform_sphere(u)
     origin = np.repeat(np.asarray(camera.position, np.float64)[None], len(u), axis=0)
     if camera.projection != "panorama":

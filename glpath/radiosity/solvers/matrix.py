@@ -1,9 +1,9 @@
-"""The full matrix (Goral et al. 1984): all form factors, and the radiosities of all patches at once. A check.
+"""Solve the full matrix (Goral et al. 1984): all form factors and radiosities at once, to check other solvers.
 
 C. Goral, K. Torrance, D. Greenberg, B. Battaile, "Modeling the interaction of light between diffuse surfaces",
 1984.
 
-Cost:     memory by the square of the number of patches, time for the solution by its cube.
+Cost:     memory grows with the square of the number of patches, time for the solution with its cube.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from glpath.scene.model import Float64
 
 
 def solve_matrix(transport: Transport) -> Float64:
-    """(2, R, 3) float64: the irradiance of all elements, direct and indirect, by gathering from all patches."""
+    """Return (2, R, 3) float64, direct and indirect irradiance of all elements, gathered from all patches."""
     t = transport
     factors = t.matrix()
     count = len(t.sides)
@@ -36,5 +36,5 @@ def solve_matrix(transport: Transport) -> Float64:
 
 
 def matrix_bytes(elements: int, patches: int) -> int:
-    """Memory that `solve_matrix` takes for sides of so many elements and patches."""
+    """Return the memory in bytes that `solve_matrix` takes for the sides of elements and patches."""
     return elements * patches * (4 + 8 + 8) + patches * patches * 8 * 4

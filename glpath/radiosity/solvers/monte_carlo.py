@@ -1,17 +1,18 @@
-"""Monte Carlo radiosity: particles leave the lights, and leave their energy where they hit (stochastic shooting).
+"""Monte Carlo radiosity: particles leave the lights, and deposit energy at their hits (stochastic shooting).
 
-The solver behind the pictures of the path-buffer paper [PB 4]. A particle starts on an emitter, by its power, and
-continues from every surface in a direction by the cosine; it survives with the probability of the reflectance
-(Pattanaik & Mudur 1992). No form factors and no matrix: the only error is noise, by the root of their number.
+This solver made the images of the path-buffer paper [PB 4]. A particle starts on an emitter, chosen by power, and
+continues from every surface in a cosine-weighted direction. It survives with the probability of the reflectance
+(Pattanaik & Mudur 1992). There are no form factors and no matrix. The only error is noise, which falls with the
+square root of the number of particles.
 
 S. Pattanaik, S. Mudur, "Computation of global illumination by Monte Carlo simulation of the particle model of
 light", 1992.
 
-With `adaptive`, particles are counted on a finer lattice, and elements are small where it shows that the light
-changes (`mesh.quadtree`).
+With `adaptive`, particles are counted on a finer lattice, and elements are small where the light changes there
+(`mesh.quadtree`).
 
-Cost:     a ray per bounce of a particle; memory for the elements alone.
-Poor at:  smooth pictures of fine meshes: an element with a hundred hits is off by a tenth.
+Cost:     a ray per bounce of a particle; memory for the elements only.
+Poor at:  smooth images of fine meshes; an element with a hundred hits has an error of a tenth.
 """
 
 from __future__ import annotations
@@ -46,38 +47,38 @@ from glpath.scene.model import Float64
 from glpath.system.machine import core_count
 from glpath.system.time_limit import check_time
 
-#: Rays to the sky from where a particle starts.
+#: Number of rays to the sky from the start of a particle.
 _START_RAYS = 4
-#: Rays to the sky from each of the four points of a cell: of cells that camera paths visit, and of all others.
+#: Number of rays to the sky from each of a cell's four points, for cells that camera paths visit, and for others.
 _CELL_RAYS, _FAR_RAYS = 16, 4
-#: So many of the most important sides of cells have so many: a window may be small.
+#: Number of the most important sides of cells that get more rays, and number of these rays; a window may be small.
 _CLOSER, _CLOSE_RAYS = 2048, 100
-#: Levels of a quadtree, each of which halves the edges: of the first pass, and that each further pass adds.
+#: Number of quadtree levels, which halve the edges, in the first pass, and number that each further pass adds.
 _FIRST_DEPTH, _DEEPER = 2, 2
-#: Maximum number of elements in all lattices: of the first pass, and of the last.
+#: Maximum number of elements in all lattices, in the first pass and in the last.
 _FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 18
-#: Share of all energy that may be misplaced within the finest elements of all triangles, and of one, over the
-#: square of the threshold.
+#: Fraction of all energy that may be misplaced within the finest elements of all triangles, and of one triangle,
+#: relative to the square of the threshold.
 _MISPLACED, _MISPLACED_IN_ONE = 0.32, 0.016
-#: Share of the visits by a camera that is spread evenly over each surface, and share of the usual light that is
-#: assumed where rays found none.
+#: Fraction of camera visits that is spread evenly over each surface, and fraction of the mean light that is assumed
+#: where rays found none.
 _SPREAD, _UNHIT = 0.25, 0.2
-# What is done before the first particle, for a time limit.
+# Name of the work before the first particle, for a time limit.
 _STARTING = "finding where particles start"
 
 
 class _Lit(NamedTuple):
-    """Sides of elements from which particles start, with reflected light of punctual lights and the sky.
+    """Sides of elements from which particles start with reflected light of punctual lights and the sky.
 
     corners  : (L, 9), corner 0 and the edges to corners 1 and 2
-    triangle : (L,) of the scene; `back` the side of it
-    chance   : (L,) of a particle to start there
-    scale    : (L, 3) its energy per irradiance at its start: reflectance times area over chance
-    through  : (L, 3) the same by transmittance, of one that leaves from the other side
-    across   : (L,) the chance of that
-    to_sky, to_camera : (L, BINS) guides to where the sky is seen, and to where a camera may see what leaves, of
-               starts that a camera decides; else none
-    choice   : of punctual lights, where there are many, and the row of it (L,) for each side
+    triangle : (L,) index of the scene's triangle; `back` is its side
+    chance   : (L,) probability that a particle starts there
+    scale    : (L, 3) energy of a particle per irradiance at its start: reflectance times area over chance
+    through  : (L, 3) the same by transmittance, for a particle that leaves from the other side
+    across   : (L,) probability that it leaves from the other side
+    to_sky, to_camera : (L, BINS) guides to directions of visible sky, and to directions that a camera may see;
+               None unless a camera decides the starts
+    choice   : choice of punctual lights, if there are many; `row` (L,) is its row for each side
     """
 
     corners: Float64
@@ -95,26 +96,26 @@ class _Lit(NamedTuple):
 
 @dataclass
 class Shooting:
-    """A run of particles: the sums of the energy that they leave on elements, batch by batch.
+    """Run of particles: sums of the energy that they deposit on elements, batch by batch.
 
-    mesh      : the coarse elements, each patch one
-    seed      : another seed is another, independent solution
-    for_camera: reflected light of punctual lights and the sky starts where it matters to what the camera sees
-    adaptive  : how often an element may be split in four
-    threshold : share of the local irradiance by which parts of an element have to differ for it to be split
-    particles : that were shot
-    tree      : lattices; particles are counted on the finest
-    flux      : (2, 2, E, 3) energy that arrived, W times `particles`: [0] straight from a lamp, [1] after being
-                reflected; at the fronts and backs of the tree's finest elements
+    mesh      : coarse elements; each patch is one
+    seed      : random seed; another seed gives an independent solution
+    for_camera: True if reflected light of punctual lights and the sky starts by its importance for the camera
+    adaptive  : maximum number of times that an element is split in four
+    threshold : fraction of the local irradiance by which parts of an element have to differ for it to be split
+    particles : number of particles shot
+    tree      : nested lattices; particles are counted on the finest
+    flux      : (2, 2, E, 3) energy that arrived at the fronts and backs of the tree's finest elements, W times
+                `particles`; [0] straight from a lamp, [1] after a reflection
     square    : (2, E) sums of the squared energy of each arrival, mean of the channels
-    hits      : of particles on surfaces
-    open_areas : (2, E) area of the mesh's elements that is not buried in solids, of both sides; all of an element
-                 that light cannot reach
-    buried     : (2, E) bool, no part of an element's side is outside of solids
-    lit        : (2, E, 3) irradiance of the mesh's elements by lights that are no patches, which no particle brings
-    view       : (2,) sums over batches of the mean radiance that their light adds to the camera's picture by a
-                 gather, times `BATCH`, and of its square; of a solution for a camera
-    whole      : false while sums change; a signal may end that in the middle
+    hits      : number of hits of particles on surfaces
+    open_areas : (2, E) area of the mesh's elements outside solids, for both sides; the full area if all of it is
+                 buried
+    buried     : (2, E) bool, True if no part of an element's side is outside solids
+    lit        : (2, E, 3) irradiance of the mesh's elements by lights that are not patches, without particles
+    view       : (2,) sums over batches of the mean radiance that a gather adds to the camera's image, times
+                 `BATCH`, and of its square; only for a camera
+    whole      : False while sums change, which a signal may interrupt
     """
 
     mesh: Mesh
@@ -161,7 +162,7 @@ class Shooting:
         self._count_on(Quadtree(divisions, self._first_depth(divisions)))
 
     def _first_depth(self, divisions: Int64) -> Int64:
-        """(T,) how often the lattices of a first look are halved: so that all elements are about as large."""
+        """Return (T,), number of halvings of the first pass's lattices, so that all elements have similar sizes."""
         depth = np.zeros_like(divisions)
         if self.adaptive:
             scene, surface = self.mesh.scene, self.mesh.surface
@@ -171,7 +172,7 @@ class Shooting:
         return np.minimum(depth, min(self.adaptive, _FIRST_DEPTH))
 
     def _count_on(self, tree: Quadtree) -> None:
-        """Begin with other lattices, and no particles."""
+        """Start with other lattices and no particles."""
         self.whole = False
         self.tree, divisions = tree, tree.finest
         self._surfaces = self._surfaces.on_lattices(divisions)
@@ -185,18 +186,18 @@ class Shooting:
         self.whole = True
 
     def detail(self) -> Detail:
-        """Where the light so far changes within elements by more than the threshold.
+        """Return the elements within which the light so far changes by more than the threshold.
 
-        For a camera it is the light that a gather looks up: without the direct light that it traces itself.
+        For a camera only the light that a gather looks up counts, without the direct light that it traces itself.
         """
         direct = self.tree.of_coarse(np.stack([self._nearness] * 2))[..., None]
         light = self.flux[INDIRECT] + direct * self.flux[DIRECT]
         return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, self.threshold)
 
     def deepen(self, detail: Detail) -> bool:
-        """Refine lattices where the light changes within the finest elements, and begin anew.
+        """Refine lattices if the light changes within their finest elements, and start again.
 
-        Returns False if no lattice needs a refinement or may have one.
+        Returns False if no lattice needs a refinement, or none is allowed.
         """
         depth = self.tree.depth.copy()
         misplaced = detail.misplaced / self.threshold**2
@@ -217,7 +218,7 @@ class Shooting:
         return True
 
     def _find_lamps(self, sides: Sides) -> tuple[Lamps, _Lit, int]:
-        """Triangles that emit; sides that reflect the light of what is no patch; particles of a batch for these."""
+        """Return lamps, sides that reflect light of other sources, and the particles per batch for these sides."""
         scene = self.mesh.scene
         emitting = np.flatnonzero(sides.emission.any(axis=1))
         of = sides.element[emitting]
@@ -240,11 +241,11 @@ class Shooting:
         return lamps, lit._replace(scale=lit.scale * each, through=lit.through * each), count
 
     def _find_lit(self) -> tuple[_Lit, float]:
-        """Where reflected light starts, and about its power.
+        """Return the starts of reflected light, and its approximate power.
 
-        What an element gets is known from few rays. It decides how many particles start there and not what they
-        carry, which each finds out where it starts: so neither the size of elements nor a lamp that was missed
-        changes what the particles bring in the mean.
+        An element's irradiance is estimated by few rays. It determines the number of particles that start there,
+        but not their energy, which each particle computes at its start. The mean is therefore unbiased, whatever
+        the element size, even if rays missed a lamp.
         """
         scene, elements, lit, areas = self.mesh.scene, self.mesh.elements, self.lit, self.open_areas
         reflectance = scene.side_reflectance[:, elements.triangle]
@@ -291,7 +292,7 @@ class Shooting:
         return starts, total
 
     def _choice(self, cells: Elements) -> LightChoice | None:
-        """Of punctual lights, at the middles of all fronts, then of all backs."""
+        """Return the choice of punctual lights at the middles of all fronts, then of all backs."""
         scene = self.mesh.scene
         middles, normals = cells.points(scene, np.full((1, 3), 1 / 3))[:, 0], scene.normals[cells.triangle]
         return self._light.choice(
@@ -302,7 +303,7 @@ class Shooting:
         )
 
     def _start_cells(self) -> Elements:
-        """The cells of `start_cells`, and smaller ones where the camera looks, as elements are."""
+        """Return the cells of `start_cells`, or smaller ones where the mesh has small elements for the camera."""
         cells = start_cells(self.mesh.scene, self.mesh.surface)
         if len(self.mesh.elements) > CELLS // 2:
             return cells
@@ -312,7 +313,8 @@ class Shooting:
         return Elements.of_lattices(divisions)
 
     def _spread_visits(self, cells: Elements, visits: Float64) -> Float64:
-        """(2, C): a share of what a surface is visited goes to all of it, as chance may pass a small cell by."""
+        """Return visits (2, C) with a fraction spread evenly over each surface, because paths may miss small
+        cells."""
         surface, areas = self.mesh.surface[cells.triangle], self.mesh.scene.areas[cells.triangle] / cells.n**2
         of = np.stack([np.bincount(surface, side) for side in visits]) / np.bincount(surface, areas)
         return np.asarray((1.0 - _SPREAD) * visits + _SPREAD * of[:, surface] * areas)
@@ -320,9 +322,9 @@ class Shooting:
     def _contribution(
         self, cells: Elements, visits: Float64, choice: LightChoice | None
     ) -> tuple[Float64, Float64]:
-        """Estimate (2, C): the light that each side of a cell sends on, times how much of it the camera sees.
+        """Estimate (2, C), the light that each side of a cell sends on, times its importance for the camera.
 
-        And where in the sky it comes from: (2, C, BINS).
+        Returns also the part of the irradiance from each bin of the sky, (2, C, BINS).
         """
         scene = self.mesh.scene
         reflectance = scene.side_reflectance[:, cells.triangle].mean(axis=2)
@@ -345,13 +347,13 @@ class Shooting:
             irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays, chosen)
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
-        # A few rays can miss a window, a lamp or a path to the camera. Without a floor, the chance of such a
-        # start would be tiny, and a single particle from there a large error.
+        # A few rays can miss a window, a lamp or a path to the camera. Without a floor, such a start would have a
+        # tiny probability, and a single particle from there would be a large error.
         usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
         return np.asarray(worth * (lit + _UNHIT * usual)), from_sky
 
     def _starts(self, number: int) -> Starts:
-        """The starts of a batch: even over elements, as far as their probabilities allow."""
+        """Return the starts of a batch, stratified over elements by their probabilities."""
         lit, count = self._lit, self._lit_count
         random = np.random.default_rng([self.seed, number])
         at = (np.arange(count) + random.random()) / max(count, 1)
@@ -375,12 +377,12 @@ class Shooting:
             other = random.random(count) < across
             energy /= np.where(other, 1.0, 1.0 - across)[:, None]
             energy[other] = (lit.through[which] * irradiance / np.maximum(across, 1e-300)[:, None])[other]
-            direction[other] = 0.0  # by the cosine
+            direction[other] = 0.0  # cosine-weighted
             back = np.where(other, 1 - back, back)
         return Starts(position, energy, triangle, back, direction)
 
     def shoot(self, batches: int, on_batch: Callable[[], None]) -> None:
-        """Shoot more batches, on several threads. Results are added in order, so that sums are reproducible."""
+        """Shoot more batches in threads. Results are added in order, so that sums are reproducible."""
         first = self.particles // BATCH
         threads = core_count()
         with ThreadPoolExecutor(threads) as pool:
@@ -391,7 +393,7 @@ class Shooting:
                     self.flux += arrivals.flux
                     self.square += arrivals.square
                     if self._seen is not None:
-                        # Indirect light alone: a gather traces direct light itself.
+                        # Only indirect light counts, because a gather traces direct light itself.
                         seen = float((self._seen * arrivals.flux[INDIRECT]).sum()) / 3
                         self.view += seen, seen * seen
                     self.hits += hits
@@ -400,7 +402,7 @@ class Shooting:
                 on_batch()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All that the solution depends on, for `restore`."""
+        """Return all data that the solution depends on, for `restore`."""
         counts = np.array([self.particles, self.hits], np.int64)
         return {
             "flux": self.flux,
@@ -411,7 +413,7 @@ class Shooting:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Resume from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        """Resume from a state of the same scene and settings. Raises ValueError for a state of another mesh."""
         if state["depth"].shape == self.tree.depth.shape:
             self._count_on(Quadtree(self.tree.coarse, np.array(state["depth"], np.int64)))
         for name in ("flux", "square", "view"):
@@ -431,7 +433,7 @@ class Shooting:
         return arrivals, int(hits)
 
     def error_of_mean(self) -> float | None:
-        """Standard error of the irradiance of all surfaces, as a share of it; None if nothing arrived."""
+        """Return the relative standard error of the irradiance of all surfaces; None if nothing arrived."""
         power = (self.lit.mean(axis=2) * self.open_areas).sum()
         power += self.flux.mean(axis=3).sum() / max(self.particles, 1)
         if not (self.particles and power > 0):
@@ -439,9 +441,10 @@ class Shooting:
         return float(np.sqrt(self.square.sum()) / self.particles / power)
 
     def view_error(self) -> tuple[float, float] | None:
-        """Mean radiance, of the channels, that a gather of the camera's picture has of the solution, and its error.
+        """Return mean radiance that a gather adds to the camera's image, and its standard error, W sr^-1 m^-2.
 
-        W sr^-1 m^-2; a standard error, from how the batches differ. None of less than two, or without a camera.
+        Both are means of the channels; the error is estimated from differences of batches. None if there are fewer
+        than two batches, or no camera.
         """
         batches = self.particles // BATCH
         if self._gathered is None or batches < 2:
@@ -470,11 +473,11 @@ class Shooting:
         return areas, buried, lit
 
     def result(self, detail: Detail) -> tuple[Mesh, Float64, NDArray[np.bool_]]:
-        """Return the mesh, split where the light changes, its irradiance and which sides are buried in solids.
+        """Return the mesh, split where the light changes, its irradiance, and flags of sides buried in solids.
 
-        irradiance : (2, 2, E, 3), W m^-2: by part, direct or indirect, by side, by element and by channel; 0 if a
-                     side neither reflects nor emits
-        buried     : (2, E)
+        irradiance : (2, 2, E, 3), W m^-2, [direct or indirect, side, element, channel]; 0 if a side neither
+                     reflects nor emits
+        buried     : (2, E) bool
         """
         mesh = detail.mesh(self.mesh)
         whole = detail.leaves[0]

@@ -1,4 +1,4 @@
-"""The kernels that a solution needs, so that their number is known before the first is compiled."""
+"""Kernels that a solution needs, so that their number is known before the first is compiled."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _OF_METHOD: dict[str, tuple[Any, ...]] = {
 def kernels_of(scene: Scene, lighting: Lighting, method: str, near_lamps: bool) -> tuple[Any, ...]:
     """Return the kernels of a method.
 
-    near_lamps : the solver asks how near elements are to emitting shapes
+    near_lamps : True if the solver computes how near elements are to emitting shapes
     """
     needed = [*_ALWAYS, *_OF_METHOD[method]]
     if lighting.punctual or lighting.sky is not None:
         needed.append(lights._free)
     if near_lamps and lighting.sides:
         needed.append(lookup._closest)
-    # Whether surfaces are closed takes long to find in a large scene.
+    # The test for closed surfaces takes long in a large scene.
     if waiting([sides._in_the_open]) and sides.has_solids(scene):
         needed.append(sides._in_the_open)
     return tuple(needed)

@@ -1,6 +1,6 @@
-"""A batch of particles: what they start from, what they hit, and their paths, which are one kernel.
+"""Batch of particles: their starts, the surfaces that they hit, and their paths, which one kernel traces.
 
-Particles of the solver leave lamps or lit surfaces; those of a camera leave its eye and say what it sees.
+Particles of the solver leave lamps or lit surfaces; those of a camera leave its eye and estimate importance.
 """
 
 from __future__ import annotations
@@ -20,24 +20,25 @@ from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
-#: Particles of a batch: between two, others can be heard. Each batch has random numbers of its own.
+#: Number of particles of a batch. Between batches, signals are handled. Each batch has its own random numbers.
 BATCH = 1 << 14
-#: More reflections than any particle has.
+#: Number of reflections that no particle exceeds.
 ENDLESS = 1 << 62
-#: Surfaces of glass that a particle passes or is mirrored by, one behind the other.
+#: Maximum number of successive surfaces that transmit or mirror a particle.
 _MAX_THROUGH = 64
 
 
 class Surfaces(NamedTuple):
-    """The surfaces that particles hit: as rays hit them, normals, reflectance (2, T, 3), opacity (T,), glass, and
-    lattices.
+    """Surfaces that particles hit: ray queries, normals, reflectance (2, T, 3), opacity (T,), glass, and lattices.
 
-    reflectance   : of glass without that of its surface, which mirrors
-    transmittance : (2, T, 3) of the diffuse base from a side to the other; of particles from an eye, against them
-    culled        : (T,) bool: its back is not there
-    from_eye      : particles go as rays from an eye do, which meet no such back. Those of light meet its front, and
-                    what is behind it as well, which sees them through the back
-    begin         : where lattices begin
+    reflectance   : diffuse reflectance; for glass without the mirror reflection of its surface
+    transmittance : (2, T, 3) transmittance of the diffuse base from a side to the other; reversed for particles
+                    from an eye
+    culled        : (T,) bool, True if the back is culled
+    from_eye      : True if particles travel as rays from an eye, which pass culled backs. Particles of light hit
+                    the front of such a triangle, and also the surfaces behind it, which see the light through the
+                    back
+    begin         : index of the first element of each lattice
     """
 
     rays: Rays
@@ -71,15 +72,15 @@ class Surfaces(NamedTuple):
         )
 
     def on_lattices(self, divisions: Int64) -> Surfaces:
-        """The same surfaces with other lattices, of (T,) divisions."""
+        """Return the same surfaces with other lattices, of (T,) divisions."""
         return self._replace(divisions=divisions, begin=lattice.starts(lattice.element_count(divisions)))
 
 
 class Lamps(NamedTuple):
-    """Where particles start, the sums of the chances of that, and the energy of a particle from each.
+    """Starts of particles on lamps, with cumulative probabilities `cdf` (L,), and `energy` (L, 3) of a particle.
 
     corners  : (L, 9), corner 0 and the edges to corners 1 and 2
-    triangle : (L,) of the scene; `back` the side of it
+    triangle : (L,) index of the scene's triangle; `back` is its side
     """
 
     corners: Float64
@@ -90,10 +91,10 @@ class Lamps(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """Particles that start elsewhere than on a lamp: position (K, 3), energy (K, 3), triangle and side (K,).
+    """Starts of particles outside lamps: position (K, 3), energy (K, 3), triangle and side (K,).
 
-    triangle, of those that come from an eye, is -1
-    direction : (K, 3) unit; 0 of those that a surface sends by the cosine
+    triangle  : -1 for particles from an eye
+    direction : (K, 3) unit; 0 for particles that leave a surface in a cosine-weighted direction
     """
 
     position: Float64
@@ -104,7 +105,7 @@ class Starts(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """Sums that a batch adds to.
+    """Sums to which a batch adds.
 
     flux   : (2, 2, E, 3) energy, by part, side, element and channel
     square : (2, E) sums of the squared energy of each arrival, mean of the channels; (2, 0) if not needed
@@ -118,17 +119,17 @@ class Arrivals(NamedTuple):
 
 
 def _beside_glass(reflectance: Float64, glass: Glass) -> Float64:
-    """(2, T, 3) reflectance without the part of glass that its surface mirrors."""
+    """Return (2, T, 3), reflectance without the mirror reflection of glass."""
     _, _, layered, coat, mean = glass.layer.T
     coat = coat * (0.04 + 0.96 / 21.0)
     mirrored = coat + (1.0 - coat) * layered * mean
-    mirrored = np.where(glass.slab > 0, 1.0, mirrored)  # of a slab all is mirrored that is not let through
+    mirrored = np.where(glass.slab > 0, 1.0, mirrored)  # a slab mirrors all light that it does not transmit
     return np.asarray(np.maximum(reflectance - np.where(glass.clear.any(axis=1), mirrored, 0.0)[:, None], 0.0))
 
 
 @inner_kernel
 def next_random(state):  # type: ignore[no-untyped-def]
-    """The next of a sequence of numbers in [0, 1): splitmix64 (Steele et al. 2014). Returns state and number."""
+    """Return the state and the next random number in [0, 1), by splitmix64 (Steele et al. 2014)."""
     state += np.uint64(0x9E3779B97F4A7C15)
     z = state
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -139,9 +140,9 @@ def next_random(state):  # type: ignore[no-untyped-def]
 
 @kernel
 def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals, work):  # type: ignore[no-untyped-def]
-    """One batch of particles; returns the number of hits. work: (4, 3).
+    """Shoot one batch of particles; return the number of hits. `work` is (4, 3).
 
-    max_reflections : reflections after which a particle ends where it arrives
+    max_reflections : number of reflections after which a particle ends at its next hit
     """
     corners, normals, reflectance, glass = lamps.corners, surfaces.normals, surfaces.reflectance, surfaces.glass
     flux, square, came = arrivals
@@ -161,13 +162,13 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                     starts.direction[particle, k],
                 )
             if max(w[0], w[1], w[2]) <= 0:
-                continue  # in the shadow
+                continue  # the start is in shadow
             part = 0 if triangle < 0 else 1
             leaves = d[0] == 0 and d[1] == 0 and d[2] == 0
         else:
             state, u = next_random(state)
             which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
-            triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # direct, until it is reflected
+            triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # direct until it is reflected
             state, u = next_random(state)
             state, v = next_random(state)
             root = np.sqrt(u)
@@ -220,7 +221,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
             state, u = next_random(state)
             chance, hit_surface = survival, u < surfaces.opacity[triangle]
             if is_glass and hit_surface:
-                # As a path of the shaders: mirrored, transmitted, or at the diffuse part of the base.
+                # As in the shaders, the particle is mirrored, transmitted, or continues with the diffuse base.
                 inside = back == 1 and glass.ior[triangle] > 0
                 mirrored, left = at_glass(glass, triangle, abs(along), inside)
                 clear = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
@@ -242,7 +243,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                         for k in range(3):
                             w[k] *= glass.clear[triangle, k] / clear
                     if u < mirrored or not glass.thin[triangle]:
-                        part = 1  # which rays to a light do not find
+                        part = 1  # light that shadow rays do not find
                     for k in range(3):
                         d[k] = scale * d[k] + bends * normals[triangle, k]
                     length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
@@ -253,7 +254,8 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 u = (u - mirrored - through) / rest
                 chance = survival / (rest * surfaces.opacity[triangle])
             if is_culled and not surfaces.from_eye and back == 0:
-                # It is reflected, and what is behind is lit as well: one of both, with the energy of both.
+                # It is reflected, and also lights the surfaces behind; one of both is chosen, with the energy of
+                # both.
                 state, u = next_random(state)
                 for k in range(3):
                     w[k] *= 1 + chance
@@ -283,13 +285,13 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 for k in range(3):
                     w[k] *= reflectance[back, triangle, k] / survival
             elif hit_surface:
-                break  # absorbed; what it does not meet, it passes through, as it is
+                break  # absorbed; a particle that misses the opaque part passes unchanged
     return hits
 
 
 @kernel_part
 def _above(cdf, u):  # type: ignore[no-untyped-def]
-    """The first of rising numbers that is above u; as many as there are where none is."""
+    """Return the index of the first of ascending numbers above u; their count if none is above."""
     low, high = 0, len(cdf)
     while low < high:
         middle = (low + high) // 2
@@ -302,7 +304,7 @@ def _above(cdf, u):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _bin(normal, d):  # type: ignore[no-untyped-def]
-    """The bin of the direction back along d, which arrives: of the point about the normal's tip, as in `_leave`."""
+    """Return the bin of the direction back along the arriving d, by the mapping of `_leave`."""
     c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
     sign = -1.0 if c > 0 else 1.0
     x = 2 * abs(c) * -d[0] - sign * normal[0]
@@ -317,7 +319,7 @@ def _bin(normal, d):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
-    """Fill d with a direction by the cosine about a side's normal: a point of the unit sphere about its tip."""
+    """Fill d with a cosine-weighted direction about a side's normal: a point of the unit sphere around its tip."""
     state, u = next_random(state)
     state, v = next_random(state)
     z = 1 - 2 * u

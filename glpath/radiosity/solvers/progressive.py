@@ -2,14 +2,15 @@
 
     B_i = E_i + rho_i sum_j F_ij B_j
 
-is solved a column at a time; whatever remains unshot, the elements hold what has arrived. Between patches and
-elements Cohen et al. 1986: where the radiosity changes fast elements are split, and gather from all that was shot.
+is solved one column at a time. At any time, the elements hold the irradiance from all radiosity shot so far.
+Patches and elements follow Cohen et al. 1986: if the radiosity changes fast across elements, they are split, and
+gather from all patches that shot.
 
 M. Cohen, S. Chen, J. Wallace, D. Greenberg, "A progressive refinement approach to fast radiosity image generation",
 1988. M. Feda, W. Purgathofer, "Accelerating radiosity by overshooting", 1992.
 
-Cost:     a column of form factors per patch that shoots, kept for the next time that it does.
-Poor at:  reflectances near 1, where light dies out slowly.
+Cost:     a column of form factors per patch that shoots, cached for its next shot.
+Poor at:  reflectances near 1, with which convergence is slow.
 """
 
 from __future__ import annotations
@@ -26,20 +27,20 @@ from glpath.radiosity.shafts.options import Statistics
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
 
-#: Patches that are looked ahead, for other cores to prepare.
+#: Number of next patches whose columns other cores may compute ahead.
 _AHEAD = 64
 
 
 class Refinement:
-    """The state of a progressive solution.
+    """State of a progressive solution.
 
-    irradiance : (2, R, 3) H of the elements' sides, W m^-2, by what patches [0] emit, direct, [1] reflect,
-                 indirect; light of what is no patch is direct, and there from the start
-    shot       : (2, Q, 3) radiosity that the patches' sides have sent: [0] emitted, [1] reflected
-    unshot     : (Q, 3) what they have not yet; below 0 where too much was sent, ahead of time
-    steps      : patches that shot
-    splits     : (E,) bool of each time that elements were split, in turn: which of those that there were
-    whole      : false while the fields above change; a signal may end that in the middle
+    irradiance : (2, R, 3) H of the elements' sides, W m^-2, from light that patches [0] emit, direct, and [1]
+                 reflect, indirect. Light of other sources is direct, and included from the start
+    shot       : (2, Q, 3) radiosity that the patches' sides have shot: [0] emitted, [1] reflected
+    unshot     : (Q, 3) radiosity that they have not shot; below 0 after overshooting
+    steps      : number of shots
+    splits     : list with an (E,) bool for each refinement in order, True for the elements that were split
+    whole      : False while the fields above change, which a signal may interrupt
     """
 
     def __init__(self, transport: Transport, overshoot: bool = False) -> None:
@@ -56,25 +57,25 @@ class Refinement:
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
 
     def _energy(self) -> Float64:
-        """(Q,) unshot."""
+        """Return (Q,), the unshot energy."""
         energy = np.empty(len(self.unshot))
         _energy(self.unshot, self.transport.areas, energy)
         return energy
 
     @property
     def unshot_share(self) -> float:
-        """Energy that has not been sent, as a share of all that is emitted, or first reflected of other lights."""
+        """Unshot energy, as a fraction of the energy that is emitted, or first reflected of other lights."""
         return float(self._energy().sum()) / self._emitted if self._emitted > 0 else 0.0
 
     def step(self, energy: Float64 | None = None) -> float:
-        """Shoot the largest unshot patch; returns its share of received energy: 1 in a closed room."""
+        """Shoot the patch with the most unshot energy; return the fraction that is received, 1 in a closed room."""
         t = self.transport
         unshot = self._energy() if energy is None else energy
         side = int(np.argmax(unshot))
         column = t.column(side, lambda: np.argsort(-unshot)[:_AHEAD].tolist())
         sent = self.unshot[side].copy()
         if self.overshoot:
-            # What it will reflect if the rest spreads evenly, which it can send at once (Feda & Purgathofer 1992).
+            # Add what it will reflect if the other unshot energy spreads evenly (Feda & Purgathofer 1992).
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
         self.whole = False
@@ -88,7 +89,7 @@ class Refinement:
         return float(received / t.areas[side])
 
     def run(self, until: float, max_count: int, on_step: Callable[[float], None]) -> None:
-        """Shoot until so small a share is left, or so many steps were taken in all; `on_step` gets the share."""
+        """Shoot until the unshot fraction is at most `until`, or until `max_count` shots in all."""
         while self.steps < max_count:
             energy = self._energy()
             left = float(energy.sum())
@@ -99,11 +100,11 @@ class Refinement:
         on_step(self.unshot_share)
 
     def ambient(self) -> Float64:
-        """(3,) irradiance that the unshot energy will be, spread evenly over all surfaces [Cohen et al. 1988].
+        """Return (3,), irradiance that the unshot energy will add if it spreads evenly [Cohen et al. 1988].
 
             sum dB A / sum A * (1 + rho + rho^2 + ...), rho the mean reflectance
 
-        The surfaces are the sides that reflect or emit: in an open scene too much, as nothing gets lost.
+        All energy is assumed to stay among the sides that reflect or emit, which is too much in an open scene.
         """
         t = self.transport
         total = t.areas.sum()
@@ -112,10 +113,10 @@ class Refinement:
         return np.asarray(np.maximum(mean, 0.0) / (1 - reflectance))
 
     def split(self, threshold: float, max_count: int) -> int:
-        """Split the elements over which the radiosity changes fast, the fastest first; returns how many.
+        """Split the elements across which the radiosity changes fast, the fastest first; return their number.
 
-        threshold : of the difference between two corners, as a share of the scene's mean
-        max_count      : elements to be split
+        threshold : minimum difference between two corners, as a fraction of the scene's mean
+        max_count      : maximum number of elements to split
         """
         t = self.transport
         elements = t.elements
@@ -137,7 +138,7 @@ class Refinement:
         return int(which.sum())
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """All that the solution depends on, for `restore`. Form factors are not in it: they are found again."""
+        """Return all data that the solution depends on, except form factors, for `restore`."""
         took = self.transport.statistics
         return {
             "irradiance": self.irradiance,
@@ -150,10 +151,10 @@ class Refinement:
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Resume from a state of the same scene and settings. Raises ValueError for one of another mesh."""
+        """Resume from a state of the same scene and settings. Raises ValueError for a state of another mesh."""
         ends = np.cumsum(state["split_sizes"])
         for which in np.split(state["splits"], ends[:-1]) if len(ends) else []:
-            # Nothing has shot: elements are split without looking for what arrives at them.
+            # No patch has shot, so elements are split without gathering.
             self.transport.refine(which, np.zeros_like(self.irradiance), np.zeros_like(self.shot))
             self.irradiance = np.zeros((2, len(self.transport.elements), 3))
             self.splits.append(which)
@@ -168,7 +169,7 @@ class Refinement:
         self.transport.statistics += Statistics(rays=rays, shafts=shafts, empty_shafts=empty)
 
     def result(self, ambient: bool = False) -> Float64:
-        """(2, 2, E, 3): see `Transport.on_sides`. ambient: with that of what is unshot."""
+        """Return irradiance (2, 2, E, 3) of `Transport.on_sides`; if `ambient`, add that of the unshot energy."""
         irradiance = self.irradiance.copy()
         if ambient:
             irradiance[1] += self.ambient()
@@ -182,8 +183,11 @@ def _energy(unshot, areas, energy):  # type: ignore[no-untyped-def]
 
 
 class _Surfaces(NamedTuple):
-    """Emission (Q, 3), areas and sides behind (Q,) of patches' sides, reflectance and transmittance (R, 3) of
-    elements'; see `Transport`."""
+    """Record of patches' and elements' sides for the kernels, see `Transport`.
+
+    emission, areas, behind    : (Q, 3), (Q,) and (Q,) of the patches' sides
+    reflectance, transmittance : (R, 3) of the elements' sides
+    """
 
     emission: Float64
     reflectance: Float64
@@ -195,7 +199,7 @@ class _Surfaces(NamedTuple):
 
 
 class _Light(NamedTuple):
-    """See `Refinement`."""
+    """Light arrays of `Refinement` for the kernels."""
 
     irradiance: Float64
     shot: Float64
@@ -204,10 +208,12 @@ class _Light(NamedTuple):
 
 @kernel
 def _shoot(side, sent, column, surfaces, light, parts):  # type: ignore[no-untyped-def]
-    """Send radiosity (3,) from a patch by its form factors, a column (R,); returns their sum, times areas.
+    """Shoot radiosity (3,) from a patch by its column (R,) of form factors; return the sum of factors times areas.
 
-    Of what is sent, emission is what has not been before: it goes out whole, the first time. All else is reflected.
-    parts: (2, 3), room to work in.
+    The emission that has not been shot before is sent first, all of it in the first shot. The rest of `sent` is
+    reflected light.
+
+    parts : (2, 3) working memory
     """
     emission, reflectance, transmittance, share, patch, behind, areas = surfaces
     irradiance, shot, unshot = light

@@ -1,6 +1,6 @@
-"""`solve_radiosity`: from a scene to a `RadiositySolution`, by progressive refinement, full matrix or Monte Carlo.
+"""`solve_radiosity`: solve a scene by progressive refinement, full matrix or Monte Carlo.
 
-Everything that can be wrong with the scene and the options is found before the work begins (`checks`).
+All errors of the scene and the options are detected before the work begins (`checks`).
 """
 
 from __future__ import annotations
@@ -47,19 +47,18 @@ from glpath.system.time_limit import (
     without_limit,
 )
 
-#: Patches where neither their number nor their size is given.
+#: Default number of patches, if neither their number nor their size is given.
 DEFAULT_PATCHES = 1000
-#: How many times elements may be split in four by "monte-carlo", where the number is not given: to a 64th of their
-#: width.
+#: Default number of times that "monte-carlo" may split elements in four, to a 64th of their width.
 DEFAULT_ADAPTIVE = 6
-#: Share of the free memory that kept form factors may take, and how much of it at most.
+#: Maximum size of cached form factors, as a fraction of free memory and in bytes.
 _CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
-#: Under a sky light may come in by a small window: then as many particles again and again, up to so many batches,
-#: until the standard error of what a gather finds for the camera is such a share of it.
+#: Maximum number of batches, and target relative error of the gathered light for a camera. Light of a sky may enter
+#: through a small window, so particles are added until the standard error meets the target.
 _MAX_BATCHES, _VIEW_ERROR = 64, 0.003
-#: What ended a solution, in its statistics, unless it was the time limit.
+#: Stop rule of a solution in its statistics, unless the time limit ended it.
 DONE = "done"
-# What is done before the first step, for a time limit.
+# Name of the work before the first step, for a time limit.
 _MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
@@ -67,15 +66,15 @@ _REPORT_INTERVAL = 0.05
 
 @dataclass(frozen=True)
 class RadiosityProgress:
-    """How far a solution is; what `on_progress` is called with.
+    """Progress of a solution, passed to `on_progress`.
 
-    stage       : "form factors", "shooting", "refining" or "particles", and before that, at first use,
-                  "compiling kernels: cast_groups 3/12", when there are no elements yet
-    steps       : patches that shot, or particles
-    unshot      : share of all emitted energy that has not been sent; of a Monte Carlo solution the share of
-                  particles yet to come; None of a matrix
-    until       : the share at which it ends
-    elements    : how many there are
+    stage       : "form factors", "shooting", "refining" or "particles"; before that, at first use, "compiling
+                  kernels: cast_groups 3/12", when there are no elements yet
+    steps       : number of shots of patches, or of particles
+    unshot      : fraction of emitted energy that has not been shot; for Monte Carlo the fraction of remaining
+                  particles; None for a matrix
+    until       : fraction at which it ends
+    elements    : number of elements
     """
 
     stage: str
@@ -87,7 +86,7 @@ class RadiosityProgress:
 
 
 class RadiosityInterrupted(KeyboardInterrupt):
-    """Ctrl-C interrupted a solution. `solution` is what there was; None before there was any."""
+    """Ctrl-C interrupted a solution. `solution` is the partial solution; None if there is none."""
 
     def __init__(self, solution: RadiositySolution | None) -> None:
         kept = "" if solution is None else kept_in("RadiosityInterrupted", "solution", "render(radiosity=solution)")
@@ -100,7 +99,7 @@ Report = Callable[[RadiosityProgress], None]
 
 @dataclass
 class _Run:
-    """What is solved, and since when."""
+    """One call of `solve_radiosity`: scene, settings and start time."""
 
     scene: Scene
     method: Method
@@ -122,11 +121,11 @@ class _Run:
 
     @property
     def elapsed_s(self) -> float:
-        """Seconds since it began, those before a checkpoint included."""
+        """Seconds since the start, including those before a checkpoint."""
         return time.perf_counter() - self.started
 
     def resumed(self, checkpoint: SolverCheckpoint) -> None:
-        """It began as much earlier as the checkpoint's solver had worked."""
+        """Move the start back by the time that the checkpoint's solver had run."""
         self.started -= checkpoint.elapsed_s
         count_earlier(checkpoint.elapsed_s)
 
@@ -186,59 +185,59 @@ def solve_radiosity(
     on_progress: Report | None = None,
     checkpoint: SolverCheckpoint | None = None,
 ) -> RadiositySolution:
-    """The radiosity of a scene's surfaces, on the CPU.
+    """Solve the radiosity of a scene's surfaces, on the CPU.
 
         solution = glpath.solve_radiosity("cornell-box-36", patches=210)
         solution.save("cornell.npz")
 
     Parameters
     ----------
-    scene      : a file, the name of a shipped scene, or a `Scene`; what path tracing takes: diffuse surfaces of one
-                 colour; lit by shapes with an emission, by point, spot and directional lights and the sky.
-                 `ambient` of the scene, which stands for bounces, is left out
-    method     : "progressive" refinement (Cohen et al. 1988); "matrix", all at once, for small scenes;
-                 "monte-carlo", stochastic shooting, for many elements
-    patches    : about so many patches, which shoot; at least one per triangle. By default 1000. Of "monte-carlo"
-                 triangles that are smaller than a patch count as the share of one that they are, and so leave
-                 large walls theirs
-    size       : instead: the longest edge of a patch, scene units
-    splits     : each patch is split in four so many times, for elements, which receive
-    adaptive   : how many times elements may be split in four where the radiosity changes fast; not of "matrix". By
-                 default 6 with "monte-carlo", else 0
-    threshold  : "fast" is a difference of more than this: with "progressive" between two corners of an element, as
-                 a share of the scene's mean; with "monte-carlo" between a quarter of an element and the whole, as a
-                 share of the irradiance there
-    unshot     : ends when this share of the emitted energy has not been sent
-    max_steps  : or when so many patches shot
-    overshoot  : patches shoot some of what they will get later, too (Feda & Purgathofer 1992)
-    ambient    : add what the unshot energy will amount to, spread evenly (Cohen et al. 1988): right in the mean
-                 for a closed room, whose solution may then end early
-    form_factors    : "polygon", exact where nothing occludes, or "disc" (Wallace et al. 1989)
-    emitter_samples : 1, 4, 9, 16 or 25: the most of an emitter; the farther, the fewer
-    receiver_points : 1, 4, 9, ...: per element
-    particles  : of "monte-carlo", rounded up to whole batches of 16,384, and more if `adaptive` makes more
-                 elements. With `for_camera` and a sky or punctual
-                 lights as many again and again, up to 1,048,576, until what a gather of the camera's picture finds
-                 has a standard error of 0.3 %; `statistics` have it, `view_mean` and `view_error`, W sr^-1 m^-2
-    seed       : of "monte-carlo"
-    for_camera : of "monte-carlo": elements are smaller, and reflected light of the sky and of punctual lights has
-                 more particles, where the scene's camera sees its effect. For pictures from about there, of
-                 scenes that are much larger than what is seen: a room under the sky
-    shafts     : of "progressive" and "matrix": how occluders are found (Haines & Wallace 1991), which
-                 changes the time alone; see `glpath.radiosity.ShaftOptions`
-    time_limit : or after so many seconds from the call, those that a checkpoint has counted included; not of
+    scene      : a file, the name of a shipped scene, or a `Scene` that path tracing accepts, with diffuse surfaces
+                 of one colour. Lights are shapes with an emission, point, spot and directional lights and the sky.
+                 `ambient` of the scene, which replaces bounces, is ignored
+    method     : "progressive" for refinement (Cohen et al. 1988); "matrix" for a direct solution of small scenes;
+                 "monte-carlo" for stochastic shooting with many elements
+    patches    : approximate number of patches, which shoot; at least one per triangle, by default 1000. With
+                 "monte-carlo", triangles smaller than a patch count as the fraction of one that they are, and so
+                 leave patches to large walls
+    size       : longest edge of a patch in scene units, instead of `patches`
+    splits     : number of times that each patch is split in four, to get the elements, which receive
+    adaptive   : maximum number of times that elements are split in four if the radiosity changes fast; not for
+                 "matrix". By default 6 with "monte-carlo", otherwise 0
+    threshold  : minimum difference that counts as fast. "progressive": between two corners of an element, as a
+                 fraction of the scene's mean. "monte-carlo": between a quarter of an element and the whole, as a
+                 fraction of the irradiance there
+    unshot     : fraction of the emitted energy that may stay unshot when the solution ends
+    max_steps  : maximum number of shots
+    overshoot  : True if patches also shoot a part of the light that they will receive later (Feda & Purgathofer
+                 1992)
+    ambient    : True to add the expected light of the unshot energy, spread evenly (Cohen et al. 1988). This is
+                 correct in the mean for a closed room, whose solution may then end early
+    form_factors    : "polygon", exact without occluders, or "disc" (Wallace et al. 1989)
+    emitter_samples : maximum number of samples of an emitter: 1, 4, 9, 16 or 25; fewer at larger distances
+    receiver_points : number of points per element: 1, 4, 9, ...
+    particles  : number of particles for "monte-carlo", rounded up to whole batches of 16,384, and more if
+                 `adaptive` makes more elements. With `for_camera` and a sky or punctual lights, particles are added
+                 up to 1,048,576, until a gather of the camera's image has a standard error of 0.3 %. `statistics`
+                 have `view_mean` and `view_error`, W sr^-1 m^-2
+    seed       : random seed for "monte-carlo"
+    for_camera : for "monte-carlo", True for smaller elements, and more particles of reflected light from the sky
+                 and punctual lights, where the scene's camera sees their effect. Use it for images from near that
+                 camera, of scenes much larger than the visible part, such as a room under the sky
+    shafts     : options of the search for occluders with "progressive" and "matrix" (Haines & Wallace 1991), which
+                 change only the time; see `glpath.radiosity.ShaftOptions`
+    time_limit : maximum time in seconds since the call, including the time counted by a checkpoint; not for
                  "matrix"
-    on_progress: called with a `RadiosityProgress` now and then
-    checkpoint : where the solver's state is kept meanwhile, and from where it resumes, bit-identical; not of
-                 "matrix"
+    on_progress: function that is called with a `RadiosityProgress` now and then
+    checkpoint : file of the solver's state, from which it resumes bit-identically; not for "matrix"
 
-    Raises TimeLimitError if the time limit is over more than a second before the first step is done;
-    SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more,
-    or of what path tracing does not know; UsageError for options out of range or a mesh that does not fit into
-    memory; GlpathError for a checkpoint that another process has; RadiosityInterrupted, with what was solved, on
-    Ctrl-C.
+    Raises TimeLimitError if the time limit is over more than a second before the first step is done. Raises
+    SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more, or with
+    content that path tracing does not support. Raises UsageError for options out of range or a mesh that does not
+    fit into memory, and GlpathError for a checkpoint that another process uses. On Ctrl-C it raises
+    RadiosityInterrupted with the partial solution.
 
-    Poor at: glossy surfaces, which it does not know; small or thin shadows on coarse elements; lamps that nearly
+    Poor at: glossy surfaces, which it does not support; small or thin shadows on coarse elements; lamps that nearly
     touch a surface.
     """
     if adaptive is None:
@@ -266,7 +265,7 @@ def solve_radiosity(
         check_solvable(triangles)
         surface = surfaces(triangles)
         if size is None:
-            # To particles small triangles are nothing: they cost by their hits.
+            # Small triangles cost nothing with particles, whose cost depends on hits.
             by_size = method == "monte-carlo"
             size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
         divisions = divisions_of_size(triangles, surface, size)
@@ -304,7 +303,7 @@ def solve_radiosity(
 
 
 class _Wanted(NamedTuple):
-    """Of progressive refinement, as of `solve_radiosity`."""
+    """Options of progressive refinement, see `solve_radiosity`."""
 
     unshot: float
     max_steps: int
@@ -346,7 +345,7 @@ def _progressive(
             )
 
     def partial() -> RadiositySolution | None:
-        """Keep the state, and return the solution so far, if any; while elements are split, that from before."""
+        """Store the state, and return the solution so far, if any; during a refinement, the solution before it."""
         if checkpoint is not None:
             checkpoint.write(refinement, refinement.steps, run.elapsed_s)
         return before or (solution() if refinement.steps else None)
@@ -392,7 +391,7 @@ def _monte_carlo(
     ):
         run.resumed(checkpoint)
     asked = -(-particles // BATCH)
-    # Of a checkpoint that has more: up to where the next decision is.
+    # If a checkpoint has more batches, continue up to the next decision.
     batches = max(asked, -(-(shooting.particles // BATCH) // asked) * asked)
 
     def report() -> None:
@@ -417,7 +416,7 @@ def _monte_carlo(
             )
 
     def partial() -> RadiositySolution | None:
-        """Keep the state, and return the solution of the lattices that got the most particles, if any did."""
+        """Store the state, and return the solution of the lattices that got the most particles, if any."""
         if checkpoint is not None:
             checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
         if coarser is not None and shooting.particles < coarser["counts"][0]:
@@ -428,11 +427,11 @@ def _monte_carlo(
     try:
         while True:
             shooting.shoot(batches - shooting.particles // BATCH, report)
-            # As many particles for each element, however many elements there are.
+            # The number of particles per element does not depend on the number of elements.
             detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
-            if time_is_up():  # finer lattices would begin anew
+            if time_is_up():  # finer lattices would start again
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
             before = shooting.state()
             if shooting.deepen(detail):
@@ -443,7 +442,7 @@ def _monte_carlo(
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
             if (enough and batches >= wanted) or batches + asked > max(asked, _MAX_BATCHES):
                 return solution(detail)
-            # At the same numbers, however many threads there are.
+            # Batches are added in the same steps for any number of threads.
             batches += asked
     except (TimeLimitError, KeyboardInterrupt) as stop:
         return _stopped(stop, partial())

@@ -1,1 +1,1 @@
-"""View factors: the matrix of how surfaces see each other, for heat transfer and for the light of cities."""
+"""View factors between surfaces as a sparse matrix, for heat transfer and for the daylight of cities."""

@@ -1,12 +1,12 @@
-"""How much of what leaves a face arrives at the back of another: it is neither in the matrix nor in the sky.
+"""Fractions of light that arrive at backs of faces: they are neither in the matrix nor in the sky.
 
-Backs are no rows, so they have no factors. Their shares are found by rays, cosine-weighted, from Sobol points of
-each facet. Few rays of each say whether any back is seen at all; only where one is, all facets have as many as the
-error asks for.
+Backs are not rows, so they have no factors. Their fractions are estimated by cosine-weighted rays from Sobol points
+of each facet. A few rays for each facet find out if any back is visible at all. Only then do all facets get as many
+rays as the error requires.
 
-Cost:    0.3 to 3 microseconds a ray. A closed model takes 16 rays a facet, an open one 128; where backs are seen, a
+Cost:    0.3 to 3 microseconds a ray. A closed model takes 16 rays a facet, an open one 128; if backs are visible, a
          facet that sees them takes some 70,000 at an error of 1e-3.
-Poor at: backs that a few facets alone see a little of: where all first rays miss them, they are taken for none.
+Poor at: backs that only a few facets see a little of. If all first rays miss them, they are ignored.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-#: Rays of a facet that say whether backs are seen: of closed models, and of others; and of all facets together.
+#: Number of first rays of a facet in closed models, and in others; minimum number of first rays of all facets.
 _CLOSED, _OPEN, _ALTOGETHER = 16, 128, 4096
-#: Standard error of a share, over the error that is wanted of a row's sum.
+#: Target standard error of a back fraction, relative to the target error of a row's sum.
 _SHARE = 0.4
-#: Facets of a task.
+#: Number of facets of a task.
 _TASK = 64
 
 
 def back_shares(
     where: Geometry, closed: bool, error: float, threads: int, stop: Int64, report: Callable[[], None]
 ) -> tuple[Float64, Float64]:
-    """(rows,) shares of each row of the matrix that arrive at backs, and (rows,) standard errors.
+    """Return (rows,) fractions of each row's light that arrive at backs, and (rows,) their standard errors.
 
-    closed : whether faces are closed surfaces, so that backs are hardly to be seen
-    stop   : (1,), what is not 0 ends it
-    report   : called now and then
+    closed : True if faces are closed surfaces, so that backs are rarely visible
+    stop   : (1,), a value other than 0 ends the computation
+    report : function that is called now and then
     """
     total = len(where.facets.sides)
     shares, errors = np.zeros((2, total))
@@ -93,13 +93,13 @@ def back_shares(
 
 
 def is_closed(outlines: Sequence[Sequence[int]]) -> bool:
-    """Whether each edge has a face on either side, which run along it in opposite directions."""
+    """Return True if each edge has exactly two faces, which run along it in opposite directions."""
     edges = Counter(chain.from_iterable(zip(o, (*o[1:], o[0]), strict=True) for o in outlines))
     return all(count == 1 and edges.get((b, a)) == 1 for (a, b), count in edges.items())
 
 
 class _Work(NamedTuple):
-    """Of a task: `eps`, `sobol`, `fan` and `stop` are those of `records.Work`."""
+    """Working memory of a task; `eps`, `sobol`, `fan` and `stop` are as in `records.Work`."""
 
     eps: float
     sobol: Int64
@@ -108,7 +108,7 @@ class _Work(NamedTuple):
 
 
 class _Ray(NamedTuple):
-    """Origin, direction, and the distance along it from which on it meets anything."""
+    """Ray with an origin, a direction, and the minimum distance of hits."""
 
     x: float
     y: float
@@ -121,7 +121,7 @@ class _Ray(NamedTuple):
 
 @kernel
 def back_rays(begin, end, facets, tree, sampling, shares, errors, work):  # type: ignore[no-untyped-def]
-    """Shares of facets begin to end, and their standard errors, of as many rays as points are sampled."""
+    """Fill in shares of facets `begin` to `end` and their standard errors, with one ray for each sample point."""
     eps, sobol = work.eps, work.sobol
     sums = (0.0, 0.0, 0.0, 0.0)
     for i in range(begin, end):
@@ -169,7 +169,8 @@ def back_rays(begin, end, facets, tree, sampling, shares, errors, work):  # type
             found = s0 + s1 + s2 + s3
             mean = 0.25 * found
             square = (s0 - mean) ** 2 + (s1 - mean) ** 2 + (s2 - mean) ** 2 + (s3 - mean) ** 2
-            # Few rays may all agree accidentally: one of them counts.
+            # A few rays may agree accidentally, so 0.1 is added to the squared error of the count if only some rays
+            # hit backs.
             off = np.sqrt(square * BLOCKS / (BLOCKS - 1.0) + (0.1 if 0 < found < points else 0.0)) / points
             shares[i], errors[i] = found / points, off
             if off <= sampling.tolerance or points >= sampling.max_points:
@@ -181,7 +182,7 @@ def back_rays(begin, end, facets, tree, sampling, shares, errors, work):  # type
 
 @inner_kernel
 def _meets_back(ray, facets, tree, eps):  # type: ignore[no-untyped-def]
-    """1 where what a ray meets first is the back of a facet, and no front coincides."""
+    """Return 1.0 if a ray's first hit is the back of a facet that no front coincides with, otherwise 0.0."""
     x, y, z, dx, dy, dz, min_t = ray
     front = back = np.inf
     ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz

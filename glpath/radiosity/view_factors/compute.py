@@ -1,7 +1,7 @@
-"""`view_factors`: from faces to a `ViewFactors`, row by row on all cores, resumable.
+"""Compute view factors between faces, row by row on all cores; the computation can be resumed.
 
-Every pair is looked at once: what one face has of the other, the other has of the one (reciprocity), so that only
-what follows a row in the order of the BVH is computed, and the other half is its mirror image.
+Each pair of facets is evaluated once. By reciprocity its exchange area holds in both directions, so only facets
+that follow in the order of the BVH are evaluated, and the other half of the matrix is the transpose.
 """
 
 from __future__ import annotations
@@ -40,32 +40,33 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Property = Literal["reciprocity", "closure"]
 
-#: Rows of a task, at most: few, so that all cores end together and an interruption waits for little.
+#: Maximum number of rows of a task; small, so that all cores end together and an interruption waits only briefly.
 _TASK = 32
-#: Seconds between two reports, and between two files of what is done; these take at most this share of the time.
+#: Seconds between two reports, seconds between two saves, and maximum fraction of time spent on saving.
 _REPORT_INTERVAL, _SAVE_INTERVAL, _SAVE_SHARE = 0.1, 20.0, 0.05
-#: Bytes of a factor at the worst moment: both halves and their sum, each a value and a column.
+#: Peak memory of a factor in bytes: both halves and their sum, each a value and a column index.
 _BYTES_PER_FACTOR = 40
-#: By how much the sum of a row may be above 1 before a warning.
+#: Excess of a row's sum over 1 that is allowed without a warning.
 _OVERLAP = 0.01
-#: Bytes below which it is not asked whether there are so many.
+#: Size of the matrix in bytes up to which available memory is not checked.
 _ASKED = 8 << 20
-#: Parts of a row's error: how many standard errors, as points say them, which are cautious, so that it is
-#: about one and a half true ones; how many of backs, of which rays say less; and the width of a strip along its
-#: edges, in lengths below which a distance is rounding. No row of random rooms, rotated and in 32 bits, loses more.
+#: Terms of a row's error. `_CAUTION` scales standard errors of points, which are cautious, so that the result is
+#: about one and a half true standard errors. `_OF_BACKS` scales standard errors of backs, which rays underestimate.
+#: `_STRIPS` is the width of a strip along the row's edges, in units of the rounding length `eps`. No row of random
+#: rooms, rotated and in 32 bits, loses more than this strip.
 _CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
-#: Format of a partial file: another number is another layout, or another method.
+#: Format number of a partial file; it changes with the layout or the method.
 _FORMAT = 4
 
 
 @dataclass(frozen=True)
 class ViewFactorProgress:
-    """How far the matrix is; what `on_progress` is called with.
+    """Progress of the matrix, passed to `on_progress`.
 
     stage       : "compiling kernels: ...", "preparing", "rows", "backs"
-    done, total : facets whose row is done, and all of them
-    factors     : found so far
-    bytes       : of memory that all of them will take, an estimate; 0 while nothing is known
+    done, total : number of facets whose row is finished, and of all facets
+    factors     : number of factors found so far
+    bytes       : estimated memory of all factors; 0 until there is an estimate
     """
 
     stage: str
@@ -81,9 +82,9 @@ Report = Callable[[ViewFactorProgress], None]
 
 @dataclass
 class _Part:
-    """Exchange areas of the facets of some tasks with those that follow, as rows of the matrix.
+    """Exchange areas between the facets of some tasks and the facets that follow each, by row of the matrix.
 
-    error : of each, one standard error
+    error : standard error of each exchange area
     """
 
     tasks: Int64
@@ -105,44 +106,44 @@ def view_factors(
     resume: str | Path | None = None,
     on_progress: Report | None = None,
 ) -> ViewFactors:
-    """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
+    """Compute the matrix of view factors between the fronts of faces, with all occlusion.
 
-    Where shafts prove that two faces are unoccluded, there is no ray: of faces apart from each other Gauss
-    points on both, as many as the error asks for, of others the double contour integral. Where something does,
-    visibility is exact from every point of the smaller face, and points, Sobol's, scrambled, are doubled
-    until their own spread is below what is wanted. Both sides of a face hide; only the front sends and receives:
-    what arrives at backs is reported as `ViewFactors.backs`, and is no sky.
+    If shafts prove that two faces are unoccluded, no rays are traced. Distant faces use Gauss points on both, as
+    many as `error` requires, and close faces use the double contour integral. If occluders may exist, visibility is
+    computed exactly from points of the smaller face. These scrambled Sobol points are doubled until their spread is
+    below the tolerance. Both sides of a face occlude, but only the front sends and receives. Light that arrives at
+    backs is reported as `ViewFactors.backs`, and does not count as sky.
 
     Parameters
     ----------
     faces       : a scene, a mesh file or the name of a shipped scene; a `trimesh.Trimesh`; corners (N, k, 3); or
-                  (vertices, faces), vertices (V, 3) and for each face the numbers of its corners, three or more,
-                  flat, counter-clockwise seen from the front. Row i is face i of a mesh file, too, of an
-                  OBJ material by material: faces without an area are rows of zeros, which is warned of
-    groups      : what is a row: "faces", each face; "planar", faces in one plane that share edges, put together;
+                  (vertices, faces), with vertices (V, 3) and at least three vertex indices for each face. Faces are
+                  flat, with corners counter-clockwise seen from the front. Row i is face i, also of a mesh file;
+                  faces of an OBJ are ordered by material. Faces without an area give rows of zeros and a warning
+    groups      : meaning of a row: "faces", each face; "planar", merged faces in one plane that share edges;
                   "shapes", the shapes of a scene; or a label for each face
-    error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 meet it, most by far; see
-                  `ViewFactors.error` and `statistics["rows_beyond_error"]`. Of a single factor F, from the smaller
-                  of two faces, it promises error sqrt(F): 99 of 100 factors past occluders meet that, the worst of
-                  thousands is 3 times that far off. Factors below the square of `error` may be found as 0
+    error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 rows meet it, most by a
+                  large margin; see `ViewFactors.error` and `statistics["rows_beyond_error"]`. The target of a
+                  single factor F, from the smaller of two faces, is error sqrt(F). 99 of 100 partly occluded
+                  factors meet it; the worst of thousands is off by 3 times as much. Factors below the square of
+                  `error` may be found as 0
     enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
-    flip        : fronts are where a face's corners run clockwise, as for the inside of a model
-    threads     : that share the work; None for one per core
-    resume      : a file that keeps the rows that are done, every 20 seconds and when it is interrupted, and from
-                  which another call with the same faces and error resumes. It is removed in the end. One process
-                  has it at a time
-    on_progress : called with a `ViewFactorProgress`
+    flip        : True if corners are clockwise seen from the front, as for the inside of a model
+    threads     : number of threads; None for one per core
+    resume      : checkpoint file for finished rows, written every 20 seconds and on interruption. Another call with
+                  the same faces and error resumes from it. It is removed at the end. Only one process can use it at
+                  a time
+    on_progress : function that is called with a `ViewFactorProgress`
 
-    Raises SceneError for faces that are not flat or not finite, or all without area, and for infinite planes;
-    UsageError for options out of range, and where the matrix would not fit into memory, which is known after some
-    of its rows;
-    GlpathError where another process has the file of `resume`. Warns SceneWarning where faces that lie on each
-    other are both seen, and where backs are.
+    Raises SceneError for faces that are not flat or not finite, if no face has an area, and for infinite planes.
+    Raises UsageError for options out of range, and, after some rows, if the matrix would not fit into memory.
+    Raises GlpathError if another process uses the file of `resume`. Warns SceneWarning if coinciding faces are both
+    visible, or if backs are visible.
 
-    Cost:     about 1 microsecond for a pair that sees all of each other, some 20 for one that sees a part, and
-              memory of 40 bytes per factor that is not 0.
-    Poor at:  faces that other faces cut through: what disappears inside shows up as an error of quadrature; faces
-              between which hundreds of small ones stand, such as leaves of trees.
+    Cost:     about 1 microsecond for an unoccluded pair, some 20 for a partly occluded pair, and 40 bytes of memory
+              per factor that is not 0.
+    Poor at:  faces that intersect other faces, as the parts inside cause quadrature errors; faces with hundreds of
+              small occluders between them, such as leaves of trees.
 
     Sources: Mitalas & Stephenson 1966; Nishita & Nakamae 1983; Haines & Wallace 1991.
 
@@ -178,7 +179,7 @@ def view_factors(
 
 
 def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
-    """Coinciding faces do not hide each other: the row of what sees both adds up to more than 1."""
+    """Warn if rows add up to more than 1, because coinciding faces do not hide each other and count twice."""
     over = found.row_sums - 1
     allowed = np.maximum(max(_OVERLAP, 3 * found.statistics["error"]), 5 * found.error)
     if (too_much := np.flatnonzero(over > allowed)).size:
@@ -192,7 +193,7 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
 
 
 def _warn_of_backs(found: ViewFactors, source: str) -> None:
-    """Light that arrives at backs is in no factor, and not in the sky's."""
+    """Warn if backs are visible, because light that arrives there is in no factor and not in the sky."""
     if (seen := np.flatnonzero(found.backs > np.maximum(found.statistics["error"], found.backs_error))).size:
         i = int(seen[np.argmax(found.backs[seen])])
         name = f" ({found.names[i]})" if found.names else ""
@@ -207,19 +208,19 @@ def _warn_of_backs(found: ViewFactors, source: str) -> None:
 
 
 def kernels_of() -> tuple[Any, ...]:
-    """The kernels of view factors."""
+    """Return the kernels of view factors."""
     return (bvh._build, exchange_rows, back_rays)
 
 
 class _Rows(CheckpointFile):
-    """The file of the rows that are done."""
+    """Checkpoint file of the finished rows."""
 
     holder = "a matrix of view factors that resumes from it"
     work = "the matrix"
 
 
 class _Run:
-    """One call of `view_factors`."""
+    """State of one call of `view_factors`."""
 
     def __init__(self, error: float, threads: int, kept: _Rows | None, on_progress: Report | None) -> None:
         self.error, self.threads, self.kept, self.on_progress = error, threads, kept, on_progress
@@ -239,7 +240,7 @@ class _Run:
         key = json.dumps([_FORMAT, faces.digest, self.error])
         self.task = max(4, min(_TASK, total // 16))
         tasks = np.arange(-(-total // self.task))
-        # Some from everywhere come first: they say how much memory all will take.
+        # Every 16th task comes first, so that the memory of all rows can be estimated early.
         order = np.concatenate([tasks[k::16] for k in (0, *range(1, 16))])
         if self.kept is not None and self.kept.found():
             self.parts = [_read_part(self.kept.path, key)]
@@ -247,7 +248,7 @@ class _Run:
         self.rows_done = min(int(done.sum()) * self.task, total)
         pending = deque(order[~done].tolist())
         self._report("rows", self.rows_done, total, True)
-        # A queue, not futures: to hand these about takes as long as some tasks do.
+        # A queue replaces futures, because passing futures around takes as long as some tasks.
         ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
         stop = np.zeros(1, np.int64)
 
@@ -270,7 +271,7 @@ class _Run:
             while left:
                 try:
                     parts = [_whole(ended.get(timeout=_REPORT_INTERVAL))]
-                except Empty:  # tasks that are hard take minutes
+                except Empty:  # hard tasks take minutes
                     self._report("rows", self.rows_done + sum(int(done[0]) for done in within), total, False)
                     continue
                 while not ended.empty():
@@ -286,7 +287,7 @@ class _Run:
             )  # fmt: skip
         except BaseException:
             pending.clear()
-            stop[0] = 1  # rows that are hard take minutes
+            stop[0] = 1  # hard rows take minutes
             if self.kept is not None:
                 _end(running)
                 found = [ended.get() for _ in range(ended.qsize())]
@@ -305,7 +306,7 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            if self.bytes > max(1.1 * self.granted, _ASKED):  # to ask takes longer than some rows do
+            if self.bytes > max(1.1 * self.granted, _ASKED):  # the check takes longer than some rows
                 present = self._factors() * 20
                 require_memory(
                     self.bytes - present,
@@ -382,7 +383,7 @@ def _whole(ended: _Part | BaseException) -> _Part:
 
 
 def _next(pending: deque[int]) -> int | None:
-    """A length that is asked for first may be another one a moment later."""
+    """Return the next task, or None; checking the length first would race with other threads."""
     try:
         return pending.popleft()
     except IndexError:
@@ -398,8 +399,10 @@ def _end(running: list[Thread]) -> None:
 def _task(
     where: Geometry, faces: Faces, task: int, rows: int, error: float, stop: Int64, done: Int64
 ) -> _Part | None:
-    """Rows of one task; None where `stop` ended it. What one core needs of memory is made for it anew, which takes
-    no time compared with the rows."""
+    """Compute the rows of one task; return None if `stop` ended it.
+
+    The working memory of a core is allocated for each task, which takes no time compared with the rows.
+    """
     total = len(where.facets.sides)
     first, last = task * rows, min((task + 1) * rows, total)
     counts = np.zeros(len(COUNT_NAMES), np.int64)
@@ -432,7 +435,7 @@ def _task(
 
 
 def _summed(part: _Part, rows: int) -> _Part:
-    """Facets of the same rows added up, which are few where rows are groups."""
+    """Sum the exchange areas of facets by row and column; few remain if rows are groups."""
     keys, which = np.unique(part.i.astype(np.int64) * rows + part.j, return_inverse=True)
     i, j = (keys // rows).astype(np.int32), (keys % rows).astype(np.int32)
     exchange = np.bincount(which, part.exchange, len(keys)).astype(np.float64)

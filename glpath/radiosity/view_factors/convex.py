@@ -1,7 +1,6 @@
-"""Convex polygons for the kernels: clipped by planes, and the points of a quadrature on them.
+"""Convex polygons for the kernels: clipping by planes, and quadrature points.
 
-A plane is four numbers, unit normal and distance, so that the height of a point over it is normal . point +
-distance.
+A plane has four numbers, unit normal and distance. The height of a point over it is normal . point + distance.
 """
 
 from __future__ import annotations
@@ -13,19 +12,20 @@ from numpy.typing import NDArray
 
 from glpath.system.kernels import inner_kernel
 
-#: Most corners of a facet and of an occluder; each of two clips adds one.
+#: Maximum number of corners of a facet or occluder; each of two clips adds one corner.
 CORNERS = 12
 ROOM = CORNERS + 4
 
 
 class Polygon(NamedTuple):
-    """The corners points[:n], (n, 3) float64, counter-clockwise seen from its front."""
+    """Polygon with corners points[:n], (n, 3) float64, counter-clockwise seen from its front."""
 
     points: NDArray[np.float64]
     n: int
 
 
-#: atan(t) / t by powers of t^2, up to tan(pi / 8): interpolated at Chebyshev's points, good to 3e-14.
+#: Coefficients of atan(t) / t in powers of t^2, up to t = tan(pi / 8), interpolated at Chebyshev points; error
+#: 3e-14.
 _ATAN = (
     0.9999999999999736, -0.3333333333080474, 0.19999999605095062, -0.14285690433030468, 0.11110385243084064,
     -0.09078394365569775, 0.07563718533864056, -0.05874557604431399, 0.030663189607383973,
@@ -36,7 +36,7 @@ _EIGHTH = 0.41421356237309503
 
 @inner_kernel
 def angle(y, x):  # type: ignore[no-untyped-def]
-    """arctan2(y, x) for y >= 0, to 1e-13: in a third of the time, as it is no call and has no case of its own."""
+    """Return arctan2(y, x) for y >= 0 to 1e-13, in a third of the time, without a call or branches."""
     across = abs(x)
     small, large = min(across, y), max(across, y)
     folded = small > _EIGHTH * large
@@ -52,15 +52,15 @@ def angle(y, x):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def height(planes, i, x, y, z):  # type: ignore[no-untyped-def]
-    """Of a point over planes[i]."""
+    """Return the height of a point over planes[i]."""
     return planes[i, 0] * x + planes[i, 1] * y + planes[i, 2] * z + planes[i, 3]
 
 
 @inner_kernel
 def clip(polygon, planes, i, eps, target):  # type: ignore[no-untyped-def]
-    """The part of a polygon before planes[i], into `target`; returns its corners, 0 where nothing is before it.
+    """Write the part of a polygon in front of planes[i] to `target`; return its number of corners, 0 if empty.
 
-    Corners within eps of the plane count as on it, so that neighbours of its polygon leave no slivers.
+    Corners within eps of the plane count as on it, so that neighbours in that plane leave no slivers.
     """
     source, n = polygon
     highest, lowest = 0.0, 0.0
@@ -94,7 +94,7 @@ def clip(polygon, planes, i, eps, target):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def measure(polygon, centre):  # type: ignore[no-untyped-def]
-    """Its area and the largest distance of a corner from the mean of the corners, which goes to `centre`."""
+    """Return the area, and the largest distance of a corner from the corners' mean, which goes to `centre`."""
     points, n = polygon
     for j in range(3):
         centre[j] = 0.0
@@ -116,7 +116,7 @@ def measure(polygon, centre):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def triangle_area(points, k):  # type: ignore[no-untyped-def]
-    """Of corners 0, k and k + 1: a triangle of the fan."""
+    """Return the area of the fan's triangle of corners 0, k and k + 1."""
     ax, ay, az = points[k, 0] - points[0, 0], points[k, 1] - points[0, 1], points[k, 2] - points[0, 2]
     bx, by, bz = points[k + 1, 0] - points[0, 0], points[k + 1, 1] - points[0, 1], points[k + 1, 2] - points[0, 2]
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -125,9 +125,9 @@ def triangle_area(points, k):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def quadrature(polygon, rule, points):  # type: ignore[no-untyped-def]
-    """Points (4, m), the last row their weights, that integrate over a polygon; returns how many they are.
+    """Write quadrature points of a polygon to `points` (4, m), with weights in the last row; return their number.
 
-    rule : (r, 4) float64 of a triangle: barycentric coordinates and weights that add up to 1
+    rule : (r, 4) float64, rule of a triangle: barycentric coordinates and weights that add up to 1
     """
     corners, n = polygon
     m = 0

@@ -1,12 +1,12 @@
-"""Exchange areas A_a F_ab of two convex polygons that see all of each other, without a ray.
+"""Exchange areas A_a F_ab of two convex polygons without occluders between them.
 
-Apart from each other, by Gauss points on both, as many as the distance asks for; close to each other, by Stokes'
+Distant polygons use Gauss points on both, with a rule that depends on the distance. Close polygons use Stokes'
 theorem, the double contour integral
 
     A_a F_ab = 1 / (2 pi)  sum over edges p, q of  (dp . dq)  int int ln r ds dt
 
-of which the inner integral has a closed form, and the outer one is taken by Gauss's and Kronrod's points on halves
-of halves until both agree, so that edges which touch need no case of their own.
+The inner integral has a closed form. The outer one uses Gauss-Kronrod points and is halved until both rules agree,
+so that touching edges need no special case.
 
 Sources: Sparrow 1963; Mitalas & Stephenson 1966; Schroeder & Hanrahan 1993, "On the form factor between two
 polygons", whose closed form of the outer integral takes more time than the points do.
@@ -22,24 +22,24 @@ import numpy as np
 from glpath.radiosity.view_factors.convex import angle, measure, quadrature
 from glpath.system.kernels import inner_kernel, inner_sum
 
-#: Distance of the centres, in sums of the radii, below which polygons are close. It must be above 1.
+#: Distance of the centres, in sums of the radii, up to which polygons are close; must be above 1.
 _CLOSE = 1.1
 
-#: Of what the error may be, what the contour integral is asked for: along an edge far longer than the polygons are
-#: apart, two halves may agree before any point has come near.
+#: Tolerance of the contour integral, as a fraction of the allowed error. On an edge much longer than the polygons'
+#: distance, both rules may agree before any point is close.
 _NEAR = 0.2
-#: Of what Gauss's three points are off Kronrod's seven, what the seven are off at most.
+#: Maximum error of Kronrod's seven points, as a fraction of their difference from Gauss's three points.
 _SEVEN = 0.1
 
-#: Kronrod's seven points of an edge, from its middle in halves of it, of which the second and the middle are
-#: Gauss's three; and the weights of both (Piessens et al. 1983).
+#: Kronrod's seven points of an edge, measured from its middle in half lengths, and the weights of both rules. The
+#: middle and `_K2` are Gauss's three points (Piessens et al. 1983).
 _K1, _K2, _K3 = 0.9604912687080203, 0.7745966692414834, 0.4342437493468026
 _W1, _W2, _W3, _W0 = 0.1046562260264673, 0.2684880898683334, 0.4013974147759622, 0.4509165386584741
 _G2, _G0 = 5 / 9, 8 / 9
 
 
 def _triangle_rule(thrice: list[tuple[float, float]], *others: tuple[float, float, float, float]) -> np.ndarray:
-    """(r, 4): barycentric coordinates and weights; of `thrice` each stands for three points."""
+    """Return (r, 4), barycentric coordinates and weights; each entry of `thrice` stands for three points."""
     points = [p for a, w in thrice for p in ((1 - 2 * a, a, a, w), (a, 1 - 2 * a, a, w), (a, a, 1 - 2 * a, w))]
     return np.array([*points, *others])
 
@@ -48,7 +48,7 @@ def _six(a: float, b: float, weight: float) -> list[tuple[float, float, float, f
     return [(x, y, z, weight) for x, y, z in permutations((a, b, 1 - a - b))]
 
 
-#: Exact to degree 2, 4, 6 and 8 (Strang & Fix 1973; Dunavant 1985).
+#: Triangle rules that are exact to degree 2, 4, 6 and 8 (Strang & Fix 1973; Dunavant 1985).
 RULE_2 = _triangle_rule([(1 / 6, 1 / 3)])
 RULE_4 = _triangle_rule([(0.445948490915965, 0.223381589678011), (0.091576213509771, 0.109951743655322)])
 RULE_6 = _triangle_rule(
@@ -64,17 +64,17 @@ RULE_8 = _triangle_rule(
     (1 / 3, 1 / 3, 1 / 3, 0.144315607677787),
     *_six(0.263112829634638, 0.008394777409958, 0.027230314174435),
 )
-#: Errors of the rules are below these, times apart^-(degree + 2), times the exchange area that the polygons would
-#: have as small elements face to face; measured on random polygons, the worst of which goes to about half of it.
+#: Error bounds of the rules, in units of apart^-(degree + 2) times the exchange area of small elements that face
+#: each other. They were measured on random polygons, the worst of which has about half of the bound.
 _OFF_2, _OFF_4, _OFF_6, _OFF_8 = 0.2, 0.04, 0.01, 1.5e-3
 
 
 @inner_kernel
 def exchange(a, b, na, nb, floor, relative, work):  # type: ignore[no-untyped-def]
-    """Exchange area of two polygons, each wholly before the other, and an estimate of its error.
+    """Return the exchange area of two polygons, each entirely in front of the other, and its estimated error.
 
-    na, nb          : (3,) the unit normals
-    floor, relative : what the error may be, as an exchange area, and as a share of what is found
+    na, nb          : (3,) unit normals
+    floor, relative : allowed error, as an exchange area, and as a fraction of the result; the larger one counts
     """
     area_a, radius_a = measure(a, work.centre_a)
     area_b, radius_b = measure(b, work.centre_b)
@@ -106,7 +106,7 @@ def exchange(a, b, na, nb, floor, relative, work):  # type: ignore[no-untyped-de
 
 @inner_kernel
 def _by_points(a, b, na, nb, rule, work):  # type: ignore[no-untyped-def]
-    """As `exchange`, by the Gauss points of a rule."""
+    """Return the exchange area of two polygons from the Gauss points of a rule."""
     i = quadrature(a, rule, work.points_a)
     j = quadrature(b, rule, work.points_b)
     return _between_points(work.points_a, i, work.points_b, j, na, nb)
@@ -114,7 +114,7 @@ def _by_points(a, b, na, nb, rule, work):  # type: ignore[no-untyped-def]
 
 @inner_sum
 def _between_points(a, n, b, m, na, nb):  # type: ignore[no-untyped-def]
-    """sum cos cos / (pi r^2) over points with weights."""
+    """Return the sum of cos cos / (pi r^2) over pairs of weighted points."""
     total = 0.0
     for i in range(n):
         x, y, z, w = a[0, i], a[1, i], a[2, i], a[3, i]
@@ -130,7 +130,7 @@ def _between_points(a, n, b, m, na, nb):  # type: ignore[no-untyped-def]
 
 
 class _Edge(NamedTuple):
-    """Where an edge begins, and the vector to its end."""
+    """Edge: its start, and the vector to its end."""
 
     x: float
     y: float
@@ -142,9 +142,10 @@ class _Edge(NamedTuple):
 
 @inner_kernel
 def _inner(edge, s, polygon):  # type: ignore[no-untyped-def]
-    """sum over edges q of a polygon of (dp . dq) times the mean of ln r along q, from the point at s on an edge p.
+    """Return the sum over edges q of a polygon of (dp . dq) times the mean of ln r along q.
 
-    But for a constant of these means, which adds nothing, as the polygon is closed.
+    r is measured from the point at parameter s on an edge p. A constant of the means is left out, because it
+    cancels over a closed polygon.
     """
     ex, ey, ez = edge.ex, edge.ey, edge.ez
     x, y, z = edge.x + s * ex, edge.y + s * ey, edge.z + s * ez
@@ -162,7 +163,8 @@ def _inner(edge, s, polygon):  # type: ignore[no-untyped-def]
         dot = ex * fx + ey * fy + ez * fz
         length2 = fx * fx + fy * fy + fz * fz
         if dot != 0 and length2 > 0:
-            # The distance along q from the foot of the point, and that of the foot, in lengths of q.
+            # Distances in lengths of q: u along q from the point's foot to the start, and h from the point to its
+            # foot.
             u = (dx * fx + dy * fy + dz * fz) / length2
             v = u + 1
             hx, hy, hz = dx - u * fx, dy - u * fy, dz - u * fz
@@ -178,7 +180,7 @@ def _inner(edge, s, polygon):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _touches(a, k, polygon):  # type: ignore[no-untyped-def]
-    """Whether point a[k] is a corner: there the logarithm goes to infinity, though its integral does not."""
+    """Return True if point a[k] is a corner of the polygon, where the logarithm but not its integral diverges."""
     b, m = polygon
     for i in range(m):
         dx, dy, dz = b[i, 0] - a[k, 0], b[i, 1] - a[k, 1], b[i, 2] - a[k, 2]
@@ -189,9 +191,9 @@ def _touches(a, k, polygon):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _along(edge, start, width, smoothed, polygon):  # type: ignore[no-untyped-def]
-    """The integral of `_inner` over a part of an edge by seven points, and how far three of them are from it.
+    """Return the integral of `_inner` over a part of an edge by seven points, and its difference from three points.
 
-    smoothed : the part is of t, and the point at t^2 (3 - 2 t), times the derivative: smooth at an end that touches
+    smoothed : True to substitute the point t^2 (3 - 2 t) and its derivative, which is smooth at an end that touches
     """
     half = 0.5 * width
     seven = three = 0.0
@@ -210,10 +212,10 @@ def _along(edge, start, width, smoothed, polygon):  # type: ignore[no-untyped-de
 
 @inner_kernel
 def near_exchange(first, second, tolerance, stack):  # type: ignore[no-untyped-def]
-    """Of polygons which may touch, and an estimate of its error.
+    """Return the exchange area of polygons that may touch, and its estimated error.
 
-    tolerance : of the result, roughly
-    stack     : (24, 2) float64 or larger: parts of an edge that are halved twenty times are taken as they are
+    tolerance : approximate tolerance of the result
+    stack     : (24, 2) float64 or larger; parts of an edge that were halved twenty times are not halved further
     """
     a, n = first
     total, error = 0.0, 0.0

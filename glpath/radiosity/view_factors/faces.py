@@ -1,4 +1,4 @@
-"""Faces: the rows of the matrix, out of a scene, a mesh, or arrays, checked before any work begins."""
+"""Faces of the matrix's rows, read from a scene, a mesh, or arrays, and checked before any work begins."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from glpath.scene.source_location import SourceLocation
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-#: How far out of its plane a corner of a face may lie, as a share of the face's size.
+#: Maximum distance of a face's corner from its plane, as a fraction of the face's size.
 _FLAT = 1e-4
 _LISTED = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """Flat polygons with a front, and the row of the matrix that each belongs to.
+    """Flat one-sided polygons, and the row of the matrix that each belongs to.
 
-    vertices : (V, 3) float64, scene units, all of them different
-    outlines : of each face with an area the numbers of its corners, counter-clockwise seen from the front
-    rows     : (F,) int64; where rows are faces, these have the numbers that they were given with
-    given    : how many faces were given, those without an area too
-    names    : of the rows; empty where they are the faces, in their order
-    source   : what errors call it
+    vertices : (V, 3) float64, scene units, all different
+    outlines : vertex indices of the corners of each face with an area, counter-clockwise seen from the front
+    rows     : (F,) int64, row of each face; if rows are faces, the index in the given faces
+    given    : number of given faces, including faces without an area
+    names    : names of the rows; empty if rows are the faces, in their order
+    source   : name of the input in error messages
     """
 
     vertices: Float64
@@ -64,19 +64,19 @@ class Faces:
         return len(self.names) or self.given
 
     def row_geometry(self) -> tuple[Float64, Float64]:
-        """Return the centroids and unit normals of the rows' faces, each (N, 3); NaN for rows without an area.
+        """Return the centroids and unit normals of the rows, each (N, 3); NaN for rows without an area.
 
-        The normal of several faces is that of their summed area vectors, NaN if these cancel out.
+        The normal of several faces is the direction of their summed area vectors, NaN if these cancel out.
         """
         sides = np.array([len(outline) for outline in self.outlines], np.int64)
         flat = np.fromiter((corner for outline in self.outlines for corner in outline), np.int64, int(sides.sum()))
         first = np.concatenate([[0], np.cumsum(sides)[:-1]]) if len(sides) else sides
-        face = np.repeat(np.arange(len(sides)), sides - 2)  # of each triangle of the fans
+        face = np.repeat(np.arange(len(sides)), sides - 2)  # face of each triangle of the fans
         step = np.arange(len(face)) - np.repeat(np.cumsum(sides - 2) - (sides - 2), sides - 2)
         a, b, c = (self.vertices[flat[first[face] + at]] for at in (0, step + 1, step + 2))
         doubled = np.cross(b - a, c - a)
         of_face = _sums(face, doubled, len(sides))
-        # Triangles of a fan outside of a concave face count less than nothing.
+        # Triangles of a fan outside a concave face have negative weight.
         unit = of_face / np.maximum(np.linalg.norm(of_face, axis=1, keepdims=True), np.finfo(float).tiny)
         weight = np.einsum("ij,ij->i", doubled, unit[face])
         moments = _sums(face, weight[:, None] * (a + b + c) / 3, len(sides))
@@ -90,22 +90,22 @@ class Faces:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 (hex) of all that the matrix depends on."""
+        """SHA-256 (hex) of all inputs that the matrix depends on."""
         flat = np.array([v for outline in self.outlines for v in (*outline, -1)], np.int64)
         parts = (self.vertices, flat, self.rows)
         return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
 
 def _sums(group: Int64, values: Float64, count: int) -> Float64:
-    """(count, 3): the sums of values (M, 3) by groups (M,)."""
+    """Return (count, 3), the sums of values (M, 3) by groups (M,)."""
     return np.stack([np.bincount(group, column, count) for column in values.T], axis=1)
 
 
 def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) -> Faces:
-    """The argument of `glpath.view_factors`, as faces. Raises SceneError and UsageError."""
+    """Convert the argument of `glpath.view_factors` to faces. Raises SceneError and UsageError."""
     shape_of: Int64 | None = None
     shape_names: list[str] = []
-    by_shape = isinstance(groups, str) and groups == "shapes"  # an array of labels equals no word
+    by_shape = isinstance(groups, str) and groups == "shapes"  # `==` on an array of labels would give an array
     if isinstance(given, np.ndarray | list):
         corners = _array(given, "faces", "(N, k, 3): N faces, k >= 3")
         if corners.ndim != 3 or corners.shape[2] != 3 or corners.shape[1] < 3:
@@ -125,7 +125,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         source = "mesh"
         vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
     elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and not by_shape:
-        source = str(given)  # not by a scene, which leaves out triangles without area
+        source = str(given)  # not loaded as a scene, because scenes leave out triangles without area
         file = read_mesh_file(Path(given), SourceLocation(source), colours=False)
         meshes = file.meshes
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -150,7 +150,7 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
 
 
 def _array(given: Any, what: str, allowed: str) -> Float64:
-    """float64. Raises UsageError for what are no real numbers, or not as many in each row."""
+    """Return `given` as float64. Raises UsageError unless it holds real numbers in rows of equal length."""
     try:
         array = np.asarray(given)
         if array.dtype.kind in "biuf":
@@ -164,7 +164,7 @@ def _array(given: Any, what: str, allowed: str) -> Float64:
 
 
 def _outlines(given: Any) -> list[list[int]]:
-    """Raises UsageError for what are no whole numbers."""
+    """Return the faces as lists of int. Raises UsageError if vertex indices are not whole numbers."""
     try:
         outlines = [[(int(v), v) for v in face] for face in given]
     except (TypeError, ValueError, OverflowError):
@@ -182,7 +182,7 @@ def _outlines(given: Any) -> list[list[int]]:
 
 @contextmanager
 def geometry_alone() -> Iterator[None]:
-    """Without warnings that a scene has no camera and no light, and without an error: it needs none."""
+    """Context in which scenes load without warnings or errors about a missing camera or light."""
     with aside("camera", "light"):
         yield
 
@@ -223,7 +223,7 @@ def _rows(
 
 
 def _distinct(names: list[str]) -> tuple[str, ...]:
-    """A number behind those that are there more than once."""
+    """Return the names, with a number appended to repeated names."""
     return tuple(
         f"{name} {names[:i].count(name) + 1}" if names.count(name) > 1 else name for i, name in enumerate(names)
     )
@@ -256,7 +256,7 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
             f"{source}: faces[{face}]: vertex {at} is {vertices[at].tolist()}; coordinates must be finite numbers.",
             f"{len(bad)} vertices of faces are not." if len(bad) > 1 else "",
         )
-    # Vertices equal but for rounding become one, or neighbours would not be found.
+    # Vertices that are equal except for rounding are merged, otherwise neighbours would not be found.
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     step = max(float((high - low).max()), np.finfo(float).tiny) * 1e-12
     keys = np.round((np.where(used[:, None], vertices, low) - low) / step).astype(np.int64)
@@ -316,10 +316,10 @@ def _without_repeats(outline: Outline) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """The input of the kernels: facets in the order of a BVH, and occluders.
+    """Input of the kernels: facets in the order of a BVH, and occluders.
 
-    row : (n,) int64, the row of the matrix of each facet
-    eps : length below which a distance is rounding
+    row : (n,) int64, row of the matrix of each facet
+    eps : length up to which distances are treated as rounding errors
     areas, perimeters : (rows,) float64, summed over the facets of each row
     """
 
@@ -349,7 +349,7 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
-        # One of a sheet's two sides is enough: either hides.
+        # One of a sheet's two sides is enough, because either side occludes.
         walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)

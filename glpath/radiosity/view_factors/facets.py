@@ -1,11 +1,11 @@
-"""Facets: convex polygons out of the faces that a user has, and the occluders that they make together.
+"""Convert faces to facets, which are convex polygons, and merge faces to occluders.
 
-A face may be any flat polygon; one that is not convex becomes several facets, and neighbours in one plane that are
-of one row of the matrix become one. Occluders are merged whatever they belong to: a wall of a thousand faces hides
-what is behind it as one rectangle.
+A face may be any flat polygon. A concave one becomes several facets, and neighbouring facets in one plane and one
+row of the matrix become one. Occluders are merged whatever row they belong to, so a wall of a thousand faces
+occludes as one rectangle.
 
 Cost:     merging takes some 20 microseconds a face.
-Poor at:  merging faces whose edges meet in T-junctions, which stay apart.
+Poor at:  merging faces whose edges meet in T-junctions, which stay separate.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Outline = tuple[int, ...]
 
-#: Share of the size of the scene below which a distance is rounding, as of coordinates of 32 bits.
+#: Distance that counts as rounding of 32-bit coordinates, as a fraction of the scene's size.
 ROUNDING = 5e-7
-#: Sine of an angle below which three corners are in line.
+#: Sine of the angle up to which three corners are collinear.
 _STRAIGHT = 1e-6
 
 
 def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygons:
-    """For the kernels, of convex outlines, each with at most `CORNERS` corners."""
+    """Return the polygons of convex outlines with at most `CORNERS` corners each, for the kernels."""
     total = len(outlines)
     corners = np.zeros((total, CORNERS, 3))
     count = np.array([len(outline) for outline in outlines], np.int64)
@@ -40,7 +40,7 @@ def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygon
         some = vertices[np.array([outlines[i] for i in which.tolist()])]
         corners[which, :n] = some
         corners[which, n:] = some[:, :1]
-    # A corner that is there more than once adds nothing.
+    # Repeated corners add nothing to the area.
     following = np.roll(corners, -1, axis=1)
     area_vectors = 0.5 * np.cross(corners - corners[:, :1], following - corners[:, :1]).sum(axis=1)
     areas = np.linalg.norm(area_vectors, axis=1)
@@ -48,7 +48,7 @@ def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygon
     inside = np.arange(CORNERS)[None, :] < count[:, None]
     centres = (corners * inside[..., None]).sum(axis=1) / np.maximum(count, 1)[:, None]
     planes = np.column_stack([normals, -(normals * centres).sum(axis=1)])
-    # The last edge goes back to corner 0, which is what stands behind the last corner.
+    # The last edge ends at corner 0, which is stored again after the last corner.
     along = np.where(inside[..., None], following - corners, 0.0)
     inward = np.cross(normals[:, None], along)
     inward /= np.maximum(np.linalg.norm(inward, axis=2, keepdims=True), np.finfo(float).tiny)
@@ -60,18 +60,18 @@ def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygon
 def merged(
     vertices: Float64, outlines: Sequence[Sequence[int]], labels: Sequence[int], size: float
 ) -> tuple[list[list[int]], list[int]]:
-    """Neighbours of one label in one plane put together, where what comes of it is convex.
+    """Merge neighbours of one label in one plane if their union is convex.
 
-    vertices : (V, 3); equal ones must be one
-    outlines : numbers of vertices of convex polygons
-    size     : of the scene, which rounding is measured by
+    vertices : (V, 3); equal vertices must have one index
+    outlines : vertex indices of convex polygons
+    size     : size of the scene, which the rounding tolerance is relative to
 
-    Returns outlines and the first polygon of each. The longest common edges go first, so that the two triangles of
-    a quad find each other.
+    Returns outlines and the index of the first polygon of each. The longest common edges are merged first, so that
+    the two triangles of a quad become one polygon.
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
     points = list(map(tuple, np.asarray(vertices, np.float64).tolist()))
-    # A union's area vector is the sum, so that its normal is that of its parts.
+    # The area vector of a union is the sum of its parts' vectors, so that its normal is theirs.
     vectors = [_area_vector(points, shape) for shape in shapes if shape is not None]
     units = [_unit(vector) for vector in vectors]
     labels = list(labels)
@@ -85,7 +85,8 @@ def merged(
     while changed:
         changed = False
         for number in range(len(shapes)):
-            # One grows as far as it goes before the next begins, or a grid of squares would end in pinwheels.
+            # Each polygon grows as far as possible before the next, because a grid of squares would otherwise end
+            # in pinwheels.
             while (shape := shapes[number]) is not None:
                 neighbours = []
                 for a, b in _edges(shape):
@@ -124,8 +125,10 @@ def _edges(outline: list[int]) -> list[tuple[int, int]]:
 
 
 def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, eps: float) -> list[int] | None:
-    """Two convex polygons of one normal that share the edge from a to b of the first as one; None where that is not
-    flat and convex."""
+    """Return the union of two convex polygons with one normal, or None if it is not flat and convex.
+
+    They share the edge from a to b of the first polygon.
+    """
     x, y, z = points[a]
     nx, ny, nz = normal
     for v in two:
@@ -133,11 +136,11 @@ def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, e
         if abs(nx * (px - x) + ny * (py - y) + nz * (pz - z)) > eps:
             return None
     i, j = one.index(b), two.index(a)
-    first = [*one[i:], *one[:i]]  # from b round to a
-    second = [*two[j:], *two[:j]][1:-1]  # what comes of the other after a, up to before b
+    first = [*one[i:], *one[:i]]  # from b around to a
+    second = [*two[j:], *two[:j]][1:-1]  # corners of the other polygon between a and b
     if not set(first).isdisjoint(second) or not second:
         return None
-    # Where the two meet alone can it turn otherwise than they did: inward, or not at all.
+    # Only at the joints a and b can the union's outline turn differently from the parts': inward, or not at all.
     at_a, at_b = _turn(points, first[-2], a, second[0], normal), _turn(points, second[-1], b, first[1], normal)
     if at_a < 0 or at_b < 0:
         return None
@@ -146,7 +149,7 @@ def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, e
 
 
 def _turn(points: list[Any], before: int, at: int, after: int, normal: Any) -> int:
-    """1 where the outline turns left there, 0 where it goes straight on, -1 where it turns right or back."""
+    """Return 1 if the outline turns left at `at`, 0 if it continues straight, -1 if it turns right or back."""
     u, v = _minus(points[at], points[before]), _minus(points[after], points[at])
     turn = _dot(normal, _cross(u, v))
     straight = _STRAIGHT * (_dot(u, u) * _dot(v, v)) ** 0.5
@@ -156,7 +159,7 @@ def _turn(points: list[Any], before: int, at: int, after: int, normal: Any) -> i
 
 
 def _area_vector(points: Any, outline: Sequence[int]) -> tuple[float, float, float]:
-    """Twice its area along its normal."""
+    """Return the normal of an outline with the length of twice its area."""
     origin = points[outline[0]]
     x = y = z = 0.0
     before = _minus(points[outline[1]], origin)
@@ -201,7 +204,7 @@ def _distance2(a: Any, b: Any) -> float:
 
 
 def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) -> Int64:
-    """(F,) int64, a number for each region of faces in one plane that share edges, in order of appearance."""
+    """Return (F,) int64, numbers of regions of coplanar faces that share edges, in order of appearance."""
     points = [tuple(map(float, v)) for v in vertices]
     normals = [_normal(points, outline) for outline in outlines]
     sides: dict[tuple[int, int], int] = {}
@@ -217,7 +220,7 @@ def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) 
     for number, outline in enumerate(outlines):
         for a, b in _edges(list(outline)):
             other = sides.get((b, a))
-            # By the normals of the two alone a fine enough cylinder would be flat: the corners must be, too.
+            # A fine cylinder would be flat by the normals of neighbours alone, so the corners are tested too.
             if other is not None and _dot(normals[number], normals[other]) > 1 - 1e-9:
                 origin = points[outlines[found(other)][0]]
                 normal = normals[found(other)]
@@ -231,9 +234,9 @@ def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) 
 
 
 def convex_parts(vertices: Float64, outline: Outline, max_corners: int) -> list[Outline]:
-    """A flat polygon as convex ones of at most so many corners; itself where it is one.
+    """Split a flat polygon into convex ones with at most `max_corners` corners; return a convex one unchanged.
 
-    By cutting off ears: the first corner that turns inward and whose triangle holds no other corner.
+    Ears are cut off: the first convex corner whose triangle contains no other corner.
     """
     if len(outline) == 3:
         return [outline]
@@ -244,7 +247,7 @@ def convex_parts(vertices: Float64, outline: Outline, max_corners: int) -> list[
         return _dot(normal, _cross(_minus(points[b], points[a]), _minus(points[c], points[b])))
 
     n = len(outline)
-    # A quad whose area is right but that crosses itself, or a star, turns outward somewhere or goes round twice.
+    # A self-intersecting quad or a star turns outward somewhere or winds around twice.
     if all(turn(outline[k - 1], outline[k], outline[(k + 1) % n]) >= 0 for k in range(n)):
         step = max_corners - 2
         return [(outline[0], *outline[k : k + step + 1]) for k in range(1, n - 1, step)]
@@ -261,7 +264,7 @@ def convex_parts(vertices: Float64, outline: Outline, max_corners: int) -> list[
                 del left[k]
                 break
         else:
-            break  # corners in line only are left
+            break  # only collinear corners are left
     if len(left) == 3:
         parts.append((left[0], left[1], left[2]))
     return parts

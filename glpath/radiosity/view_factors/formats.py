@@ -1,11 +1,12 @@
-"""View factors for other programs: CSV, uDALES and EnergyPlus; each written from the matrix as it stands.
+"""Files of view factors for other programs: CSV, uDALES and EnergyPlus, written from the unchanged matrix.
 
-uDALES reads F[i, j] as what arrives at facet i from facet j in its energy balance, which by reciprocity is ours
-(`calclw` of its modEB.f90). Its sparse matrix is text, its dense one netCDF, float32, which Fortran reads with the
-first index running fastest: in the order of C it is the transpose. The facets' order must be that of its .stl.
+The energy balance of uDALES reads F[i, j] as light that arrives at facet i from facet j, which equals ours by
+reciprocity (`calclw` of its modEB.f90). Its sparse matrix is text. Its dense one is netCDF, float32, which Fortran
+reads with the first index running fastest: in C order it is the transpose. The facets must have the order of its
+.stl.
 
-EnergyPlus wants a factor for each pair of the surfaces of a zone, 0 included, from the first to the second named,
-and by its own iteration changes those of a zone that is not closed.
+EnergyPlus reads a factor for each pair of surfaces of a zone, including 0, from the first named to the second. It
+changes the factors of zones that are not closed by its own iteration.
 
 Sources: uDALES 2, src/initfac.f90 and tools/preprocessing.m; EnergyPlus 23.2, Input Output Reference, "Group -
 Advanced Surface Concepts", and GetInputViewFactorsbyName of HeatBalanceIntRadExchange.cc.
@@ -26,17 +27,19 @@ from glpath.radiosity.memory import require_memory
 
 Float64 = NDArray[np.float64]
 
-#: Of uDALES; the number of the experiment stands behind each.
+#: File names of uDALES, which appends the number of the experiment to each.
 _UDALES = ("vfsparse.inp", "svf.inp", "facetarea.inp", "vf.nc.inp")
-#: Bytes that netCDF of version 3 has for a variable.
+#: Maximum size of a variable in netCDF version 3, in bytes.
 _NETCDF_MAX = (1 << 31) - 4
-#: What ends a field, an object or a line in an .idf.
+#: Characters that end a field, an object or a line in an .idf.
 _IDF_MARKS = ",;!\n\r"
 
 
 def file_kind(path: str | Path) -> str:
-    """The format of a file of that name: "npz", "csv", "idf", or the name of uDALES's without the number. Raises
-    UsageError for other names."""
+    """Return the format of a file name: "npz", "csv", "idf", or a uDALES name without its number.
+
+    Raises UsageError for other names.
+    """
     name = Path(path).name.lower()
     for kind in _UDALES:
         if name.startswith(kind):
@@ -53,8 +56,11 @@ def file_kind(path: str | Path) -> str:
 
 
 def write_text(matrix: Any, backs: Float64, path: Path, csv: bool) -> None:
-    """A line for each factor that is not 0: "i,j,F" counted from 0 behind a line of names, and "i,backs,F" in the
-    end for rows that see backs; or uDALES's "i j F" counted from 1, which has no field for these."""
+    """Write a line for each factor that is not 0, as CSV or in the format of uDALES.
+
+    CSV has "i,j,F" counted from 0 after a header line, and at the end "i,backs,F" for rows that see backs. uDALES
+    has "i j F" counted from 1, without a field for backs.
+    """
     m = sparse.coo_array(matrix)
     i, j = m.coords
     with open(path, "w", encoding="utf-8") as file:
@@ -73,14 +79,15 @@ def write_text(matrix: Any, backs: Float64, path: Path, csv: bool) -> None:
 
 
 def write_column(values: Iterable[float], title: str, path: Path) -> None:
-    """A number for each row behind a line of title, as uDALES reads sky view factors and areas."""
+    """Write a title line and a number for each row, the format in which uDALES reads sky view factors and areas."""
     path.write_text(f"# {title}\n" + "".join(f"{value:.9g}\n" for value in values), encoding="utf-8")
 
 
 def write_netcdf(matrix: Any, backs: Float64, path: Path) -> None:
-    """uDALES's dense matrix, and where any are seen a variable "backs", which uDALES does not ask for.
+    """Write the dense matrix of uDALES, and, if backs are visible, a variable "backs", which uDALES ignores.
 
-    Raises UsageError where that is more than netCDF or the memory takes."""
+    Raises UsageError if the matrix exceeds the limit of netCDF or the memory.
+    """
     from scipy.io import netcdf_file
 
     n = matrix.shape[0]
@@ -100,7 +107,7 @@ def write_netcdf(matrix: Any, backs: Float64, path: Path) -> None:
 
 
 def check_names(names: Sequence[str], zone: str, path: Path) -> None:
-    """Raises UsageError where rows cannot be surfaces of EnergyPlus, or a zone cannot have that name."""
+    """Raise UsageError if rows cannot be surfaces of EnergyPlus, or if a zone cannot have that name."""
     if not names:
         raise UsageError(
             f"{path}: EnergyPlus knows surfaces by their names, but the rows are faces.",
@@ -123,8 +130,10 @@ def check_names(names: Sequence[str], zone: str, path: Path) -> None:
 
 
 def write_idf(matrix: Any, backs: Float64, names: Sequence[str], zone: str, path: Path) -> None:
-    """EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, all N^2 factors, and remarks on rows that see backs;
-    see `check_names`."""
+    """Write ZoneProperty:UserViewFactors:BySurfaceName of EnergyPlus, with all N^2 factors.
+
+    Comments give the fractions of rows that see backs; see also `check_names`.
+    """
     dense = np.asarray(matrix.toarray()).clip(0.0, 1.0)
     last = len(names) - 1
     with open(path, "w", encoding="utf-8") as file:

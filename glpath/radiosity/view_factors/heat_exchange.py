@@ -1,11 +1,11 @@
 """Radiative exchange between grey, diffuse faces, from their view factors: net fluxes and Gebhart's factors.
 
-Radiosities J solve J = e sigma T^4 + (1 - e) G, where G = F J + F_s sigma T_s^4 arrives; a face of unknown
-temperature, which no net flux leaves, has J = G.
+Radiosities J solve J = e sigma T^4 + (1 - e) G, with the irradiance G = F J + F_s sigma T_s^4. A face of unknown
+temperature has no net flux, so J = G.
 
 Cost:    one sparse solution of N equations; Gebhart's factors are a dense matrix.
-Poor at: mirrors, gases that absorb, and emissivities that differ between the wavelengths of sender and receiver:
-         call it once for each band.
+Poor at: mirrors, gases that absorb, and emissivities that differ between the wavelengths of sender and receiver.
+Call it once for each band.
 Sources: Hottel & Sarofim 1967; Gebhart 1961; Howell, Menguc, Daun & Siegel, Thermal radiation heat transfer, 5.
 """
 
@@ -26,21 +26,21 @@ from glpath.system.frames import data_frame
 
 Float64 = NDArray[np.float64]
 
-#: Stefan's and Boltzmann's, W m^-2 K^-4 (CODATA 2018).
+#: Stefan-Boltzmann constant, W m^-2 K^-4 (CODATA 2018).
 SIGMA = 5.670374419e-8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiativeExchange:
-    """What N faces exchange by radiation, in the steady state.
+    """Radiative exchange of N faces in the steady state.
 
-    temperature  : (N,) float64, K: as given, and of faces without a net flux what they come to
+    temperature  : (N,) float64, K, as given; the equilibrium temperature for faces without a net flux
     emissivity   : (N,) float64
     areas        : (N,) float64
-    radiosity    : (N,) float64, W m^-2: what leaves each face, emitted and reflected
-    arriving     : (N,) float64, W m^-2
-    surroundings : K, what faces see beside each other; None of a closed room
-    names        : of the rows
+    radiosity    : (N,) float64, W m^-2, leaving each face, emitted and reflected
+    arriving     : (N,) float64, W m^-2, irradiance of each face
+    surroundings : temperature in K outside the faces; None for a closed room
+    names        : names of the rows
     """
 
     temperature: Float64
@@ -54,19 +54,19 @@ class RadiativeExchange:
 
     @property
     def net_flux(self) -> Float64:
-        """(N,) W m^-2: what a face sends less what arrives at it; positive of one that must be heated."""
+        """Net flux (N,) in W m^-2, radiosity minus irradiance; positive for faces that must be heated."""
         return np.asarray(self.radiosity - self.arriving)
 
     @property
     def net_power(self) -> Float64:
-        """(N,) W, for areas in m^2: `net_flux` times the area. Its sum goes to the surroundings."""
+        """Net power (N,) in W, `net_flux` times areas in m^2. Its sum goes to the surroundings."""
         return np.asarray(self.net_flux * self.areas)
 
     @cached_property
     def gebhart(self) -> Float64:
-        """(N, N) float64: B[i, j] is the share of what i emits that j absorbs, after any reflections.
+        """Gebhart's factors (N, N) float64: B[i, j] is the fraction emitted by i that j absorbs after reflections.
 
-        In a closed room the rows add up to 1. Raises UsageError where the matrix does not fit into memory.
+        In a closed room the rows add up to 1. Raises UsageError if the matrix does not fit into memory.
         """
         n = len(self.areas)
         require_memory(24.0 * n * n, f"gebhart: a dense matrix of {n:,} rows", "Put faces together (groups).")
@@ -75,7 +75,7 @@ class RadiativeExchange:
         return np.asarray(_factorised(sparse.eye_array(n) - reflected).solve(absorbed))
 
     def to_pandas(self) -> Any:
-        """A `pandas.DataFrame` with a row for each face. Raises GlpathError where pandas is missing."""
+        """Return a `pandas.DataFrame` with a row for each face. Raises GlpathError if pandas is missing."""
         columns = {
             name: getattr(self, name)
             for name in ("areas", "emissivity", "temperature", "radiosity", "arriving", "net_flux", "net_power")
@@ -93,7 +93,7 @@ class RadiativeExchange:
 def exchange_of(
     found: Any, emissivity: ArrayLike, temperature: ArrayLike, surroundings: float | None
 ) -> RadiativeExchange:
-    """See `ViewFactors.exchange`."""
+    """Solve the radiative exchange, see `ViewFactors.exchange`."""
     n = len(found)
     e = _of_each("emissivity", emissivity, n)
     t = _of_each("temperature", temperature, n)
@@ -119,7 +119,7 @@ def exchange_of(
     system = sparse.eye_array(n) - sparse.diags_array(reflects) @ found.matrix
     j = _factorised(system).solve(own + reflects * outside)
     arriving = found.matrix @ j + outside
-    # Of what emits and absorbs nothing net: e sigma T^4 = e G.
+    # Faces without a net flux reach the temperature of e sigma T^4 = e G.
     reached = (np.clip(arriving, 0.0, None) / SIGMA) ** 0.25
     return RadiativeExchange(
         np.where(unknown, reached, t), e, found.areas, j, arriving, found.matrix, surroundings, found.names
@@ -129,7 +129,7 @@ def exchange_of(
 def _factorised(system: Any) -> Any:
     try:
         return splu(sparse.csc_array(system))
-    except RuntimeError as error:  # singular: faces that only reflect, and see none that absorb
+    except RuntimeError as error:  # singular, because some faces only reflect and see no absorbing face
         raise UsageError(
             "exchange: some faces reflect everything and see only such faces, so that their light has no end.",
             "Give them an emissivity above 0.",

@@ -1,13 +1,12 @@
-"""Visibility of a polygon from another past occluders: exact from every point, quadrature over the points.
+"""Visibility between polygons past occluders: exact from every point of one, quadrature over these points.
 
-Occluders that remain between two polygons are clipped to what lies before both. From a point, each casts a pyramid
-whose planes divide what is seen of the other polygon into convex parts; those that no pyramid holds are seen, and
-Lambert's formula says how much of them. As visibility from a point is exact, the integrand is continuous, and
-quartering triangles where two quadratures differ finds its creases.
+Occluders between two polygons are clipped to the part in front of both. From a point, each casts a pyramid whose
+planes divide the visible part of the other polygon into convex parts. Parts outside all pyramids are visible, and
+Lambert's formula gives their form factor. Because visibility from a point is exact, the integrand is continuous.
 
 Source: Nishita & Nakamae 1983, "Half-tone representation of 3-D objects illuminated by area sources".
 
-Poor at:  polygons that hundreds of small occluders stand between.
+Poor at:  polygons with hundreds of small occluders between them.
 """
 
 from __future__ import annotations
@@ -19,25 +18,26 @@ import numpy as np
 from glpath.radiosity.view_factors.convex import angle, height, triangle_area
 from glpath.system.kernels import inner_kernel
 
-#: Parts of what is seen that wait to be divided further.
+#: Maximum number of parts of the visible polygon that wait to be divided further.
 PARTS = 1024
-#: Blocks of points whose means are compared.
+#: Number of blocks of points whose means are compared.
 BLOCKS = 4
-#: Where all points say the same, standard error of the share, times points: a shadow may pass between them.
+#: Standard error of the visible fraction times the number of points, if all points agree; a shadow may pass between
+#: them.
 MISSED = 0.3
-#: Points of Sobol's sequence that there are.
+#: Number of stored points of Sobol's sequence.
 MAX_POINTS = 1 << 16
-#: Of the share of the exchange area without occluders, which is known, by which points are off it, what counts as
-#: one standard error.
+#: Fraction of the points' relative error for the unoccluded exchange area, which is known, that counts as one
+#: standard error.
 UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
 
 class Sampling(NamedTuple):
-    """How many points a share is found with. They are doubled until its standard error is small enough.
+    """Numbers of points for a visible fraction, which are doubled until its standard error is small enough.
 
     first, max_points : powers of 2 from `BLOCKS` to `MAX_POINTS`
-    tolerance         : one standard error
+    tolerance         : target standard error
     """
 
     first: int
@@ -47,7 +47,7 @@ class Sampling(NamedTuple):
 
 @inner_kernel
 def hides_all(first, second, occluders, o, work):  # type: ignore[no-untyped-def]
-    """Whether all segments between the points of two polygons cross occluder o."""
+    """Return True if all segments between the points of two polygons cross occluder o."""
     a, n = first
     b, m = second
     planes, edges, eps, at_a, at_b = occluders.planes, occluders.edges, work.eps, work.at_a, work.at_b
@@ -79,13 +79,15 @@ def hides_all(first, second, occluders, o, work):  # type: ignore[no-untyped-def
 
 @inner_kernel
 def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
-    """Plane k of the pyramid from a point over occluder o: its normal inward, of any length, and what rounding is
-    of a height over it."""
+    """Write plane k of the pyramid from a point over occluder o: an inward normal, not normalized, and a tolerance.
+
+    Heights over the plane within the tolerance are rounding.
+    """
     n = work.clipped_count[o]
     j = k + 1 if k + 1 < n else 0
     ax, ay, az = work.clipped[o, k, 0] - x, work.clipped[o, k, 1] - y, work.clipped[o, k, 2] - z
     bx, by, bz = work.clipped[o, j, 0] - x, work.clipped[o, j, 1] - y, work.clipped[o, j, 2] - z
-    # Counter-clockwise from the front, so clockwise seen from a point before it.
+    # The occluder is counter-clockwise seen from its front, so the sign depends on the side of the point.
     sign = -work.fronts[o]
     cx, cy, cz = sign * (ay * bz - az * by), sign * (az * bx - ax * bz), sign * (ax * by - ay * bx)
     side = work.pyramid[o, k]
@@ -96,7 +98,7 @@ def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """2 pi times the factor from a small element at the origin to the polygon parts[i, :n] above its horizon."""
+    """Return 2 pi times the form factor from an element at the origin to polygon parts[i, :n] above the horizon."""
     total = 0.0
     ax, ay, az = parts[i, n - 1, 0], parts[i, n - 1, 1], parts[i, n - 1, 2]
     for k in range(n):
@@ -111,7 +113,7 @@ def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-def]
-    """Form factors from a point in a plane to a polygon: of what is seen past work.clipped, and of all."""
+    """Return form factors from a point in a plane to a polygon: past the occluders work.clipped, and unoccluded."""
     x, y, z = point
     nx, ny, nz = plane[0], plane[1], plane[2]
     b, m = polygon
@@ -120,7 +122,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
         parts[0, k, 0], parts[0, k, 1], parts[0, k, 2] = b[k, 0] - x, b[k, 1] - y, b[k, 2] - z
     corners[0], following[0] = m, 0
     whole = lambert(parts, 0, m, nx, ny, nz)
-    # Planes are made when they are asked for: most occluders are beside what is looked at, and the first is enough.
+    # Planes are built on demand, because one plane is enough for most occluders, which lie beside the polygon.
     pyramid, made, fronts = work.pyramid, work.made, work.fronts
     for o in range(clipped):
         h = height(work.clipped_planes, o, x, y, z)
@@ -137,7 +139,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
             if fronts[o] == 0:  # edge-on
                 o += 1
                 continue
-            # Outside of one plane: the pyramid leaves it alone. Inside of all: nothing of it is seen.
+            # A part outside one plane is not affected by the pyramid; a part inside all planes is hidden.
             outside, inside = False, True
             sides = work.clipped_count[o]
             e = work.parting[o]
@@ -152,7 +154,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
                     lowest, highest = min(lowest, h), max(highest, h)
                 if highest <= eps:
                     outside = True
-                    work.parting[o] = e  # likely for the next point, too
+                    work.parting[o] = e  # likely to separate them for the next point too
                     break
                 if lowest < -eps:
                     inside = False
@@ -166,7 +168,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
             if top + sides + 2 >= PARTS:
                 work.lost[0] += 1  # too many pieces: the rest counts as seen
                 break
-            # Cut: what lies outside of a side is pushed, the remainder to the next side.
+            # Cut the part: the piece outside a side is pushed, the remainder is cut by the next side.
             in_one = False
             rest = top + sides + 1
             for k in range(n):
@@ -219,10 +221,10 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
 
 @inner_kernel
 def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def]
-    """The point of a polygon that two whole numbers of 32 bits stand for.
+    """Return the point of a polygon for two 32-bit integers.
 
-    fan   : (n,) room for the areas of its triangles, each with those before it
-    begin : whether they are to be found
+    fan   : (n,) working memory for cumulative areas of the fan's triangles
+    begin : True to compute `fan` first
     """
     a, n = polygon
     if begin:
@@ -246,15 +248,15 @@ def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def
 
 @inner_kernel
 def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: ignore[no-untyped-def]
-    """The share of an exchange area that is seen past occluders, its standard error, and how many points it took.
+    """Return the fraction of an exchange area visible past occluders, its standard error, and the number of points.
 
-    The points are on polygon a, in that plane, and what is seen is polygon b. They are Sobol's, scrambled. The
-    standard error is what the means of `BLOCKS` successive blocks say, each of which is a net; all together are a
-    better net, so that it is cautious.
+    The points are scrambled Sobol points on polygon a, which lies in `plane`; visibility is of polygon b. The
+    standard error is estimated from the means of `BLOCKS` successive blocks, each of which is a net. All blocks
+    together are a better net, so the estimate is cautious.
 
-    exchange : of the two polygons, without occluders
-    sampling : its tolerance is of the exchange area
-    seed     : of the scrambling
+    exchange : exchange area of the two polygons without occluders
+    sampling : numbers of points; its tolerance is an exchange area
+    seed     : seed of the scrambling
     """
     r0 = mixed(seed)
     r1 = mixed(r0)
@@ -283,14 +285,14 @@ def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: i
         if whole <= 0:
             return 0.0, 0.0, points
         share = seen / whole
-        # Of the ratio: the exact exchange area is known, and what the points say of it cancels.
+        # Variance of the ratio: the exact exchange area is known, so the points' error of the total cancels.
         variance = 0.0
         for block in range(BLOCKS):
             variance += (sums[block, 0] - share * sums[block, 1]) ** 2
         variance *= BLOCKS / ((BLOCKS - 1.0) * whole * whole)
         if min(share, 1 - share) * points < 1:
             variance += (MISSED / points) ** 2
-        # Of what the points get wrong of all, as much is unknown of what is seen.
+        # The points' relative error of the known total is an uncertainty of the visible part too.
         if exchange > 0:
             variance += (UNKNOWN * min(abs(whole * work.fan[a.n - 2] / (points * exchange) - 1), 1.0)) ** 2
         uncertain = np.sqrt(variance)
@@ -314,14 +316,16 @@ def _reversed(x):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _times(x, low, high):  # type: ignore[no-untyped-def]
-    """The lower 32 bits of a product, by halves of the second factor; no product passes 63 bits, see `mixed`."""
+    """Return the lower 32 bits of a product, by halves of the second factor, without exceeding 63 bits."""
     return (x * low + ((x * high & 0xFFFF) << 16)) & 0xFFFFFFFF
 
 
 @inner_kernel
 def _scrambled(x, seed):  # type: ignore[no-untyped-def]
-    """x, of 32 bits, each flipped or not by a hash of those before it: nested scrambling (Owen 1995), which
-    smooth functions need fewer points with than with a shift, by the hash of Laine & Karras 2011."""
+    """Return 32-bit x with nested scrambling (Owen 1995): a hash of the higher bits decides if a bit is flipped.
+
+    Smooth functions need fewer points than with a shift. The hash is that of Laine & Karras 2011.
+    """
     x = (_reversed(x) + (seed << 1 | seed >> 30)) & 0xFFFFFFFF
     x ^= _times(x, 0xB47C, 0x6C50)
     x ^= _times(x, 0x1E52, 0xB82F)
@@ -332,8 +336,7 @@ def _scrambled(x, seed):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def mixed(x):  # type: ignore[no-untyped-def]
-    """A number of 31 bits that has nothing to do with x, of 31 bits, or its neighbours. No product passes 63 bits,
-    which LLVM leaves undefined."""
+    """Return a 31-bit hash of a 31-bit x. No product exceeds 63 bits, which LLVM leaves undefined."""
     x = (x + 0x1E3779B9) & 0x7FFFFFFF
     x = ((x ^ (x >> 16)) * 0x45D9F3B) & 0x7FFFFFFF
     x = ((x ^ (x >> 15)) * 0x45D9F3B) & 0x7FFFFFFF
@@ -341,7 +344,7 @@ def mixed(x):  # type: ignore[no-untyped-def]
 
 
 def sobol_points(count: int) -> np.ndarray:
-    """(count, 4) int64 of 32 bits: Sobol's sequence, with the direction numbers of Joe & Kuo 2008."""
+    """Return (count, 4) int64, 32-bit points of Sobol's sequence, with the direction numbers of Joe & Kuo 2008."""
     k = np.arange(count)
     points = np.zeros((count, 4), np.int64)
     for dimension, (coefficients, start) in enumerate(((0, [1] * 32), (0, [1]), (1, [1, 3]), (1, [1, 3, 1]))):

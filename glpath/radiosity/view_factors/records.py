@@ -1,4 +1,4 @@
-"""The records of the kernels of view factors: convex polygons, a BVH, and the work space of a thread."""
+"""Records of the view factor kernels: convex polygons, a BVH, and the working memory of a thread."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: How often a polygon is halved, and the occluders that count between two then.
+#: Maximum depth of halving a polygon; maximum number of occluders considered between two polygons at that depth.
 DEEPEST, MAX_CLIPPED = 14, 256
 
 
 class Polygons(NamedTuple):
-    """Convex polygons, facets or occluders.
+    """Convex polygons, either facets or occluders.
 
     corners : (N, CORNERS, 3) float64, counter-clockwise from the front
-    sides   : (N,) int64, how many corners
-    planes  : (N, 4) float64, unit normal out of the front and distance
-    edges   : (N, CORNERS, 4) float64, of each edge the plane that it and the normal span, its normal inward
+    sides   : (N,) int64, number of corners
+    planes  : (N, 4) float64, unit normal on the front side and distance
+    edges   : (N, CORNERS, 4) float64, plane through each edge and the polygon's normal; the plane's normal points
+              inward
     boxes   : (N, 6) float64, lower and upper corner
     areas   : (N,) float64
     """
@@ -40,12 +41,12 @@ class Polygons(NamedTuple):
     areas: Float64
 
     def select(self, which: NDArray[Any]) -> Polygons:
-        """Some of them, in that order."""
+        """Return the polygons `which`, in that order."""
         return Polygons(*(np.ascontiguousarray(part[which]) for part in self))
 
 
 class Tree(NamedTuple):
-    """A BVH over the facets, which are numbered in its order, a leaf for each.
+    """BVH over the facets, which are numbered in its order, with one facet a leaf.
 
     boxes : (M, 6) float64
     skip  : (M,) int64
@@ -66,12 +67,13 @@ class Tree(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Room for one thread; see where each is used.
+    """Working memory of one thread; the functions that use an array describe it.
 
-    stop   : (1,) of all threads: what is not 0 ends them within some points of a pair, as rows may take minutes
-    done   : (1,) of this thread: rows done since it was set to 0
-    counts : (C,) of this thread, see `rows.COUNT_NAMES`
-    lost   : (1,) how often there were too many pieces
+    stop   : (1,) shared by all threads; a value other than 0 ends them within some points of a pair, because rows
+             may take minutes
+    done   : (1,) number of rows that this thread has finished since it was set to 0
+    counts : (C,) counts of this thread, see `rows.COUNT_NAMES`
+    lost   : (1,) number of times that a polygon was cut into too many pieces
     """
 
     eps: float

@@ -1,4 +1,4 @@
-"""`ViewFactors`: the matrix, what is known of its errors, and its files.
+"""`ViewFactors`: the matrix of view factors, estimates of its errors, and its files.
 
 Sources: Vercammen & Froment 1980 and Larsen & Howell 1986 for the least squares that enforce closure.
 """
@@ -35,34 +35,33 @@ from glpath.system.npz import open_npz
 
 Float64 = NDArray[np.float64]
 
-#: Format of the file: another number is another layout.
+#: Format number of the file; it changes with the layout.
 FORMAT = 2
-#: Allowed error of the row sums of a closed room, before it is enforced.
+#: Allowed deviation of row sums from 1 before closure is enforced.
 _OPEN = 0.02
 _ROUNDS = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ViewFactors:
-    """View factors between N faces or groups of faces, and to what is around them.
+    """View factors between N faces or groups of faces, and to their surroundings.
 
-    matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the share of what leaves the front of i that
-                 arrives at the front of j unoccluded
-    areas      : (N,) float64, scene units squared; 0 of faces without, whose rows are zeros
-    error      : (N,) float64, an estimate of the error of each row's sum, from the standard errors of its factors,
-                 as if independent. It is statistical, no proven bound: in the tests' random closed rooms (slits,
-                 blocks that touch, tiny faces beside large ones, sheets that cut each other) it is 5 to 9 times the
-                 true error in the median, and one to three rows in a hundred are further off. A row that nothing
-                 stands before has a bound of its quadrature, some millionths, and is 10 to 1000 times nearer.
-                 In a closed room `enclosure` is a row's error, without an
-                 estimate
-    names      : of the groups; empty where the rows are the faces, in their order
-    statistics : what it took, and what was enforced, as JSON has values
-    backs      : (N,) float64, the share that arrives at backs of faces, by rays: neither in the matrix nor sky. Of
-                 a model without faults it is 0. None for zeros
-    backs_error : (N,) float64, of `backs`, cautiously; 0 where none was hit
-    centroids, normals : (N, 3) float64, of each row's faces, unit normals out of the front; NaN where there is
-                 none, as of a closed group, or where the file is of an older version
+    matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the fraction of light leaving the front of i
+                 that arrives at the front of j unoccluded
+    areas      : (N,) float64, scene units squared; 0 for faces without an area, whose rows are zeros
+    error      : (N,) float64, estimated error of each row's sum, from the standard errors of its factors, assumed
+                 independent. It is statistical, not a proven bound. The tests use random closed rooms with slits,
+                 touching blocks, tiny faces beside large ones, and intersecting sheets. There it is 5 to 9 times
+                 the true error in the median, and one to three rows in a hundred exceed it. An unoccluded row has
+                 the bound of its quadrature, some millionths, and its true error is 10 to 1000 times smaller. In a
+                 closed room `enclosure` is a row's exact error
+    names      : names of the groups; empty if the rows are the faces, in their order
+    statistics : cost of the computation and record of enforced properties, as JSON values
+    backs      : (N,) float64, fraction that arrives at backs of faces, estimated by rays; neither in the matrix nor
+                 in the sky. 0 for a model without faults. None stands for zeros
+    backs_error : (N,) float64, cautious error estimate of `backs`; 0 if no back was hit
+    centroids, normals : (N, 3) float64, centroid of each row's faces, and unit normal on their front side. NaN if
+                 undefined, for example the normal of a closed group, or if an older version wrote the file
 
     >>> import glpath
     >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
@@ -94,44 +93,47 @@ class ViewFactors:
 
     @cached_property
     def row_sums(self) -> Float64:
-        """(N,): the share that arrives at any face."""
+        """Fractions (N,) that arrive at the fronts of all faces."""
         return np.asarray(self.matrix.sum(axis=1), np.float64).ravel()
 
     @property
     def sky(self) -> Float64:
-        """(N,): what passes all faces, to the sky or surroundings: 1 less the row's sum and `backs`."""
+        """Fractions (N,) that reach the sky or surroundings: 1 minus the row's sum and `backs`."""
         return np.asarray(self.enclosure - self.backs)
 
     @property
     def enclosure(self) -> Float64:
-        """(N,): what a row lacks of 1, `sky` and `backs`; 0 but for errors in a room, and of faces without area."""
+        """Fractions (N,) missing from a row's sum of 1, which are `sky` plus `backs`; 0 for faces without an area.
+
+        In a closed room they are errors.
+        """
         return np.asarray(np.where(self.areas > 0, 1 - self.row_sums, 0.0))
 
     @property
     def closure_error(self) -> float:
-        """The farthest that a row's sum is from 1. Of an open scene, how open it is."""
+        """Largest deviation of a row's sum from 1; for an open scene, its largest opening."""
         return float(np.abs(self.enclosure).max(initial=0.0))
 
     @property
     def reciprocity_error(self) -> float:
-        """The largest of sum_j |F_ij - F_ji A_j / A_i| over the rows: rounding, as pairs are computed once."""
+        """Largest row sum of |F_ij - F_ji A_j / A_i| over j; only rounding, because pairs are computed once."""
         exchange = sparse.diags_array(self.areas) @ self.matrix
         off = np.asarray(abs(exchange - exchange.T).sum(axis=1)).ravel()
         return float((off / self._divisors).max(initial=0.0))
 
     @property
     def _divisors(self) -> Float64:
-        """The areas, and 1 for faces without, whose rows are zeros."""
+        """Areas, with 1 for faces without an area, whose rows are zeros."""
         return np.where(self.areas > 0, self.areas, 1.0)
 
     def enforced(self, *, reciprocity: bool = True, closure: bool = False) -> ViewFactors:
-        """With A_i F_ij = A_j F_ji, and with rows that add up to 1, exactly but for rounding.
+        """Return factors with A_i F_ij = A_j F_ji, and with rows that add up to 1, except for rounding.
 
-        Closure is by least squares: of all symmetric exchange areas with these sums, those with the smallest sum of
-        squared relative changes; none becomes negative. It spreads the errors, and cannot know where they were: a
-        smaller `error` is better. Both are reported in `statistics`, before and after.
+        Closure uses least squares. Of all symmetric exchange areas with these sums it finds those with the smallest
+        sum of squared relative changes. None becomes negative. Closure distributes the errors without knowing their
+        origin, so a smaller `error` is better. `statistics` reports both deviations before and after.
 
-        Raises UsageError where a row is farther from 1 than errors are: closure is for rooms that are closed.
+        Raises UsageError if a row deviates from 1 by more than its error, because closure is only for closed rooms.
         """
         before = {"reciprocity": self.reciprocity_error, "closure": self.closure_error}
         exchange = sparse.diags_array(self.areas) @ self.matrix
@@ -150,16 +152,16 @@ class ViewFactors:
     def exchange(
         self, emissivity: ArrayLike, temperature: ArrayLike, surroundings: float | None = None
     ) -> RadiativeExchange:
-        """What grey, diffuse faces exchange by radiation: net fluxes, radiosities and Gebhart's factors.
+        """Solve the radiative exchange between grey, diffuse faces: net fluxes, radiosities and Gebhart's factors.
 
         Parameters
         ----------
-        emissivity   : (N,) or one, 0 to 1, for the wavelengths that the faces send
-        temperature  : (N,) or one, K; NaN for a face that no net flux leaves, such as an insulated wall
-        surroundings : K of all that faces see beside each other; None for a closed room, whose rows should add up
-                       to 1 exactly: `enforced(closure=True)` first
+        emissivity   : (N,) or a scalar, 0 to 1, for the wavelengths that the faces emit
+        temperature  : (N,) or a scalar, K; NaN for a face without a net flux, such as an insulated wall
+        surroundings : temperature in K of everything outside the faces; None for a closed room. Its rows should add
+                       up to 1 exactly, so call `enforced(closure=True)` first
 
-        Raises UsageError for what is out of range, and without `surroundings` where the rows are not closed.
+        Raises UsageError for values out of range, and if the rows are not closed but `surroundings` is None.
 
         Example: two wide plates of emissivities 0.8 and 0.5, at 400 K and 300 K
 
@@ -172,12 +174,12 @@ class ViewFactors:
         return exchange_of(self, emissivity, temperature, surroundings)
 
     def to_pandas(self, what: Literal["rows", "factors"] = "rows") -> Any:
-        """A `pandas.DataFrame`: a row for each face, or one for each factor that is not 0.
+        """Return a `pandas.DataFrame` with a row for each face, or for each factor that is not 0.
 
-        what : "rows": area, row_sum, sky, backs, error, centroid and normal; "factors": from, to, factor, by names
-               where there are some
+        what : "rows" for area, row_sum, sky, backs, error, centroid and normal; "factors" for from, to and factor,
+               with names if the rows have names
 
-        Raises GlpathError where pandas is missing, UsageError for another word.
+        Raises GlpathError if pandas is missing, UsageError for another value of `what`.
         """
         labels = list(self.names) or None
         if what == "rows":
@@ -195,9 +197,10 @@ class ViewFactors:
         return data_frame({"from": i, "to": j, "factor": m.data}, "pair", None, self.statistics)
 
     def to_xarray(self) -> Any:
-        """An `xarray.Dataset` with the dense matrix `factor` (from, to), and the areas and shares of each face.
+        """Return an `xarray.Dataset` with the dense matrix `factor` (from, to), and values of each face.
 
-        Raises GlpathError where xarray is missing, UsageError where the matrix does not fit into memory.
+        The values are area, sky, backs and error. Raises GlpathError if xarray is missing, UsageError if the matrix
+        does not fit into memory.
         """
         n = len(self)
         require_memory(8.0 * n * n, f"to_xarray: a dense matrix of {n:,} rows", 'to_pandas("factors") is sparse.')
@@ -215,13 +218,13 @@ class ViewFactors:
         flip: bool = False,
         values: Mapping[str, ArrayLike] | None = None,
     ) -> VtkMesh:
-        """The faces with what is known of them, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
+        """Return the faces with their values, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
 
-        faces, groups, flip : as they were given to `view_factors`
-        values              : more by name, one or a row of some for each of the N rows: `exchange(...).net_flux`,
-                              or `matrix[[i]].toarray()[0]`, what i sees
+        faces, groups, flip : arguments that were given to `view_factors`
+        values              : further values by name, (N,) or (N, k), for example `exchange(...).net_flux`, or
+                              `matrix[[i]].toarray()[0]` for the factors of i
 
-        Raises UsageError where these faces have another number of rows.
+        Raises UsageError if these faces have another number of rows.
         """
         from glpath.radiosity.view_factors.faces import faces_of
 
@@ -242,7 +245,7 @@ class ViewFactors:
         return VtkMesh(given.vertices, given.outlines, on_faces)
 
     def check_closed(self, what: str) -> None:
-        """Raise UsageError where a row is farther from 1 than errors are; faces without an area do not count."""
+        """Raise UsageError if a row deviates from 1 by more than its error; faces without an area do not count."""
         allowed = np.maximum(_OPEN, self.error)
         if (far := np.flatnonzero(np.abs(self.enclosure) > allowed)).size:
             i = int(far[np.argmax(np.abs(self.enclosure[far]))])
@@ -254,22 +257,23 @@ class ViewFactors:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write a file, whole or not at all. Raises ImageError where that fails, UsageError for another name, and
-        for what the program that reads it cannot hold.
+        """Write a file whose name selects the format; an error leaves no partial file.
 
-        Only where backs are seen, files that hold factors have their shares, too, as what a row lacks of 1 would
-        count as sky.
+        Raises ImageError if writing fails, UsageError for another name, and if the format cannot hold the matrix.
+        If backs are visible, files with factors also contain `backs`, because the missing part of a row would
+        otherwise count as sky.
 
-        .npz : what `scipy.sparse.load_npz` reads, with areas, error, backs, names and statistics; see `load`
-        .csv : a line "i,j,F" for each factor that is not 0, counted from 0, behind a line of names; then a line
-               "i,backs,share" for each row that sees any
-        .idf : EnergyPlus's ZoneProperty:UserViewFactors:BySurfaceName, for a closed zone that is called as the file
-               is (without .idf), whose surfaces are called as the groups are; all N^2 factors, and backs as remarks
-        vfsparse.inp.001  : what uDALES reads: "i j F" for each factor, counted from 1; `nnz` of its ENERGYBALANCE
-                            is their number, matrix.nnz. It has no field for backs
-        vf.nc.inp.001     : the same in full, netCDF of float32, for uDALES without `lvfsparse`; backs in a variable
-        svf.inp.001       : its sky view factors, `sky`, a line for each row
-        facetarea.inp.001 : its areas of facets
+        .npz : file for `scipy.sparse.load_npz`, with areas, error, backs, names and statistics; see `load`
+        .csv : header line, then a line "i,j,F" for each factor that is not 0, counted from 0; then a line
+               "i,backs,share" for each row that sees backs
+        .idf : ZoneProperty:UserViewFactors:BySurfaceName of EnergyPlus for a closed zone with all N^2 factors, and
+               backs as comments. The zone has the name of the file without .idf, its surfaces have the names of the
+               groups
+        vfsparse.inp.001  : sparse matrix for uDALES: "i j F" for each factor, counted from 1; set `nnz` of its
+                            ENERGYBALANCE to matrix.nnz. It has no field for backs
+        vf.nc.inp.001     : dense matrix for uDALES without `lvfsparse`, netCDF of float32; backs in a variable
+        svf.inp.001       : sky view factors for uDALES, `sky`, a line for each row
+        facetarea.inp.001 : areas of facets for uDALES
         """
         target = Path(path)
         kind = file_kind(target)
@@ -303,7 +307,7 @@ class ViewFactors:
 
     @classmethod
     def load(cls, path: str | Path) -> ViewFactors:
-        """Read an .npz of `save`. Raises ImageError for anything else."""
+        """Read an .npz file that `save` wrote. Raises ImageError for any other file."""
         with open_npz(path, "view factors", "Files of `glpath viewfactors` with .npz are.") as arrays:
             if int(arrays.read("glpath_view_factors", "iu", ())) != FORMAT:
                 raise ImageError(f"{path}: is of another version of glpath.", "Compute the view factors again.")
@@ -331,12 +335,13 @@ class ViewFactors:
 
 
 def _closed(exchange: Any, areas: Float64) -> Any:
-    """Symmetric exchange areas whose rows add up to the areas."""
+    """Return symmetric exchange areas whose rows add up to the areas."""
     for _ in range(_ROUNDS):
         missing = areas - np.asarray(exchange.sum(axis=1)).ravel()
         if np.abs(missing / np.where(areas > 0, areas, 1.0)).max(initial=0.0) < 1e-13:
             break
-        # Least squares, with Lagrange's multipliers: d_ij = G_ij^2 (l_i + l_j), and their sums are what is missing.
+        # Least squares with Lagrange multipliers: d_ij = G_ij^2 (l_i + l_j), and each row of d adds up to its
+        # missing sum.
         weights = sparse.csr_array(exchange.multiply(exchange))
         sums = np.asarray(weights.sum(axis=1)).ravel()
         empty = sums <= 0
@@ -345,7 +350,7 @@ def _closed(exchange: Any, areas: Float64) -> Any:
         def times(x: Float64, weights: Any = weights, diagonal: Float64 = diagonal) -> Float64:
             return np.asarray(diagonal * x + weights @ x)
 
-        # Scaled to a diagonal of ones; it is singular, but consistent, where the faces fall in two sets.
+        # Scaled to a diagonal of ones; the system is singular but consistent if the faces form two separate sets.
         root = np.sqrt(diagonal)
         n = len(areas)
         scaled = LinearOperator((n, n), lambda y, times=times, root=root: times(y / root) / root, dtype=np.float64)

@@ -1,8 +1,8 @@
 """Rows of exchange areas: from one facet through a BVH of all others, with the occluders of its shafts [SC].
 
-A node's list of occluders is what is left of its parent's in the shaft between the facet and
-the node's box. Where one of them hides all of the box, the whole branch is left out; where the list is empty, all
-below is seen, and no occluder is looked for again.
+A node's list of occluders is the part of its parent's list inside the shaft between the facet and the node's box.
+If one of them occludes the whole box, the branch is skipped. If the list is empty, everything below is unoccluded,
+and the search for occluders ends.
 """
 
 from __future__ import annotations
@@ -20,38 +20,39 @@ from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, Sampling, h
 from glpath.radiosity.view_factors.records import DEEPEST, MAX_CLIPPED
 from glpath.system.kernels import inner_kernel, kernel
 
-#: Share of the target error of a row's sum for the standard error of a factor F, times the square root of F: the
-#: squares of a row's errors then add up to less than that of the row, as the factors do to 1.
+#: Standard error of a factor F, as a fraction of the target error of a row's sum times sqrt(F). The squared errors
+#: in a row then add up to less than the square of the row's, because the factors add up to 1.
 _SHARE = 0.4
-#: Share of the target error of a row's sum that is allowed where nothing occludes.
+#: Allowed error of unoccluded factors, as a fraction of the target error of a row's sum.
 _EXACT = 0.05
-#: Share of that which counts as one standard error. Rules are taken by bounds on their errors, which are
-#: 0.02 to 0.3 of them.
+#: Fraction of an error bound that counts as one standard error. Quadrature rules are chosen by bounds on their
+#: errors; the true errors are 0.02 to 0.3 of these.
 _OF_BOUND = 0.16
-#: How many tolerances an exchange area has below which four points will do, and the largest polygon is not halved.
+#: Exchange area, in tolerances, up to which four points suffice and the largest polygon is not halved.
 _COARSE = 6.0
-#: An exchange area of so many tolerances begins with another point, up to `_TRIED`; of parts of a pair one does.
-#: A few may agree accidentally, and would be taken where they miss what hides a little: the sum would be too large.
+#: Tolerances of an exchange area for each initial point, up to `_TRIED` points; in parts of a pair each tolerance
+#: gets a point. Few points may agree accidentally, and would be accepted if they all miss a small occluder. The sum
+#: would then be too large.
 _A_POINT, _TRIED = 3.0, 128
-#: Occluders between two polygons beyond which the larger one is halved if `_TRIED` points do not do; and beyond
-#: which no point is tried.
+#: Number of occluders between two polygons above which the larger polygon is halved if `_TRIED` points do not
+#: suffice, and number above which it is halved before any point is tried.
 _FEW_OCCLUDERS, _MANY_OCCLUDERS = 6, 48
 
-# Where each stands in the counts.
+# Indices into the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
-#: Pairs of facets looked at, and that face each other; branches of the BVH and pairs that one occluder hides; pairs
-#: proven to see all of each other, and those that something may hide; points for these; parts of pairs with more
-#: occluders than `MAX_CLIPPED`, or with more pieces seen between them than there is room for.
+#: Numbers of pairs of facets tested, and of pairs that face each other; of BVH branches, and of pairs, that one
+#: occluder hides; of pairs proven to be unoccluded, and of others; of points for these others; and of parts of
+#: pairs with more occluders than `MAX_CLIPPED` or too many visible pieces.
 COUNT_NAMES = (
     "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
 )  # fmt: skip
 
 
 class Rows(NamedTuple):
-    """Exchange areas, row after row.
+    """Exchange areas, stored row after row.
 
-    columns, values, errors : (C,) where they go; of errors, one standard error
-    ends                    : (rows,) where each row ends there
+    columns, values, errors : (C,) column, exchange area and standard error of each entry
+    ends                    : (rows,) index after each row's last entry
     """
 
     columns: NDArray[np.int32]
@@ -62,8 +63,12 @@ class Rows(NamedTuple):
 
 @inner_kernel
 def _may_occlude(o, occluders, polygon, box, eps):  # type: ignore[no-untyped-def]
-    """0 where occluder o cannot stand between a polygon and a box, as neither reaches across its plane; 2 where its
-    plane parts them, and nothing in the box lies in it; else 1."""
+    """Return how occluder o may occlude segments between a polygon and a box.
+
+    0 : not at all, because neither polygon nor box crosses its plane
+    2 : its plane separates them, and no part of the box lies in the plane
+    1 : otherwise
+    """
     p = occluders.planes
     low_a, high_a = _heights(p, o, polygon)
     low_b = high_b = p[o, 3]
@@ -72,13 +77,13 @@ def _may_occlude(o, occluders, polygon, box, eps):  # type: ignore[no-untyped-de
         low_b += f * (box[k] if f > 0 else box[k + 3])
         high_b += f * (box[k + 3] if f > 0 else box[k])
     parted = _parted(low_a, high_a, low_b, high_b, eps)
-    # Faces in the plane, such as the occluder's neighbours, are not hidden by it.
+    # The occluder does not hide faces in its own plane, such as its neighbours.
     return 1 if parted == 2 and low_b <= eps and high_b >= -eps else parted
 
 
 @inner_kernel
 def _heights(planes, i, polygon):  # type: ignore[no-untyped-def]
-    """The lowest and the highest over planes[i]."""
+    """Return the lowest and the highest corner's height over planes[i]."""
     points, n = polygon
     low, high = np.inf, -np.inf
     for k in range(n):
@@ -98,8 +103,10 @@ def _parted(low_a, high_a, low_b, high_b, eps):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _supports(first, second, count, work):  # type: ignore[no-untyped-def]
-    """Append to work.hull planes through an edge of one polygon and a corner of the other that have both in front;
-    how many then."""
+    """Append supporting planes to work.hull, and return the new number of planes.
+
+    Each contains an edge of the first polygon and a corner of the second, and has both polygons in front.
+    """
     a, n = first
     b, m = second
     hull, eps = work.hull, work.eps
@@ -110,7 +117,7 @@ def _supports(first, second, count, work):  # type: ignore[no-untyped-def]
             dx, dy, dz = b[i, 0] - a[k, 0], b[i, 1] - a[k, 1], b[i, 2] - a[k, 2]
             x, y, z = ey * dz - ez * dy, ez * dx - ex * dz, ex * dy - ey * dx
             length = np.sqrt(x * x + y * y + z * z)
-            # Through a corner that is all but on the edge's line, a plane could be any.
+            # A plane through a corner close to the edge's line is undetermined.
             if length * length <= 1e-12 * (ex * ex + ey * ey + ez * ez) * (dx * dx + dy * dy + dz * dz):
                 continue
             x, y, z = x / length, y / length, z / length
@@ -135,7 +142,7 @@ def _supports(first, second, count, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
-    """Whether occluder o lies behind one of the planes of work.hull[:count]."""
+    """Return True if occluder o lies behind one of the planes work.hull[:count]."""
     hull, corners = work.hull, occluders.corners
     for p in range(count):
         outside = True
@@ -150,9 +157,9 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[no-untyped-def]
-    """Exchange area of facets i and j, and the square of its standard error; candidates are work.lists[begin:end].
+    """Return the exchange area of facets i and j, and its variance; candidate occluders are work.lists[begin:end].
 
-    Where many remain, the larger polygon is halved: a smaller shaft holds fewer, and often none.
+    If many remain, the larger polygon is halved, because a smaller shaft contains fewer occluders and often none.
     """
     eps, lists, pairs, counts = work.eps, work.lists, work.pairs, work.counts
     smaller = min(facets.areas[i], facets.areas[j])
@@ -190,7 +197,7 @@ def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[
             if depth == 0:
                 counts[HIDDEN] += 1
             continue
-        # Their parts before both polygons; in the shadow of a face's own plane are all its neighbours.
+        # Clip the occluders to the half-spaces in front of both polygons; a face's coplanar neighbours disappear.
         clipped, kept = 0, end
         for c in range(end, put):
             o = np.int64(lists[c])
@@ -215,7 +222,7 @@ def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[
             value += whole
             variance += (_OF_BOUND * wrong) ** 2
             continue
-        # Squares of what the parts of a pair may be off add up to that of the pair, however unequal they are.
+        # The squared tolerances of a pair's parts add up to that of the pair, however unequal the parts are.
         part = _SHARE * error * np.sqrt(whole * smaller)
         if depth == 0:
             counts[PARTIAL] += 1
@@ -231,7 +238,7 @@ def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[
         on_a = radius_a <= radius_b
         smaller_one, other, facet = (a, b, i) if on_a else (b, a, j)
         if depth < DEEPEST and not coarse:
-            # Visibility jumps where a point crosses the line that an occluder stands on.
+            # Visibility is discontinuous where a point crosses the line on which an occluder stands.
             stands = _standing(smaller_one, facets.planes, facet, clipped, work)
             if stands >= 0:
                 for k in range(4):
@@ -261,7 +268,7 @@ def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[
 
 @inner_kernel
 def _push_halves(pairs, top, begin, end, depth):  # type: ignore[no-untyped-def]
-    """The candidates of two halves that are at `top` and above it; returns what is then above both."""
+    """Set the candidates of the two halves at `top` and `top + 1`; return the index after both."""
     for t in (top, top + 1):
         pairs[t, 2], pairs[t, 3], pairs[t, 4] = begin, end, depth + 1
     return top + 2
@@ -269,7 +276,7 @@ def _push_halves(pairs, top, begin, end, depth):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _apart(o, occluders, a, b, eps):  # type: ignore[no-untyped-def]
-    """As `_may_occlude`, for two polygons."""
+    """Return 0 if occluder o cannot occlude polygon b from a, 2 if its plane separates them, otherwise 1."""
     low_a, high_a = _heights(occluders.planes, o, a)
     low_b, high_b = _heights(occluders.planes, o, b)
     return _parted(low_a, high_a, low_b, high_b, eps)
@@ -277,14 +284,16 @@ def _apart(o, occluders, a, b, eps):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _halve(a, b, top, work):  # type: ignore[no-untyped-def]
-    """Put the two halves of the larger polygon, each with the other polygon, at `top` and above it; False where it
-    has too many corners to be cut."""
+    """Split the larger polygon, and store its halves, each with the other polygon, at `top` and `top + 1`.
+
+    Returns False if the larger polygon has too many corners to be split.
+    """
     _, radius_a = measure(a, work.centre_a)
     _, radius_b = measure(b, work.centre_b)
     first = radius_a >= radius_b
     source, count = a if first else b
     centre = work.centre_a if first else work.centre_b
-    # Across the line from the centre to the farthest corner.
+    # Split perpendicular to the line from the centre to the farthest corner.
     farthest, at = -1.0, 0
     for k in range(count):
         square = 0.0
@@ -304,8 +313,11 @@ def _halve(a, b, top, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _divide(a, b, first, top, work):  # type: ignore[no-untyped-def]
-    """Put the two parts of a, if `first`, or of b, that are before each of work.hull[:2], at `top` and above it,
-    each with the other polygon; False where one is empty, or where it has too many corners to be cut."""
+    """Split a, if `first`, or b by the planes work.hull[:2], and store the parts at `top` and `top + 1`.
+
+    Each part is in front of one of the planes, and gets a copy of the other polygon. Returns False if a part is
+    empty, or if the polygon has too many corners to be split.
+    """
     cut, still = (a, b) if first else (b, a)
     if cut.n > ROOM - 3:
         return False
@@ -327,8 +339,10 @@ def _divide(a, b, first, top, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
-    """The one of work.clipped[:clipped] that stands on a polygon, in planes[i], along the longest line that is not
-    its edge; -1 where none does."""
+    """Return the index of the clipped occluder that stands on a polygon along the longest line; -1 if none does.
+
+    The polygon lies in planes[i]. Lines along its own edges do not count.
+    """
     polygon, n = base
     eps = work.eps
     found, longest = -1, 8 * eps
@@ -351,7 +365,7 @@ def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
                     ex, ey, ez = (
                         polygon[j, 0] - polygon[c, 0], polygon[j, 1] - polygon[c, 1], polygon[j, 2] - polygon[c, 2]
                     )  # fmt: skip
-                    # Inward, of the length of the edge.
+                    # Inward normal with the length of the edge.
                     mx = planes[i, 1] * ez - planes[i, 2] * ey
                     my = planes[i, 2] * ex - planes[i, 0] * ez
                     mz = planes[i, 0] * ey - planes[i, 1] * ex
@@ -373,11 +387,11 @@ def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
 
 @kernel
 def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # type: ignore[no-untyped-def]
-    """Exchange areas of facets from `first` to `last` with all that follow them, into `rows`.
+    """Write exchange areas of facets `first` to `last` with all facets that follow them into `rows`.
 
-    error : wanted of the sum of a row of view factors
+    error : target error of the sum of a row of view factors
 
-    Returns the row that there was no room for, or `last`; -1 where it was stopped.
+    Returns the first row that did not fit, or `last`; -1 if it was stopped.
     """
     pending, lists, eps, counts, shaft = work.pending, work.lists, work.eps, work.counts, work.shaft
     boxes, skip = tree.boxes, tree.skip
@@ -389,7 +403,7 @@ def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # t
         own, plane = Polygon(facets.corners[i], facets.sides[i]), facets.planes[i]
         for k in range(6):
             shaft.a[k] = facets.boxes[i, k]
-        # All occluders that reach before the facet.
+        # Collect all occluders with a part in front of the facet.
         count = 0
         for o in range(len(occluders.sides)):
             _, high = _heights(facets.planes, i, Polygon(occluders.corners[o], occluders.sides[o]))
@@ -454,5 +468,5 @@ def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # t
                 child = skip[child]
         rows.ends[i - first] = size
         work.done[0] += 1
-    # The last pair may have been left half done.
+    # The last pair may be unfinished.
     return last if work.stop[0] == 0 else -1
