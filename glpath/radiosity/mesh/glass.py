@@ -1,8 +1,8 @@
 """Transmission of glass: thin dielectrics do not bend light, solids refract it; neither transmits reflected light.
 
 The solvers treat all surfaces as diffuse. Light that passes through glass continues behind it. The fraction depends
-on the angle of incidence as in `shaders/bsdf/bsdf.glsl`: by Schlick's formula, or by Fresnel's equations for solids,
-slabs and all layerings except glTF's.
+on the angle of incidence as in `shaders/bsdf/bsdf.glsl`: by Schlick's formula, or by Fresnel's equations for
+solids, slabs and all layerings except glTF's.
 
 Poor at:  rough transmission, which is treated as clear; coloured slabs, all channels of which have the curve of the
           clearest channel.
@@ -30,7 +30,7 @@ class Glass(NamedTuple):
     clear : (T, 3) transmitted fraction without reflection, for one pass through a slab; 0 for other materials
     layer : (T, 5) reflectance at normal and at grazing incidence, fraction of the surface that reflects so, weight
             of the clearcoat, and mean reflectance for uniform light
-    fresnel : (T, 2) refractive index for Fresnel's equations, 0 for Schlick's formula, and factor of the reflectance
+    fresnel : (T, 2) index for Fresnel's equations, 0 for Schlick's formula, and factor of the reflectance
     ior   : (T,) refractive index of solids; 0 for thin materials
     slab  : (T,) refractive index of slabs; 0 for others
     thin  : (T,) bool, True for thin smooth materials, which shadow rays pass through
