@@ -113,7 +113,7 @@ def corner(camera: str) -> Scene:
         Light("sun", "directional", np.array([0.2, 0.5, 1.0]), direction=np.array([-1.0, -2.0, -1.5]) / 7.25**0.5),
         Light(
             "lamp", "spot", np.array([0.0, 9.0, 3.0]), np.array([2.0, 2.0, 2.0]),
-            direction=-np.ones(3) / 3**0.5, cone=(34.0, 35.0),  # three.js fades wider edges by smoothstep
+            direction=-np.ones(3) / 3**0.5, cone=(34.99, 35.0),  # three.js fades by smoothstep
         ),
     )  # fmt: skip
     materials = [
