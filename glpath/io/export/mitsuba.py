@@ -4,12 +4,11 @@
 files; tests and benchmarks hand it to Mitsuba in memory. Values are those of Mitsuba's dictionaries
 (`mitsuba.load_dict`), except:
 
-    {"type": "mesh", "mesh": Mesh, ...}          triangles, v of texture coordinates downwards
-    {"type": "bitmap", "image": (h, w, c) ...}   a texture, uint8 or float32; so has an "envmap" its image
-    (4, 4) float64                               a transform
+    {"type": "mesh", "mesh": Mesh, ...} triangles, v of texture coordinates downwards {"type": "bitmap", "image":
+    (h, w, c) ...} a texture, uint8 or float32; an "envmap" has "image", too (4, 4) float64 a transform
 
-Depth:    Mitsuba counts the camera segment, PB does not: our depth d is d + 1 in Mitsuba. Russian roulette starts
-          at Mitsuba's default vertex; at depth 3 there is none.
+Depth:    Mitsuba counts the camera segment, the paper PB and glpath do not: depth d here is d + 1 in Mitsuba.
+          Russian roulette starts at Mitsuba's default vertex; at depth 3 there is none.
 Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis "y".
 Sides:    Mitsuba's surfaces are black from behind, like `Material.two_sided = False`, unless "twosided". Its area
           lights emit from the front only. A two-sided light becomes two meshes, each offset by a hundred-thousandth

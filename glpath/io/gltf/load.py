@@ -199,7 +199,7 @@ class NodePaths:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """(N,) array, True for each node that moves."""
+        """Mask (N,), True for each node that moves."""
         return np.asarray(np.any(self.world != self.world[0], axis=(0, 2, 3)))
 
     def of(self, node: int) -> Float64 | None:
