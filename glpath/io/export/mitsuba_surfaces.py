@@ -138,7 +138,7 @@ class _Surface:
         if material.roughness is None:
             made = self._without_microfacets()
         elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:
-            made = _diffuse(self._colour())  # nothing reflects over the base
+            made = _diffuse(self._colour())  # no specular reflection above the base
         elif material.layering == "plastic" and material.metallic == 0:
             made = self._plastic(material.roughness)
         elif material.metal_index is not None and material.metallic == 1:
@@ -319,7 +319,7 @@ class _Surface:
         """Return the reflectance times the texture or the vertex colours, times `scale`."""
         factor, slot = self.material.reflectance * scale, self.material.texture
         if slot is None:
-            if self.coloured:  # the mesh has them with the reflectance
+            if self.coloured:  # vertex colours already include the reflectance
                 return {"type": "mesh_attribute", "name": "vertex_color", "scale": scale}
             return rgb(factor)
         if self.coloured:

@@ -32,7 +32,7 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
     count, stride = table.required("count", 1), table.required("byteStride", 1, 256)
     try:
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
-    except Exception as error:  # whatever the library finds wrong
+    except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(table.location, error) from error
     return memoryview(np.ascontiguousarray(rows).tobytes())
 
@@ -44,7 +44,7 @@ def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64]
         mesh = library.decode(bytes(data))
         faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
         return faces, {int(a["unique_id"]): np.asarray(a["data"]) for a in mesh.attributes}
-    except Exception as error:  # whatever the library finds wrong
+    except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(location, error) from error
 
 
@@ -54,7 +54,7 @@ def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
     try:
         texture = library.open(data)
         pixels = np.array(texture.transcode("rgba8").data, np.uint8)
-    except Exception as error:  # whatever the library finds wrong
+    except Exception as error:  # the library raises all kinds of exceptions
         if type(error).__name__ == "UnsupportedError":
             raise location.error(
                 f"is a texture that {BASISU} does not allow: {error}",

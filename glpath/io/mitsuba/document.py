@@ -173,7 +173,7 @@ class _Reader:
         return root
 
     def _resolve(self, element: Element, depth: int, nested: int) -> None:
-        """Substitute `$name` in an element, register its id, then do the same for its children in order.
+        """Resolve an element: substitute `$name`, register its id, then resolve its children in order.
 
         Includes are replaced by their content.
         """

@@ -293,7 +293,7 @@ def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
 
 
 def _check_wavelengths(wavelengths: Sequence[float], values: Sequence[float], location: SourceLocation) -> None:
-    """Raise SceneError unless the wavelengths ascend, each with a value of 0 or more."""
+    """Raise SceneError unless the wavelengths ascend and each has a value of at least 0."""
     if len(wavelengths) != len(values):
         raise location.error(f"has {len(wavelengths)} wavelengths, but {len(values)} values.")
     if not all(before < after for before, after in pairwise(wavelengths)):

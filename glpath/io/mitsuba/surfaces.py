@@ -247,7 +247,7 @@ class Surfaces:
         metal = plugin.text("material", "none")
         texture = plugin.texture("specular_reflectance")
         alike = metal == "none" and "eta" not in plugin and "k" not in plugin  # reflectance equal at all angles
-        if alike and texture is None and plugin.kind == "conductor":  # a mirror at any angle
+        if alike and texture is None and plugin.kind == "conductor":  # a mirror that reflects equally at all angles
             return {**_diffuse(np.zeros(3)), "mirror": plugin.share("specular_reflectance", 1.0)}
         if metal == "none":
             index = np.stack([plugin.colour("eta", 0.0), plugin.colour("k", 1.0)])
