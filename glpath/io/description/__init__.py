@@ -1,8 +1,8 @@
-"""The scene format: what a TOML file may say, as typed data [msgspec].
+"""Scene format: the contents of a TOML scene file as typed data [msgspec].
 
-A file holds a camera, a film, named textures and materials, a list of shapes and a list of lights, each kind of
-table in a room of its own: `camera`, `materials`, `shapes`, `lights`; `scene_file` is the whole, and its JSON
-schema. Shapes with an `emission` are lights with an extent; `lights` are punctual. Lengths are scene units, angles
+A file holds a camera, a film, named textures and materials, a list of shapes and a list of lights. Each kind of
+table has its own module: `camera`, `materials`, `shapes`, `lights`. `scene_file` has the whole file and its JSON
+schema. Shapes with an `emission` are area lights; `lights` are punctual. Lengths are in scene units, angles in
 degrees, colours linear Rec. 709. The descriptions are also the remedy lines of error messages and the texts of the
 JSON schema (`glpath schema`), so they are written for users.
 
@@ -28,9 +28,9 @@ JSON schema (`glpath schema`), so they are written for users.
     position = [0, 3, 2]
     intensity = 20
 
-Ranges of a number alone are declared as constraints. Ranges within `float | tuple` (a number or a list of three)
-are put into the schema by hand and checked in `build.py`: msgspec 0.22 reads past its own table when a constrained
-number meets a tuple of fixed length in one union, and may crash.
+The range of a plain number is declared as a constraint. The range of a `float | tuple` (a number or a list of
+three) is added to the schema by hand and checked in `build.py`. The reason: for a union of a constrained number and
+a fixed-length tuple, msgspec 0.22 reads past its own table and may crash.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The tables [camera] and [film] of a scene file."""
+"""Tables [camera] and [film] of a scene file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_RESOLUTION = 32768
 
 
 class CameraKey(Struct, forbid_unknown_fields=True, kw_only=True):
-    """Where a camera is at a time; what is left out is as of the camera."""
+    """Keyframe of a camera; a field that is left out keeps the value of the camera."""
 
     time: Annotated[float, Meta(description="Seconds, later than the key before.")]
     position: Annotated[Vector, Meta(description="Where the eye is then, [x, y, z].")] | UnsetType = UNSET
@@ -21,7 +21,7 @@ class CameraKey(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class View(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """The fields of all cameras."""
+    """Fields that all cameras have."""
 
     position: Annotated[Vector, Meta(description="Where the eye is, [x, y, z] in scene units.")]
     target: Annotated[Vector, Meta(description="A point in the middle of the picture, [x, y, z] in scene units.")]
@@ -44,7 +44,7 @@ class View(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
 
 
 class Plane(View, kw_only=True):
-    """The fields of cameras with a flat picture."""
+    """Fields of the cameras with a flat image plane."""
 
     principal_point: Annotated[
         tuple[float, float],
@@ -57,7 +57,7 @@ class Plane(View, kw_only=True):
 
 
 class Camera(Plane, tag="perspective", kw_only=True):
-    """A pinhole, or a thin lens. A camera without a type is of this one."""
+    """Pinhole or thin-lens camera; the default if a camera has no type."""
 
     fov: Annotated[
         float, Meta(gt=0, lt=180, description="Vertical field of view of the whole picture, degrees.")
@@ -78,13 +78,13 @@ class Camera(Plane, tag="perspective", kw_only=True):
 
 
 class Orthographic(Plane, tag="orthographic", kw_only=True):
-    """Parallel rays, which start in the plane through the position."""
+    """Orthographic camera: parallel rays that start in the plane through the position."""
 
     height: Annotated[float, Meta(gt=0, description="Of the whole picture, scene units.")]
 
 
 class Panorama(View, tag="panorama", kw_only=True):
-    """All around, equirectangular: 360 degrees wide, 180 high, the target in the middle."""
+    """Equirectangular panorama: 360 degrees wide, 180 degrees high, the target in the middle."""
 
 
 AnyCamera = Camera | Orthographic | Panorama
@@ -92,7 +92,7 @@ _Pixels = Annotated[int, Meta(ge=1, le=MAX_RESOLUTION)]
 
 
 class Film(Struct, forbid_unknown_fields=True, kw_only=True):
-    """The picture."""
+    """Resolution and exposure of the image."""
 
     resolution: Annotated[tuple[_Pixels, _Pixels], Meta(description="[width, height] in pixels.")] = (512, 512)
     exposure: (

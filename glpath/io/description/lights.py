@@ -1,4 +1,4 @@
-"""The tables [[lights]] and [sky] of a scene file: light of what has no surface."""
+"""Tables [[lights]] and [sky] of a scene file: light sources that have no surface."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ Falloff = Annotated[
 
 
 class Light(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """The fields of all punctual lights: points, spots and parallel light."""
+    """Fields that all punctual lights have: points, spots and directional lights."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
     unit: OwnUnit = UNSET
 
 
 class PointLight(Light, tag="point", kw_only=True):
-    """A point that shines in all directions alike, or as a photometric profile says."""
+    """Point light, equal in all directions or with a photometric profile."""
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
     intensity: Intensity | UnsetType = UNSET
@@ -103,7 +103,7 @@ class PointLight(Light, tag="point", kw_only=True):
 
 
 class SpotLight(Light, tag="spot", kw_only=True):
-    """A point that shines into a cone."""
+    """Spot light: a point that emits into a cone."""
 
     position: Annotated[Vector, Meta(description="Where the light is.")]
     target: Annotated[Vector, Meta(description="A point on the axis of the cone.")]
@@ -121,7 +121,7 @@ class SpotLight(Light, tag="spot", kw_only=True):
 
 
 class DirectionalLight(Light, tag="directional", kw_only=True):
-    """Parallel light from infinitely far, like the sun's."""
+    """Directional light: parallel rays from infinitely far away, like sunlight."""
 
     direction: Annotated[Vector, Meta(description="The direction in which light travels, of any length but zero.")]
     irradiance: Annotated[
@@ -137,7 +137,7 @@ AnyLight = PointLight | SpotLight | DirectionalLight
 
 
 class Portal(Struct, forbid_unknown_fields=True, kw_only=True):
-    """An opening that the sky lights a room through: a rectangle."""
+    """Portal: a rectangular opening through which the sky lights a room."""
 
     corners: Annotated[
         tuple[Vector, Vector, Vector, Vector],
@@ -146,8 +146,11 @@ class Portal(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
-    """What rays see that hit nothing: a blend from horizon to zenith, an environment map, a sky of the CIE, or the
-    sky and the sun of irradiances, of a site and time, or of an hour of a weather file."""
+    """Sky: the radiance of rays that hit nothing.
+
+    It is a blend from horizon to zenith, an environment map, or a CIE sky. Or it is a sky and sun that follow from
+    irradiances, from a site and time, or from an hour of a weather file.
+    """
 
     type: (
         Annotated[

@@ -1,4 +1,4 @@
-"""The tables [materials.NAME] and [textures.NAME] of a scene file."""
+"""Tables [materials.NAME] and [textures.NAME] of a scene file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_TEXTURE_PIXELS = 2**26
 
 
 class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """The fields of all materials."""
+    """Fields that all materials have."""
 
     reflectance: (
         Annotated[
@@ -62,11 +62,11 @@ class Surface(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True
 
 
 class Diffuse(Surface, tag="diffuse", kw_only=True):
-    """Lambertian reflection. A material without a type is of this one."""
+    """Lambertian reflection; the default if a material has no type."""
 
 
 class Phong(Surface, tag="phong", kw_only=True):
-    """Lambertian reflection, Phong's highlight and a mirror, as of 1975."""
+    """Lambertian reflection, a Phong highlight and a mirror, as in the model of 1975."""
 
     specular: Annotated[
         float | Vector,
@@ -85,7 +85,7 @@ _Share = Annotated[float, Meta(ge=0, le=1)]
 
 
 class Principled(Surface, tag="principled", kw_only=True):
-    """Metal, plastic, clearcoat and glass: the metallic-roughness surface of glTF 2.0."""
+    """Principled material for metal, plastic, clearcoat and glass: the metallic-roughness model of glTF 2.0."""
 
     roughness: Annotated[
         _Share, Meta(description="0 is a mirror, 1 all diffuse: the alpha of GGX's microfacets is its square.")
@@ -245,7 +245,7 @@ class Principled(Surface, tag="principled", kw_only=True):
 
 
 class Glazing(Surface, tag="glazing", kw_only=True):
-    """Window glass, by its transmittance, with all reflections between its two faces."""
+    """Window glass given by its transmittance, with all reflections between its two faces."""
 
     transmittance: Annotated[
         float | Vector,
@@ -265,7 +265,7 @@ Repeats = Annotated[
 
 
 class Checker(Struct, tag_field="type", tag="checker", forbid_unknown_fields=True, kw_only=True):
-    """Squares of two colours: one repeat is two by two of them."""
+    """Checkerboard of two colours; one repeat is two by two squares."""
 
     colors: Annotated[
         tuple[float | Vector, float | Vector],
@@ -275,7 +275,10 @@ class Checker(Struct, tag_field="type", tag="checker", forbid_unknown_fields=Tru
 
 
 class Image(Struct, tag_field="type", tag="image", forbid_unknown_fields=True, kw_only=True):
-    """A picture: PNG and JPEG as sRGB, EXR as linear Rec. 709; what is no colour, as of a normal map, as it is."""
+    """Image texture: PNG and JPEG in sRGB, EXR in linear Rec. 709.
+
+    Data that are not colours, such as normal maps, are read without conversion.
+    """
 
     file: Annotated[
         str, Meta(description="PNG, JPEG or EXR file; a relative path starts at the folder of the scene file.")

@@ -1,4 +1,4 @@
-"""A scene file as a whole, and its JSON schema."""
+"""The whole scene file and its JSON schema."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from glpath.io.description.vector import Vector
 
 
 class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
-    """A scene of glpath."""
+    """Scene of glpath."""
 
     name: Annotated[str, Meta(description="Name of the scene; the name of the file without it.")] | UnsetType = (
         UNSET
@@ -60,7 +60,7 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 def scene_schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of the scene format, for editors that check and complete TOML."""
+    """Return the JSON Schema (draft 2020-12) of the scene format, with which editors check and complete TOML."""
     schema = msgspec.json.schema(SceneFile)
     defined = schema["$defs"]
     share, positive = {"minimum": 0, "maximum": 1}, {"minimum": 0}

@@ -1,4 +1,4 @@
-"""The tables [[shapes]] and [[assets]] of a scene file: what stands where, and how it moves."""
+"""Tables [[shapes]] and [[assets]] of a scene file: objects, their transforms and their motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Radiance = Annotated[
 
 
 class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
-    """Makes a shape a light: diffuse emission, the same over the whole shape; `radiance` or `flux`."""
+    """Diffuse emission that makes a shape a light, uniform over the shape; set `radiance` or `flux`."""
 
     radiance: Radiance | UnsetType = UNSET
     flux: (
@@ -54,14 +54,14 @@ class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Rotation(Struct, forbid_unknown_fields=True, kw_only=True):
-    """A rotation about an axis through the origin, counter-clockwise for who looks against the axis."""
+    """Rotation about an axis through the origin, counter-clockwise if the axis points at the viewer."""
 
     axis: Annotated[Vector, Meta(description="Axis of rotation, [x, y, z], of any length but zero.")]
     angle: Annotated[float, Meta(description="Angle in degrees.")]
 
 
 class Step(Struct, forbid_unknown_fields=True, kw_only=True):
-    """One step of a transform: exactly one of translate, rotate, scale and matrix."""
+    """Step of a transform: exactly one of translate, rotate, scale and matrix."""
 
     translate: Annotated[Vector, Meta(description="Shift by [x, y, z] scene units.")] | UnsetType = UNSET
     rotate: (
@@ -87,7 +87,7 @@ _Steps = list[Annotated[Step, Meta(extra_json_schema={"minProperties": 1, "maxPr
 
 
 class Key(Struct, forbid_unknown_fields=True, kw_only=True):
-    """Where something that moves is at a time."""
+    """Keyframe of a moving object."""
 
     time: Annotated[float, Meta(description="Seconds, later than the key before.")]
     transform: Annotated[
@@ -105,7 +105,7 @@ _Motion = Annotated[
 
 
 class Shape(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
-    """The fields of all shapes."""
+    """Fields that all shapes have."""
 
     name: Annotated[str, Meta(description="Name for messages and tables.")] | UnsetType = UNSET
     material: Annotated[
@@ -129,7 +129,7 @@ class Shape(Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
 
 
 class Quad(Shape, tag="quad", kw_only=True):
-    """A planar convex quadrilateral."""
+    """Planar convex quadrilateral."""
 
     corners: Annotated[
         tuple[Vector, Vector, Vector, Vector],
@@ -138,7 +138,7 @@ class Quad(Shape, tag="quad", kw_only=True):
 
 
 class Box(Shape, tag="box", kw_only=True):
-    """A box along the axes, fronts outward: `min` and `max`, or `center` and `size`."""
+    """Axis-aligned box with its fronts outward, given by `min` and `max` or by `center` and `size`."""
 
     min: Annotated[Vector, Meta(description="Corner of the box with the smallest coordinates.")] | UnsetType = UNSET
     max: Annotated[Vector, Meta(description="Corner of the box with the largest coordinates.")] | UnsetType = UNSET
@@ -147,7 +147,7 @@ class Box(Shape, tag="box", kw_only=True):
 
 
 class Sphere(Shape, tag="sphere", kw_only=True):
-    """A sphere, or an ellipsoid by its transform; front outward, poles on its z axis."""
+    """Sphere, or an ellipsoid after a non-uniform scale; its front is outward, its poles lie on its z axis."""
 
     center: Annotated[Vector, Meta(description="Centre of the sphere.")] = (0.0, 0.0, 0.0)
     radius: Annotated[float, Meta(gt=0, description="Radius in scene units, above 0.")]
@@ -163,7 +163,7 @@ class Sphere(Shape, tag="sphere", kw_only=True):
 
 
 class Plane(Shape, tag="plane", kw_only=True):
-    """An infinite plane, for the integrators classic and t-buffer."""
+    """Infinite plane, for the integrators classic and t-buffer."""
 
     point: Annotated[Vector, Meta(description="A point of the plane, where the texture coordinates are 0.")] = (
         0.0,
@@ -185,7 +185,7 @@ class Plane(Shape, tag="plane", kw_only=True):
 
 
 class Mesh(Shape, tag="mesh", kw_only=True):
-    """Triangles: `vertices` and `faces`, or a `file`."""
+    """Triangle mesh, given by `vertices` and `faces` or by a `file`."""
 
     vertices: Annotated[list[Vector], Meta(description="Vertices [x, y, z].")] | UnsetType = UNSET
     faces: (
@@ -216,7 +216,7 @@ class Mesh(Shape, tag="mesh", kw_only=True):
 
 
 class Displacement(Struct, forbid_unknown_fields=True, kw_only=True):
-    """Moves a surface along its normal, by the red of a texture."""
+    """Displacement of a surface along its normal by the red channel of a texture."""
 
     texture: Annotated[str, Meta(description="Name of a texture of this file; of colours, their linear values.")]
     scale: Annotated[float, Meta(description="Scene units from black to white.")] = 1.0
@@ -224,9 +224,9 @@ class Displacement(Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class Patches(Shape, tag="patches", kw_only=True):
-    """A surface of bicubic patches: Bézier `points` and `patches`, or the `net` of a uniform B-spline.
+    """Surface of bicubic patches: Bézier `points` and `patches`, or the `net` of a uniform B-spline.
 
-    Divided into triangles when it is loaded, without cracks, the same ones for all that is rendered.
+    It is divided into triangles without cracks when it is loaded. All renders of it use these triangles.
     """
 
     points: Annotated[list[Vector], Meta(description="Control points [x, y, z] of Bézier patches.")] | UnsetType = (
@@ -284,10 +284,10 @@ class Patches(Shape, tag="patches", kw_only=True):
 
 
 class Stream(Shape, tag="stream", kw_only=True):
-    """Triangles that are read piece by piece whenever they are needed, so that they may be more than memory holds.
+    """Triangles that are read in chunks each time they are needed, so that they may exceed the memory.
 
-    Only the integrator path-buffer can render them, by scans. They cannot emit, and their material has
-    no textures and no transparency.
+    Only the integrator path-buffer can render them, by scan conversion. They cannot emit. Their material has no
+    textures and no transparency.
     """
 
     file: (
@@ -304,7 +304,7 @@ class Stream(Shape, tag="stream", kw_only=True):
 
 
 class Asset(Struct, forbid_unknown_fields=True, kw_only=True):
-    """A model file, placed in the scene with what it carries."""
+    """Model file placed in the scene, with its shapes, materials and lights."""
 
     file: Annotated[
         str,

@@ -1,4 +1,4 @@
-"""Types that several tables of a scene file use."""
+"""Types shared by several tables of a scene file."""
 
 from __future__ import annotations
 

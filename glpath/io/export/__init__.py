@@ -1,4 +1,4 @@
-"""Scenes for other programs, as files: `export`."""
+"""Export of scenes to files for other programs: `export`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from glpath.io.library import load_scene
 from glpath.scene.model import Scene
 from glpath.system.files import is_stream
 
-#: `glpath.render`'s default, all bounces: the XML asks Mitsuba for the same light, which ends paths by roulette.
+#: Default depth of `glpath.render`: all bounces. With it Mitsuba computes the same light; it ends paths by
+#: roulette.
 MAX_DEPTH = 1000
 SPP = 64
 _MITSUBA, _GLTF = ".xml", ".glb"
@@ -30,23 +31,22 @@ def export(
 ) -> None:
     """Write a scene for other programs, to compare with them or to move there.
 
-    The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light is in cd,
-    lx and cd m^-2 in .glb, watts being 179 lumens; in .xml its numbers are those of the scene, of either unit. What
-    the format does not know is approximated or left out, with a SceneWarning.
+    The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light in .glb
+    is in cd, lx and cd m^-2, with 179 lumens per watt. Light in .xml has the numbers of the scene, in either unit.
+    Features that the format lacks are approximated or left out, with a SceneWarning.
 
-    scene      : as `glpath.load_scene` takes it
-    path       : .xml for Mitsuba 3, with a folder NAME_files beside it of meshes (PLY) and images (PNG, EXR);
-                 camera, box filter, resolution and depth are set so that `mitsuba NAME.xml` makes the picture that
-                 glpath does. .glb for any program that reads glTF 2.0: materials of metal and roughness with the
-                 Khronos extensions that they need, lights, the camera; the axis nearest to the camera's up is
-                 turned to y
-    parameters : of a generated scene
-    max_depth  : of .xml: vertices of a path as in `glpath.render`, 1 is direct light only; by
-                 default 1000, all bounces
-    spp        : of .xml: samples per pixel; 64 by default
+    scene      : a scene in any form that `glpath.load_scene` takes
+    path       : .xml for Mitsuba 3, with a folder NAME_files beside it for meshes (PLY) and images (PNG, EXR).
+                 Camera, box filter, resolution and depth are set so that `mitsuba NAME.xml` renders the same image
+                 as glpath. .glb for any program that reads glTF 2.0: metallic-roughness materials with the Khronos
+                 extensions that they need, lights, the camera. The axis nearest to the camera's up is turned to y
+    parameters : parameters of a generated scene
+    max_depth  : for .xml: vertices of a path as in `glpath.render`, 1 is direct light only; by default 1000, all
+                 bounces
+    spp        : for .xml: samples per pixel; 64 by default
 
-    Raises UsageError for another suffix or a number out of range, SceneError for a scene that cannot be read or
-    made triangles of, and ImageError where a file cannot be written. A file appears whole or not at all.
+    Raises UsageError for another suffix or a number out of range. Raises SceneError for a scene that cannot be read
+    or turned into triangles, and ImageError if a file cannot be written. A file is written whole or not at all.
 
     >>> export("cornell-box-36", "box.glb")
     >>> export("cornell-box-36", "box.xml", max_depth=3, spp=256)
@@ -56,7 +56,7 @@ def export(
 
 
 def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | None) -> None:
-    """`export` of what has been checked."""
+    """Write a scene whose parameters have been checked; see `export`."""
     path = Path(path)
     if is_for_mitsuba(path):
         translated = described(scene, max_depth or MAX_DEPTH, spp=spp or SPP)
@@ -69,12 +69,12 @@ def exported(scene: Scene, path: str | Path, max_depth: int | None, spp: int | N
 
 
 def is_for_mitsuba(path: str | Path) -> bool:
-    """By its suffix."""
+    """Return True if the file suffix is that of Mitsuba scenes."""
     return Path(path).suffix.lower() == _MITSUBA
 
 
 def check_export(path: str | Path, max_depth: int | None, spp: int | None) -> None:
-    """Raise UsageError for an unknown file format, and for numbers that the format does not hold."""
+    """Raise UsageError for an unknown file format, or for numbers that the format cannot store."""
     suffix = Path(path).suffix.lower()
     if suffix not in (_MITSUBA, _GLTF):
         raise UsageError(

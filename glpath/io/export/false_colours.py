@@ -1,7 +1,7 @@
-"""Flat faces with values, in false colours for viewers of glTF (.glb): alone, or inside of their model.
+"""Flat faces with values, written in false colours for glTF viewers (.glb), alone or inside their model.
 
-Colours are those of `glpath.film.charts.false_colours`, unlit, seen from both sides. glTF has no legend: the file
-says in its `extras` what the values are and which of them the ends of the colours are.
+Colours are those of `glpath.film.charts.false_colours`, unlit, visible from both sides. glTF has no legend, so the
+file's `extras` hold the quantity and the values of the first and the last colour.
 
 Cost:   36 bytes a corner in .glb, as faces do not share vertices.
 """
@@ -25,18 +25,18 @@ from glpath.io.vtk import VtkMesh
 from glpath.scene.camera import framing
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Shapes
 
-# Of the camera.
+# Resolution of the camera, pixels.
 _RESOLUTION = (1200, 900)
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Flat faces in space, each with a value, which colours it.
+    """Flat faces in space, each coloured by its value.
 
-    corners  : (F, 4, 3) float64, around; a triangle has its last corner twice
-    quantity : what the values are of, such as illuminance
-    values   : (F,) float64; NaN where there is none
-    unit     : of the values
+    corners  : (F, 4, 3) float64, in order around the face; a triangle repeats its last corner
+    quantity : name of the quantity, such as illuminance
+    values   : (F,) float64; NaN for no value
+    unit     : unit of the values
     """
 
     corners: Float64
@@ -52,7 +52,7 @@ class Facets:
 
     @property
     def top(self) -> float:
-        """The value of the last colour; the first is of 0."""
+        """Value of the last colour; the value of the first is 0."""
         return float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
 
     @property
@@ -60,7 +60,7 @@ class Facets:
         return np.asarray((self.corners[:, 2] == self.corners[:, 3]).all(axis=1))
 
     def to_vtk(self, data: Mapping[str, Any] | None = None) -> VtkMesh:
-        """Polygons with values on them: their own, or others by name, each (F,) or (F, k)."""
+        """Return the polygons with their own values, or with `data`: arrays by name, each (F,) or (F, k)."""
         numbers = [
             [first, first + 1, first + 2] if three else [first, first + 1, first + 2, first + 3]
             for first, three in zip(range(0, 4 * len(self.corners), 4), self._triangular.tolist(), strict=True)
@@ -69,7 +69,7 @@ class Facets:
         return VtkMesh(self.corners.reshape(-1, 3), numbers, cell_data=shown)
 
     def add_to(self, file: Glb, origin: Float64) -> None:
-        """Put them into a file whose coordinates are relative to an origin (3,)."""
+        """Add the faces to a file whose coordinates are relative to an origin (3,)."""
         colours = decode_srgb(false_colours(self.values, self.top))
         position = (self.corners - origin).reshape(-1, 3).astype(np.float32)
         first = 4 * np.arange(len(self.corners))[:, None]
@@ -96,7 +96,7 @@ class Facets:
 
     @property
     def legend(self) -> dict[str, object]:
-        """What a .glb says of its colours."""
+        """Description of the colours for the extras of a .glb."""
         return {
             "quantity": self.quantity,
             "unit": self.unit,
@@ -107,7 +107,9 @@ class Facets:
 
 
 def write_facets(facets: Facets, up: Float64, path: Path) -> None:
-    """Write the faces alone, as .glb, with a camera that shows all; `write_gltf` writes them inside of a scene.
+    """Write the faces alone as .glb, with a camera that shows all of them.
+
+    `write_gltf` writes them inside a scene.
 
     up : (3,), near an axis, which becomes y
 
@@ -116,7 +118,7 @@ def write_facets(facets: Facets, up: Float64, path: Path) -> None:
     turned = replace(facets, corners=facets.corners @ y_up_from(up).T)
     points = turned.corners.reshape(-1, 3)
     camera = framing(points, _RESOLUTION)
-    # For its bounds and its origin.
+    # `Glb` takes its bounds and its origin from a scene.
     mesh = Mesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 4)[:, :3])
     scene = Scene(facets.quantity, camera, Shapes([Shape("faces", mesh, 0)]), (Material("faces", np.ones(3)),))
     file = Glb(scene.centred)
@@ -127,12 +129,12 @@ def write_facets(facets: Facets, up: Float64, path: Path) -> None:
 def cells(
     extent: tuple[float, float, float, float], shape: tuple[int, int], axes: tuple[int, int, int], height: float
 ) -> NDArray[np.float64]:
-    """(rows * columns, 4, 3): corners of the cells of a grid in a plane across an axis, row by row.
+    """Return the corners of the cells of a grid in a plane across an axis, row by row, (rows * columns, 4, 3).
 
-    extent : where cells begin and end along the first axis in the plane, then along the second
+    extent : start and end of the grid along the first axis in the plane, then along the second
     shape  : (rows, columns)
-    axes   : numbers of the two axes in the plane, columns along the first, and of the axis across it
-    height : along that
+    axes   : indices of the two axes in the plane, columns along the first, and of the axis across it
+    height : coordinate along the axis across the plane
     """
     rows, columns = shape
     u, v = np.linspace(*extent[:2], columns + 1), np.linspace(*extent[2:], rows + 1)

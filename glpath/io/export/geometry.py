@@ -1,4 +1,4 @@
-"""Geometry as other programs take it: triangles, with a normal at every corner of what is shaded smoothly."""
+"""Geometry for other programs: triangles, with a normal at every corner of smoothly shaded meshes."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.triangulate import path_traceable
 
-#: An endless plane becomes a square whose half side is so many times the scene's diagonal, the camera included.
+#: Half side of the square that replaces an infinite plane, over the diagonal of the scene with its camera.
 _HORIZON = 100.0
 
 
 class Notes:
-    """How a file differs from the scene, in the order found, each text once."""
+    """Differences between a file and the scene, without duplicates, in the order found."""
 
     def __init__(self) -> None:
         self._subjects: dict[tuple[str, str], dict[str, None]] = {}
 
     def add(self, text: str, kind: str = "", name: str = "") -> None:
-        """kind, name: the material, light or shape that it is about, if it is about one."""
+        """Add a difference. kind, name: the material, light or shape that it concerns, if any."""
         self._subjects.setdefault((kind, text), {})[name] = None
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Sentences without a full stop."""
+        """The differences as sentences without a full stop."""
         return tuple(
             f"{kind}{'s' * (len(names) > 1)} {listed(list(names))}: {text}" if kind else text
             for (kind, text), names in self._subjects.items()
@@ -34,19 +34,19 @@ class Notes:
 
 
 def listed(names: list[str]) -> str:
-    """The first names, in quotation marks."""
+    """Return the first names in quotation marks."""
     return ", ".join(f'"{name}"' for name in names[:3]) + (", ..." if len(names) > 3 else "")
 
 
 def at_opening(scene: Scene, notes: Notes) -> Scene:
-    """The scene as it stands when the shutter opens, with a note of what then moves."""
+    """Return the scene at shutter open. Add a note if anything moves."""
     if scene.camera.moves or scene.moving_shapes:
         notes.add("nothing moves: all stands where it is when the shutter opens")
     return scene.at()
 
 
 def in_triangles(scene: Scene, notes: Notes) -> Scene:
-    """The scene in the triangles that path tracing renders; endless planes are large squares, which is noted."""
+    """Return the scene in the triangles of path tracing; infinite planes become large squares, with a note."""
     planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]
     if planes:
         notes.add(f"endless planes ({listed(planes)}) are squares of {2 * _HORIZON:g} times the scene's diagonal")
@@ -56,7 +56,7 @@ def in_triangles(scene: Scene, notes: Notes) -> Scene:
 
 
 def in_world(shape: Shape) -> Mesh:
-    """All instances of a shape as one mesh in world space."""
+    """Return all instances of a shape as one mesh in world space."""
     mesh, alone = shape.geometry, Shapes((shape,))
     assert isinstance(mesh, Mesh)
     return Mesh(
@@ -70,12 +70,15 @@ def in_world(shape: Shape) -> Mesh:
 
 
 def mirrors(world_from_object: Float64) -> bool:
-    """Whether an affine map (3, 4) does: here fronts are on the other side then, elsewhere they stay."""
+    """Return True if an affine map (3, 4) mirrors.
+
+    Fronts of a mirrored mesh are on the other side in glpath; in other programs they stay.
+    """
     return bool(np.linalg.det(world_from_object[:, :3]) < 0)
 
 
 def with_all_normals(mesh: Mesh) -> Mesh:
-    """With the face's own normal where those of the vertices are zeros; itself where there are none."""
+    """Return the mesh with face normals at vertices whose normals are zero; itself if there are none."""
     if mesh.normals is None or np.all(np.any(mesh.normals != 0, axis=1)):
         return mesh
     if not np.any(mesh.normals):
@@ -87,7 +90,7 @@ def with_all_normals(mesh: Mesh) -> Mesh:
 
 
 def face_normals(mesh: Mesh) -> Float64:
-    """(F, 3) float64 unit, out of the front."""
+    """Return the (F, 3) float64 unit normals, out of the front."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -95,19 +98,19 @@ def face_normals(mesh: Mesh) -> Float64:
 
 
 def v_downwards(uv: Float64) -> Float64:
-    """(V, 2): texture coordinates for programs to which the first row of an image is at v = 0."""
+    """Return (V, 2) texture coordinates for programs in which the first row of an image is at v = 0."""
     return uv * [1.0, -1.0] + [0.0, 1.0]
 
 
 def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
-    """(3, 3): a slot's map with the repeats of its texture, of coordinates with v downwards."""
+    """Return the (3, 3) map of a slot, with the repeats of its texture, for coordinates with v downwards."""
     matrix, over = np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
     matrix[:2] = uv_transform * np.array(scale)[:, None]
     return np.asarray(over @ matrix @ over)
 
 
 def _square(scene: Scene, plane: Shape) -> Shape:
-    """About the points of the planes that are nearest to the middle of the scene."""
+    """Return squares instead of infinite planes, each centred on its point nearest to the scene centre."""
     low, high = scene.bounds
     low, high = np.minimum(low, scene.camera.position), np.maximum(high, scene.camera.position)
     half = _HORIZON * float(np.linalg.norm(high - low))
@@ -134,9 +137,9 @@ def _square(scene: Scene, plane: Shape) -> Shape:
 
 
 def behind(scene: Scene) -> float:
-    """How far, in scene units, the back of a surface is from its front where either is triangles of its own.
+    """Return the distance in scene units between front and back of a surface if each has its own triangles.
 
-    Viewers cull what they see from behind; path tracers do not, and would hit either at random. A
-    depth-buffer resolves so much, and it is not visible.
+    Viewers cull back faces; path tracers do not, and would hit front or back at random. A depth buffer resolves
+    this distance, and it is not visible.
     """
     return 2e-5 * float(np.linalg.norm(np.ptp(np.stack(scene.bounds), axis=0)))

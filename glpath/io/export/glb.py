@@ -1,6 +1,6 @@
-"""A binary glTF 2.0 file as it grows: arrays and images in one buffer, a root that turns up to y, a camera.
+"""Builder of a binary glTF 2.0 file: arrays and images in one buffer, a root node with y up, a camera.
 
-What scenes and baked scenes have in common.
+Exported scenes and baked scenes share it.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from glpath.scene.geometry import Float64
 from glpath.scene.model import Scene
 from glpath.system.files import whole_file
 
-#: glTF needs a near plane: so far before the camera, as a share of the scene's diagonal.
+#: Distance of the near plane, which glTF requires, as a fraction of the scene's diagonal.
 _NEAR = 1e-3
-#: And of parallel rays a far one.
+#: Distance of the far plane of an orthographic camera, as a multiple of the scene's diagonal.
 _FAR = 1e3
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
 class Glb:
-    """The file of a scene, with its camera: `Scene.centred`, its origin being the translation of the root node, as
-    vertices have 32 bits.
+    """glTF file of a scene in coordinates relative to its origin (`Scene.centred`), with its camera.
 
-    bounds : the scene's
-    textures, samplers, images, materials : to be added to
+    The origin becomes the translation of the root node, because vertices are 32-bit floats.
+
+    bounds : bounding box of the scene
+    textures, samplers, images, materials : lists that callers append to
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -56,14 +57,14 @@ class Glb:
         self.add_node("camera", _camera_matrix(scene.camera), camera=0)
 
     def use(self, extension: str) -> str:
-        """The name of an extension, which the file then says that it uses."""
+        """Return the name of an extension and list it as used."""
         self._used.add(extension)
         return extension
 
     def add_array(self, array: NDArray[np.generic], *, indices: bool = False, bounds: bool = False) -> int:
-        """Put numbers of vertices (N,) uint32, or values of vertices (N, 2 to 4) float32, in.
+        """Add an array: vertex indices (N,) uint32, or vertex values (N, 2 to 4) float32.
 
-        Returns the number of the accessor.
+        Returns the index of the accessor.
         """
         data = np.ascontiguousarray(array)
         target = gltf_json.ELEMENT_ARRAY_BUFFER if indices else gltf_json.ARRAY_BUFFER
@@ -79,19 +80,19 @@ class Glb:
         return len(self._accessors) - 1
 
     def add_image(self, name: str, image: NDArray[np.uint8]) -> int:
-        """Put (h, w, 3) or (h, w, 4) in, row 0 at the top; returns its number."""
+        """Add an image (h, w, 3) or (h, w, 4), row 0 at the top; return its index."""
         self.images.append(
             gltf_json.Image(name=name, mime_type="image/png", buffer_view=self._add(encode_png(image), None))
         )
         return len(self.images) - 1
 
     def add_mesh(self, name: str, primitives: list[gltf_json.Primitive]) -> int:
-        """Returns its number."""
+        """Add a mesh; return its index."""
         self._meshes.append(gltf_json.Mesh(name=name, primitives=primitives))
         return len(self._meshes) - 1
 
     def add_node(self, name: str, world_from_node: Float64 | None = None, **fields: Any) -> None:
-        """A child of the root; the map is (3, 4), the identity without it."""
+        """Add a child of the root; the transform is (3, 4), by default the identity."""
         if world_from_node is not None:
             matrix = np.eye(4)
             matrix[:3] = world_from_node
@@ -100,7 +101,7 @@ class Glb:
         self._nodes.append(gltf_json.Node(name=name, **fields))
 
     def save(self, path: Path, **extras: Any) -> None:
-        """Write the file, whole or not at all. extras: what it says of itself. Raises ImageError."""
+        """Write the file, whole or not at all. extras: description stored in the file. Raises ImageError."""
         document = gltf_json.Document(
             asset=gltf_json.Asset(version="2.0", generator="glpath"),
             scene=0,
@@ -126,12 +127,12 @@ class Glb:
         self._views.append(
             gltf_json.BufferView(buffer=0, byte_offset=len(self._bytes), byte_length=len(content), target=target)
         )
-        self._bytes += content + bytes(-len(content) % 4)  # arrays begin at multiples of their numbers' size
+        self._bytes += content + bytes(-len(content) % 4)  # arrays must begin at multiples of their number size
         return len(self._views) - 1
 
 
 def _to_y_up(up: Float64) -> list[float]:
-    """The rotation, x y z w, that takes the axis nearest to `up` to +y, as glTF has it."""
+    """Return the rotation x y z w that takes the axis nearest to `up` to +y, as glTF demands."""
     axis = int(np.argmax(np.abs(up)))
     half = math.sqrt(0.5)
     if axis == 1:
@@ -141,12 +142,12 @@ def _to_y_up(up: Float64) -> list[float]:
 
 
 def y_up_from(up: Float64) -> Float64:
-    """(3, 3): the rotation by quarter turns that takes the axis nearest to `up` to +y."""
+    """Return the (3, 3) rotation by quarter turns that takes the axis nearest to `up` to +y."""
     return _matrix(_to_y_up(up))
 
 
 def _matrix(rotation: list[float]) -> Float64:
-    """(3, 3) of a rotation x y z w by quarter turns, exact."""
+    """Return the exact (3, 3) matrix of a rotation x y z w by quarter turns."""
     axis, w = np.array(rotation[:3]), rotation[3]
     across = 2.0 * np.cross(axis, np.eye(3))
     return np.asarray(np.rint(np.eye(3) + w * across + np.cross(axis, across)).T)
@@ -166,6 +167,6 @@ def _camera(camera: Camera, size: float) -> gltf_json.Camera:
 
 
 def _camera_matrix(camera: Camera) -> Float64:
-    """(3, 4): world from camera, which looks along -z."""
+    """Return the (3, 4) transform world from camera; the camera looks along -z."""
     right, up, forward = camera.frame()
     return np.stack([right, up, -forward, camera.position], axis=1)

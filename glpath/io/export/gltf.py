@@ -1,8 +1,8 @@
-"""A scene as binary glTF 2.0 (.glb), for any program that reads it.
+"""Export of a scene as binary glTF 2.0 (.glb), for any program that reads it.
 
-Triangles are those that path tracing renders, materials by `gltf_surfaces`. Lengths are taken one to one. Light is
-in candela, lux and nits, as glTF has it: that of a radiometric scene by 179 lumens a watt. Backs of one-sided
-materials are black here, and not drawn by viewers.
+Triangles are those that path tracing renders; `gltf_surfaces` writes the materials. Lengths are not scaled. Light
+is in candela, lux and nits, as in glTF; a radiometric scene is converted by 179 lumens per watt. Backs of one-sided
+materials are black in glpath, and viewers do not draw them.
 
 Poor at:  skies and ambient light, which core glTF does not have.
 Source:   glTF 2.0 and its KHR extensions, https://registry.khronos.org/glTF
@@ -36,19 +36,22 @@ from glpath.io.gltf.load import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
 
-# The cosine between two edges of a map up to which it is a rotation with a scale.
+# Maximum cosine between two axes of a transform that counts as unsheared.
 _SHEAR = 1e-6
-# Limits of a spot, radians: the inner angle is below the outer, the outer at most a right angle.
+# Minimum difference of the inner and the outer angle of a spot, radians. glTF requires inner < outer <= pi / 2.
 _EDGE = 1e-4
 
 
 def write_gltf(
     scene: Scene, path: Path, light_maps: Sequence[LightMap] | None = None, facets: Facets | None = None
 ) -> tuple[str, ...]:
-    """Write the scene; returns what the file says otherwise, a sentence each. Raises SceneError and ImageError.
+    """Write the scene. Raises SceneError and ImageError.
 
-    light_maps : of each shape, as MOZ_lightmap of its material; equal pictures are one
-    facets     : to be shown in the scene, in false colours
+    light_maps : light map of each shape, written as MOZ_lightmap of its material; an image used twice is stored
+                 once
+    facets     : faces in false colours that are shown in the scene
+
+    Returns the differences between the file and the scene, a sentence each.
     """
     return _Writer(scene, light_maps).write(path, facets)
 
@@ -66,7 +69,7 @@ class _Writer:
         if scene.camera.principal_point != (0.5, 0.5):
             self.notes.add("the camera's principal point is left out: the view is to the middle of the picture")
         self.file = Glb(scene)
-        # Of a mesh with the tangents of a material, or without any.
+        # Accessors of a mesh, by mesh and by the material that defines its tangents; None for no tangents.
         self._arrays: dict[tuple[Mesh, int | None], tuple[dict[str, int], int]] = {}
         self._turned: dict[Mesh, Mesh] = {}
         self._meshes: dict[tuple[Mesh, int], int] = {}
@@ -100,7 +103,7 @@ class _Writer:
         tangents_of = None if slot is None else shape.material
         for matrix in shape.world_from_object:
             placed, at = mesh, matrix
-            if _is_sheared(matrix):  # which glTF does not allow
+            if _is_sheared(matrix):  # glTF forbids shear
                 alone = Shape(shape.name, mesh, shape.material, matrix[None])
                 placed, at = in_world(alone), IDENTITY
             elif mirrors(matrix):
@@ -132,7 +135,7 @@ class _Writer:
         if tangents is not None:
             arrays["TANGENT"] = tangents
         if whole.uv is not None or whole.uv1 is not None:
-            # The second are only allowed beside the first.
+            # TEXCOORD_1 is only allowed together with TEXCOORD_0.
             arrays["TEXCOORD_0"] = np.zeros((len(whole.vertices), 2)) if whole.uv is None else v_downwards(whole.uv)
         if whole.uv1 is not None:
             arrays["TEXCOORD_1"] = v_downwards(whole.uv1)
@@ -180,7 +183,7 @@ def _is_sheared(matrix: Float64) -> bool:
 
 
 def _axes_along(direction: Float64) -> Float64:
-    """(3, 3): axes of a node whose -z goes along a unit direction."""
+    """Return the (3, 3) axes of a node whose -z points along a unit direction."""
     z = -direction
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
     x = x / np.linalg.norm(x)

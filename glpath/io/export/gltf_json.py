@@ -1,7 +1,7 @@
-"""The JSON of a glTF 2.0 file as typed data [msgspec]: of each object the fields that are written.
+"""JSON of a glTF 2.0 file as typed data [msgspec], with the fields that are written.
 
-Fields have the specification's names and meaning, in snake case here and in camel case in the file. A field
-that has its default is left out: the specification has the same one.
+Fields have the names and meaning of the specification, in snake case here and in camel case in the file. A field
+with its default value is left out, because the specification has the same default.
 
 Source: Khronos Group, glTF 2.0 specification, 5 (properties) and 4 (the GLB container).
 """
@@ -23,16 +23,16 @@ UNSIGNED_INT, FLOAT = 5125, 5126
 NEAREST, LINEAR, LINEAR_MIPMAP_LINEAR = 9728, 9729, 9987
 REPEAT, CLAMP_TO_EDGE, MIRRORED_REPEAT = 10497, 33071, 33648
 
-#: Extensions and extras by their names.
+#: Extensions or extras by name.
 Extensions = dict[str, Any]
 
-# The header of the container counts bytes in 32 bits.
+# Maximum file size: the header of the container counts bytes in 32 bits.
 _MAX_BYTES = 2**32 - 1
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 
 
 class _Object(msgspec.Struct, kw_only=True, omit_defaults=True, rename="camel"):
-    """What all objects may have. Each has lists and mappings of its own."""
+    """Fields that all objects may have."""
 
     name: str = ""
     extensions: Extensions = {}
@@ -99,7 +99,7 @@ class Material(_Object):
     emissive_texture: TextureInfo | None = None
     emissive_factor: Sequence[float] = (0.0, 0.0, 0.0)
     alpha_mode: str = "OPAQUE"
-    alpha_cutoff: float | None = None  # of MASK alone
+    alpha_cutoff: float | None = None  # for alpha_mode MASK only
     double_sided: bool = False
 
 
@@ -151,7 +151,7 @@ class Asset(_Object):
 
 
 class Document(_Object):
-    """The root. `scene` is the one that is shown."""
+    """Root object. `scene` is the index of the shown scene."""
 
     asset: Asset
     scene: int
@@ -170,10 +170,10 @@ class Document(_Object):
 
 
 def write_glb(document: Document, binary: bytes | bytearray, path: Path) -> None:
-    """Write the container, straight to `path`. Raises ImageError when its header cannot count the bytes."""
+    """Write the container directly to `path`. Raises ImageError if it is too large for its header."""
     text = msgspec.json.encode(document, enc_hook=_plain)
     chunks = [(b"JSON", text, b" "), (b"BIN\0", binary, b"\0")]
-    # A chunk ends at a multiple of four bytes: JSON with spaces, numbers with zeros.
+    # Chunks are padded to multiples of four bytes, JSON with spaces and binary data with zeros.
     padded = [(kind, data, padding * (-len(data) % 4)) for kind, data, padding in chunks if data]
     length = _HEADER.size + sum(_CHUNK.size + len(data) + len(padding) for _, data, padding in padded)
     if length > _MAX_BYTES:
@@ -190,7 +190,7 @@ def write_glb(document: Document, binary: bytes | bytearray, path: Path) -> None
 
 
 def _plain(value: Any) -> Any:
-    """A number of numpy as Python's."""
+    """Return a number of numpy as a Python number."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{value!r} is of {type(value).__name__}, which glTF's JSON does not have")

@@ -1,8 +1,9 @@
-"""A scene's materials and textures in glTF 2.0, each once, for `glpath.io.export.gltf`.
+"""Export of materials and textures to glTF 2.0, each once, for `glpath.io.export.gltf`.
 
-A surface without microfacets is one of roughness 1 without reflection, which is Lambert's (KHR_materials_specular).
+A surface without microfacets is written with roughness 1 and without specular reflection (KHR_materials_specular),
+so it is Lambertian.
 
-Poor at:  textures of more than eight bits.
+Poor at:  textures with more than eight bits per channel.
 """
 
 from __future__ import annotations
@@ -30,16 +31,19 @@ _WRAPS = {
 }
 _NEAREST = gltf_json.NEAREST, gltf_json.NEAREST
 _SMOOTH = gltf_json.LINEAR, gltf_json.LINEAR_MIPMAP_LINEAR
-# Reflection at normal incidence of the index 1.5, which the colour of KHR_materials_specular multiplies.
+# Reflectance at normal incidence for the index 1.5; the colour of KHR_materials_specular multiplies it.
 _F0 = 0.04
-#: Irradiance (h, w, 3) in eight bits, linear, by the second texture coordinates, and what 255 is, as of the scene.
+#: Irradiance (h, w, 3) uint8, linear, over the second texture coordinates, and the value of 255 in the scene's
+#: unit.
 LightMap = tuple[NDArray[np.uint8], float]
 
 
 class Surfaces:
-    """The materials that shapes use, with their textures, each once, in a file.
+    """Materials and textures that shapes use, each written once to a file.
 
-    scene : in triangles; file : that they go into; notes : of what they say otherwise
+    scene : scene in triangles
+    file  : file that they are added to
+    notes : differences between the file and the scene
     """
 
     def __init__(self, scene: Scene, file: Glb, notes: Notes) -> None:
@@ -50,9 +54,9 @@ class Surfaces:
         self._light_textures: dict[int, int] = {}
 
     def material(self, shape: Shape, light: LightMap | None) -> int:
-        """The number of a shape's material, which has its light."""
+        """Return the index of a shape's material, with its light map."""
         material = self.scene.materials[shape.material]
-        # The back of a solid's surface is its inside, whatever the material says.
+        # The back of a solid's surface is its inside, so a solid is never two-sided.
         two_sided = material.two_sided and (material.thin or material.transmission == 0)
         if shape.emits and shape.emission_two_sided != two_sided:
             two_sided = shape.emission_two_sided
@@ -117,7 +121,7 @@ class Surfaces:
         )
 
     def _without_microfacets(self, made: gltf_json.Material, material: Material) -> tuple[Float64, float, float]:
-        """Base colour, roughness and metallic; with the extension that says what is reflected beside the base."""
+        """Return base colour, roughness and metallic. Adds the extension with the reflectance over the base."""
         mirror, highlight = material.mirror, 2.0 * material.specular / (material.exponent + 1.0)
         if np.any(mirror > 0) and not np.any(highlight > 0) and not np.any(material.reflectance > 0):
             self._note(material, "a mirror is smooth metal, which reflects all at grazing angles")
@@ -129,10 +133,10 @@ class Surfaces:
                 self._note(material, "Phong's highlight beside a mirror is left out")
         elif np.any(highlight > 0):
             self._note(material, "Phong's highlight is microfacets (GGX) of about the same width and albedo")
-            # The same width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is alpha's root.
+            # Equal width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is the root of alpha.
             reflected, roughness = np.minimum(highlight, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
-        # Alike from all sides: at normal incidence F0 times the colour times the weight, at grazing incidence the
-        # weight. The base has what is left, so that it is divided by that.
+        # The reflectance is F0 * colour * weight at normal incidence and `weight` at grazing incidence. glTF scales
+        # the base by 1 - weight, so the base is divided by that.
         weight = float(reflected.max())
         extension: dict[str, Any] = {"specularFactor": weight}
         if weight > 0:
@@ -144,7 +148,7 @@ class Surfaces:
         return base, roughness, 0.0
 
     def _layers(self, extensions: dict[str, Any], material: Material) -> None:
-        """The extensions of microfacets, where they differ from their defaults."""
+        """Add the extensions of microfacets whose values differ from their defaults."""
         use = self.file.use
         if material.ior != 1.5:
             extensions[use("KHR_materials_ior")] = {"ior": material.ior}
@@ -239,7 +243,7 @@ class Surfaces:
     def _info(
         self, name: str, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
     ) -> dict[str, Any]:
-        """The same as a property of an extension; none where there is no texture."""
+        """Return the texture of a slot as a property of an extension; empty without a texture."""
         info = self._slot(slot, srgb=srgb, alpha=alpha)
         if info is None:
             return {}
@@ -267,7 +271,7 @@ class Surfaces:
         return self._textures[key]
 
     def _image(self, number: int, srgb: bool) -> NDArray[np.uint8]:
-        """Eight bits a channel, of sRGB for colours."""
+        """Return the image with eight bits per channel, colours in sRGB."""
         texture = self.scene.textures[number]
         if texture.image.dtype == np.uint8 and texture.srgb == srgb:
             return np.asarray(texture.image, np.uint8)
@@ -279,13 +283,16 @@ class Surfaces:
         return np.asarray(np.round(255.0 * values), np.uint8)
 
     def _max_emission(self, number: int) -> float:
-        """The divisor that makes a texture at most one."""
+        """Return the divisor that scales a texture to at most 1."""
         image = self.scene.textures[number].image
         return 1.0 if image.dtype == np.uint8 else max(float(image[..., :3].max()), 1.0)
 
 
 def _volume(material: Material) -> dict[str, Any]:
-    """The inside of a solid. Rasterizers go by the thickness, of 1 scene unit; glpath only asks whether it is 0."""
+    """Return the volume extension of a solid.
+
+    Rasterizers use the thickness, which is 1 scene unit; glpath only checks that it is not 0.
+    """
     made: dict[str, Any] = {"thicknessFactor": 1.0}
     densest = float(material.attenuation.max())
     if densest > 0:
@@ -295,7 +302,7 @@ def _volume(material: Material) -> dict[str, Any]:
 
 
 def _uv_transform(matrix: Float64) -> tuple[dict[str, Any], bool]:
-    """KHR_texture_transform of a map (3, 3) of coordinates with v downwards, and whether it is all of the map."""
+    """Return KHR_texture_transform of a map (3, 3) for v downwards, and True if it represents the map exactly."""
     across, down = matrix[:2, 0], matrix[:2, 1]
     angle = math.atan2(-across[1], across[0])
     c, s = math.cos(angle), math.sin(angle)

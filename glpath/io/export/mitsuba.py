@@ -1,23 +1,22 @@
-"""A scene as Mitsuba 3 knows it: plugins by name with their parameters, nested, before any file or any Mitsuba.
+"""Translation of a scene to plugins of Mitsuba 3, nested, with their parameters, without files and without Mitsuba.
 
-`described` makes the one translation that there is, the materials by `mitsuba_surfaces`: `mitsuba_xml` writes it to
-files, tests and benches hand it to Mitsuba in memory. Values are what Mitsuba's own dictionaries have
-(`mitsuba.load_dict`), but for:
+`described` makes the only translation; `mitsuba_surfaces` translates its materials. `mitsuba_xml` writes it to
+files; tests and benchmarks hand it to Mitsuba in memory. Values are those of Mitsuba's dictionaries
+(`mitsuba.load_dict`), except:
 
-    {"type": "mesh", "mesh": Mesh, ...}          triangles, v of texture coordinates downwards
-    {"type": "bitmap", "image": (h, w, c) ...}   a texture, uint8 or float32; so has an "envmap" its image
-    (4, 4) float64                               a transform
+    {"type": "mesh", "mesh": Mesh, ...} triangles, v of texture coordinates downwards {"type": "bitmap", "image":
+    (h, w, c) ...} a texture, uint8 or float32; an "envmap" has "image", too (4, 4) float64 a transform
 
-Depth:    Mitsuba counts the camera segment, PB does not: ours d is theirs d + 1. Russian roulette is on from
-          Mitsuba's default vertex, as its users have it; at depth 3 there is none.
+Depth:    Mitsuba counts the camera segment, the paper PB and glpath do not: depth d here is d + 1 in Mitsuba.
+          Russian roulette starts at Mitsuba's default vertex; at depth 3 there is none.
 Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis "y".
-Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided". Its area
-          lights shine from the front alone; a two-sided one becomes two meshes a hundred-thousandth of the diagonal
-          apart.
-Units:    the numbers of the scene, so that pictures are equal: W of a radiometric scene, cd and cd m^-2 of a
-          photometric one, for neither of which Mitsuba's RGB modes ask.
-Poor at:  what has no counterpart, which `MitsubaScene.differences` lists. Smooth normals are handed on, but the
-          light that they lose is not divided out, as it is here.
+Sides:    Mitsuba's surfaces are black from behind, like `Material.two_sided = False`, unless "twosided". Its area
+          lights emit from the front only. A two-sided light becomes two meshes, each offset by a hundred-thousandth
+          of the diagonal.
+Units:    the numbers of the scene, so that images are equal: W for a radiometric scene, cd and cd m^-2 for a
+          photometric scene. Mitsuba's RGB modes have no unit.
+Poor at:  features without a counterpart, which `MitsubaScene.differences` lists. Smooth normals are exported, but
+          unlike glpath, Mitsuba does not compensate for the light that they lose.
 Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
 """
 
@@ -48,19 +47,19 @@ from glpath.scene.sun import Sun
 
 Sampler = Literal["independent", "multijitter"]
 
-#: The two sides of a two-sided light stand apart by this share of the scene's diagonal, so that a ray from either
-#: side meets the side that faces it first.
+#: Offset of each side of a two-sided light, as a fraction of the scene's diagonal. A ray from either side then hits
+#: the side that faces it first.
 SIDE_OFFSET = 1e-5
-# Rows of the environment map that a sky with a gradient becomes.
+# Rows of the environment map that replaces a sky with a gradient.
 _SKY_ROWS = 1025
 
 
 @dataclass(frozen=True)
 class MitsubaScene:
-    """A scene for Mitsuba.
+    """Scene for Mitsuba.
 
     plugins     : {"type": "scene", ...}, see the module, relative to `origin`
-    differences : what it says otherwise than the scene, a sentence each, without a full stop
+    differences : differences from the scene, a sentence each, without a full stop
     """
 
     plugins: Plugin
@@ -71,19 +70,19 @@ class MitsubaScene:
 def described(
     scene: Scene, max_depth: int, *, sampler: Sampler = "multijitter", spp: int = 64, instances: bool = True
 ) -> MitsubaScene:
-    """The scene in Mitsuba's plugins, in triangles.
+    """Return the scene as Mitsuba's plugins, in triangles.
 
-    instances : a mesh with several instances is kept once; False makes triangles of all, which take more
-                memory and less time to trace
+    instances : True keeps a mesh with several instances once; False makes triangles of all instances, which takes
+                more memory and less time to trace
 
-    Raises SceneError for what `path_traceable` refuses.
+    Raises SceneError for scenes that `path_traceable` refuses.
     """
     notes = Notes()
     scene = at_opening(scene, notes).centred
     x, y, z = scene.origin.tolist()
-    if scene.origin.any():  # Mitsuba counts in 32 bits, too, so no transform could hold it
+    if scene.origin.any():  # Mitsuba also uses 32-bit floats, so no transform could hold it
         notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
-    low, high = scene.bounds  # of what is not endless
+    low, high = scene.bounds  # without infinite planes
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
         notes.add("ambient light is left out")
@@ -107,7 +106,7 @@ def described(
 
 
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:
-    """The integrator for paths with so many vertices."""
+    """Return the integrator for paths with at most `max_depth` vertices."""
     return {"type": plugin, "max_depth": max_depth + 1, "rr_depth": 5}
 
 
@@ -130,7 +129,7 @@ def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instan
             for side, mesh, reflects in sides
         }
     bsdf = surfaces.reference(shape.material, coloured)
-    # Mitsuba's instances cannot shine.
+    # Mitsuba's instances cannot emit.
     if not instances or shape.emits or len(shape.world_from_object) == 1:
         return {names.of(shape.name): _mesh(scene, shape, in_world(shape), surfaces, bsdf)}
     made: Plugin = {}
@@ -175,7 +174,7 @@ def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: Surfaces, bsdf: Plug
 def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
     slot = scene.materials[shape.material].emission_texture
     opacity = _opacity_everywhere(scene, shape)
-    # Mitsuba takes the light of what a mask lets through all the same.
+    # Mitsuba does not reduce the emission of a masked surface by its opacity.
     emission = shape.emission if opacity is None else shape.emission * opacity
     if slot is None:
         return rgb(emission)
@@ -184,7 +183,7 @@ def _radiance(scene: Scene, shape: Shape, notes: Notes) -> Plugin:
 
 
 def _opacity_everywhere(scene: Scene, shape: Shape) -> float | None:
-    """The opacity that a shape has all over; None where it varies."""
+    """Return the uniform opacity of a shape; None if its opacity varies."""
     material = scene.materials[shape.material]
     if material.alpha == "opaque":
         return 1.0
@@ -249,10 +248,13 @@ def _sky(sky: Sky | Environment) -> Plugin:
 
 
 def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size: tuple[int, int]) -> Plugin:
-    """The radiance in Mitsuba's directions: x, y up and z of `axes`.
+    """Return an environment map with the radiance of a sky in Mitsuba's directions.
 
-    Its first row is exactly above and its last exactly below, while columns have their middles in directions: of a
-    map of h rows, 2 h + 1 interpolate as its own do.
+    Mitsuba's first row is exactly above and its last exactly below, while its columns have their centres in the
+    directions. A map of h rows is written as 2 h + 1 rows, which interpolate like the original.
+
+    axes : unit x, y (up) and z axes of Mitsuba's frame
+    size : (rows, columns) of the result
     """
     theta = np.linspace(0.0, np.pi, size[0])[:, None, None]
     phi = 2.0 * np.pi * (np.arange(size[1]) + 0.5)[:, None] / size[1]
@@ -263,7 +265,7 @@ def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size
 
 
 def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
-    """(4, 4): world from a frame of these axes."""
+    """Return the (4, 4) transform world from a frame with these axes."""
     matrix = np.eye(4)
     matrix[:3] = np.stack([x, y, z, origin], axis=1)
     return matrix
@@ -275,11 +277,12 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
     far = float(np.linalg.norm(camera.position - 0.5 * (low + high)) + np.linalg.norm(high - low))
     width, height = camera.resolution
     right, up, forward = camera.frame()
-    # Mitsuba's camera has its x to the left of the picture: row 0 is towards `up`, column 0 away from `right`.
+    # The x axis of Mitsuba's camera points to the left of the image. Row 0 is towards `up`, column 0 away from
+    # `right`.
     view: Plugin = {"type": "perspective", "fov_axis": "y", "fov": float(camera.fov)}
     scale = 1.0
     if camera.projection == "orthographic":
-        view, scale = {"type": "orthographic"}, camera.extent[0]  # of an image that is 2 wide
+        view, scale = {"type": "orthographic"}, camera.extent[0]  # Mitsuba's orthographic image is 2 wide
     elif camera.projection == "panorama":
         notes.add("Mitsuba has no panorama: the camera is a perspective one of 90 degrees")
         view["fov"] = 90.0

@@ -1,8 +1,8 @@
-"""Luminaires for Mitsuba 3: projectors whose images have what a profile sends.
+"""Luminaires for Mitsuba 3: projectors whose images hold the intensities of a photometric profile.
 
-Mitsuba's projector has the irradiance of a plane one unit away, over pi: the intensity times the cosine's cube. One
-projector holds a profile that ends at 75 degrees from its axis or before. Others have one for each face of a cube
-about them that gets light, as a projector cannot see to the side.
+The image of Mitsuba's projector is the irradiance of a plane one unit away, over pi, which is the intensity times
+the cubed cosine. One projector suffices for a profile that ends within 75 degrees of its axis. Other profiles need
+a projector for each lit face of a surrounding cube, because a projector cannot emit sideways.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from glpath.io.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Float64
 from glpath.scene.profile import LightProfile
 
-#: Degrees from its axis that one projector holds.
+#: Maximum angle from its axis that one projector covers, degrees.
 WIDEST = 75.0
-# Texels along a side of an image: 0.7 degrees each of a face of the cube, finer than luminaires are measured.
+# Texels along a side of an image: 0.7 degrees each on a cube face, finer than measured luminaires.
 _SIDE = 128
 
 
 def projectors(
     name: str, profile: LightProfile, axis: Float64, c0: Float64, intensity: Float64
 ) -> Iterator[Plugin]:
-    """What sends the light of a profile, each with the axes of its own: x, y and its own direction, as "axes".
+    """Yield the projectors that emit the light of a profile, each with its axes x, y and direction as "axes".
 
     axis, c0  : (3,) unit, as in `LightProfile.intensity`
-    intensity : (3,) of one candela
+    intensity : (3,) intensity of one candela of the profile
     """
     across = np.cross(axis, c0)
     last = _last_angle(profile)
@@ -39,7 +39,7 @@ def projectors(
         faces += [(axis, np.cross(side, axis), side) for side in (c0, -c0, across, -across)]
     for x, y, z in faces:
         sideways = np.tan(np.radians(half)) * (1.0 - (np.arange(_SIDE) + 0.5) * (2.0 / _SIDE))
-        # Mitsuba's first column is towards x and its first row towards y.
+        # Mitsuba's first column is towards +x and its first row towards +y.
         towards = z + sideways[None, :, None] * x + sideways[:, None, None] * y
         cosine = 1.0 / np.linalg.norm(towards, axis=2)
         candela = profile.intensity((towards * cosine[..., None]).reshape(-1, 3), axis, c0).reshape(_SIDE, _SIDE)
@@ -55,9 +55,9 @@ def projectors(
 
 
 def _last_angle(profile: LightProfile) -> float:
-    """Degrees from the axis within which all of its light is; 0 where there is none."""
+    """Return the angle from the axis, in degrees, that contains all light of a profile; 0 for a dark profile."""
     sent = np.flatnonzero(profile.candela.any(axis=0))
     if not len(sent):
         return 0.0
-    # Between a column with light and a dark one there is some, too.
+    # There is also light between a lit column and the dark one after it.
     return float(profile.gamma[0] + profile.step * min(int(sent[-1]) + 1, profile.candela.shape[1] - 1))

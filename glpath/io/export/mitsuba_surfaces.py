@@ -1,7 +1,7 @@
-"""A scene's materials as Mitsuba's surfaces, each once, by name, for `glpath.io.export.mitsuba`.
+"""Export of materials as named BSDFs of Mitsuba, each once, for `glpath.io.export.mitsuba`.
 
-Sides:    Mitsuba's surfaces are black from behind, as `Material.two_sided = False`, unless "twosided".
-Poor at:  a dielectric over a diffuse base, which is another thing in every program; the notes say what differs.
+Sides:    Mitsuba's surfaces are black from behind, like `Material.two_sided = False`, unless "twosided".
+Poor at:  a dielectric over a diffuse base, which differs between all programs; the notes list the differences.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from glpath.scene.material import SLOTS, SMOOTH, Material, Texture, TextureSlot,
 from glpath.scene.model import Scene
 from glpath.scene.slab import clearest, slab
 
-#: A plugin with its parameters, see `glpath.io.export.mitsuba`.
+#: Plugin with its parameters, see `glpath.io.export.mitsuba`.
 Plugin = dict[str, Any]
 
-# Mitsuba's principled surface is as glTF's where its `specular` is this: an index of 1.5.
+# Value of `specular` for which Mitsuba's principled surface equals glTF's: an index of 1.5.
 _SPECULAR = 0.5
-# Textures that the surface in Mitsuba does not have.
+# Texture slots that surfaces in Mitsuba do not have.
 _UNSAID = set(SLOTS) - {
     "texture",
     "surface_texture",
@@ -35,7 +35,7 @@ _UNSAID = set(SLOTS) - {
 
 
 class Names:
-    """Names that Mitsuba takes: no dots, none twice."""
+    """Unique names that Mitsuba accepts, without dots."""
 
     def __init__(self) -> None:
         self._used = {"type", "integrator", "sensor"}
@@ -51,7 +51,7 @@ class Names:
 
 
 def rgb(values: Float64) -> Plugin:
-    """A colour, linear Rec. 709."""
+    """Return a colour plugin, linear Rec. 709."""
     return {"type": "rgb", "value": [float(v) for v in values]}
 
 
@@ -61,7 +61,7 @@ def _diffuse(reflectance: Plugin) -> Plugin:
 
 @dataclass
 class Surfaces:
-    """The materials that shapes use, each once. plugins: by name."""
+    """Materials that shapes use, each once. plugins: their plugins by name."""
 
     scene: Scene
     notes: Notes
@@ -71,10 +71,10 @@ class Surfaces:
     _known: dict[tuple[int, bool, bool], str] = field(default_factory=dict)
 
     def reference(self, number: int, coloured: bool, side: bool | None = None) -> Plugin:
-        """A reference to a material as a shape has it.
+        """Return a reference to a material for a shape.
 
-        coloured : by the shape's vertices
-        side     : None: as the material says; else of one side alone, True that which reflects
+        coloured : True if the shape's vertices have colours
+        side     : None: sides as in the material; True: one side that reflects; False: one black side
         """
         material = self.scene.materials[number]
         if side is False:
@@ -88,12 +88,13 @@ class Surfaces:
         return {"type": "ref", "id": self._known[key]}
 
     def medium(self, number: int) -> Plugin | None:
-        """The absorbing medium inside a solid; only volpath renders it."""
+        """Return the absorbing medium inside a solid, or None; only volpath renders it."""
         material = self.scene.materials[number]
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None
         self.integrator = "volpath"
-        # As a colour it is at most one; and of what is quite clear in one channel volpath makes NaN.
+        # Divided by the largest, because a colour is at most 1. At least 1e-6, because volpath returns NaN if a
+        # channel is not absorbed.
         densest = float(material.attenuation.max())
         sigma_t = rgb(np.maximum(material.attenuation / densest, 1e-6))
         return {"type": "homogeneous", "albedo": 0.0, "sigma_t": sigma_t, "scale": densest}
@@ -137,7 +138,7 @@ class _Surface:
         if material.roughness is None:
             made = self._without_microfacets()
         elif material.metallic == 0 and material.specular_weight == 0 and material.clearcoat == 0:
-            made = _diffuse(self._colour())  # nothing reflects over the base
+            made = _diffuse(self._colour())  # no specular reflection above the base
         elif material.layering == "plastic" and material.metallic == 0:
             made = self._plastic(material.roughness)
         elif material.metal_index is not None and material.metallic == 1:
@@ -154,7 +155,7 @@ class _Surface:
 
     def _without_microfacets(self) -> Plugin:
         material = self.material
-        # Mitsuba blends where ours are added, so that each is divided by its share.
+        # Mitsuba blends lobes by weight and glpath adds them, so each lobe is divided by its weight.
         lobes: list[tuple[float, Callable[[float], Plugin]]] = []
         lobes.append((float(material.reflectance.max()), lambda scale: _diffuse(self._colour(scale))))
         if np.any(material.mirror > 0):
@@ -171,9 +172,10 @@ class _Surface:
         return _blend([(weight, lobe(limited / weight)) for weight, lobe in lobes if weight > 0])
 
     def _microfacets(self, roughness: float) -> Plugin:
-        """GGX over a base: Mitsuba's principled surface, which has Schlick's Fresnel and independent masking, too.
+        """Return Mitsuba's principled surface for GGX over a base.
 
-        Its metal is the same. A dielectric over a diffuse base is another thing in every program.
+        It has Schlick's Fresnel and independent masking, too, and its metal is equal. A dielectric over a diffuse
+        base differs between all programs.
         """
         material = self.material
         made: Plugin = {"type": "principled", "base_color": self._colour(), "specular": _SPECULAR}
@@ -224,14 +226,14 @@ class _Surface:
         return made if roughness**2 < SMOOTH else {**made, "type": "roughplastic", **self._alpha(roughness)}
 
     def _metal(self, roughness: float, n: Float64, k: Float64) -> Plugin:
-        """Metal by its index, whose reflectance at normal incidence is divided out of the colour."""
+        """Return a metal given by its index; its colour is divided by the reflectance at normal incidence."""
         material = self.material
         over = 1.0 / np.maximum(metal_reflectance(n, k), 1e-9)
         made: Plugin = {"type": "conductor", "eta": rgb(n), "k": rgb(k), "specular_reflectance": self._colour(over)}
         return made if material.is_smooth else {**made, "type": "roughconductor", **self._alpha(roughness)}
 
     def _alpha(self, roughness: float) -> Plugin:
-        """The distribution and the alphas of microfacets."""
+        """Return the distribution and the alpha parameters of microfacets."""
         material = self.material
         made: Plugin = {"distribution": material.distribution}
         across = roughness**2
@@ -271,7 +273,7 @@ class _Surface:
         alpha = (material.roughness or 0.0) ** 2
         made: Plugin = {"int_ior": material.ior, "ext_ior": 1.0, "specular_transmittance": self._colour()}
         if material.is_slab:
-            # The very formula, but for what the glass takes, which Mitsuba's takes alike at all angles.
+            # Mitsuba has the same formula, but its glass absorbs equally at all angles.
             if np.any(material.reflectance < 1):
                 _, through = slab(1.0, material.ior, material.reflectance)
                 made["specular_transmittance"] = self._colour(float(np.mean(through)) / clearest(material.ior))
@@ -282,7 +284,8 @@ class _Surface:
         if material.layering in ("plastic", "beside") and material.is_thin_dielectric:
             return {"type": "thindielectric", **made}
         if material.thin:
-            # Mitsuba's reflects between its two sides, 2 F / (1 + F) in all, where ours reflects F once.
+            # Mitsuba's thin dielectric reflects between its two sides, 2 F / (1 + F) in total; glpath's reflects F
+            # once.
             reflected, grazing = material.dielectric
             root = np.sqrt(reflected.mean() / (2.0 - reflected.mean()))
             made["int_ior"] = float((1.0 + root) / (1.0 - root))
@@ -297,7 +300,7 @@ class _Surface:
         return {"type": "roughdielectric", **self._alpha(material.roughness or 0.0), **made}
 
     def _opacity(self) -> float | Plugin | None:
-        """None for what is opaque."""
+        """Return the opacity; None for an opaque material."""
         material, slot = self.material, self.material.texture
         if material.alpha == "opaque":
             return None
@@ -313,10 +316,10 @@ class _Surface:
         return self._bitmap(slot, alpha, raw=True)
 
     def _colour(self, scale: float | Float64 = 1.0) -> Plugin:
-        """Reflectance times the texture, or the vertices' colours; times `scale`."""
+        """Return the reflectance times the texture or the vertex colours, times `scale`."""
         factor, slot = self.material.reflectance * scale, self.material.texture
         if slot is None:
-            if self.coloured:  # the mesh has them with the reflectance
+            if self.coloured:  # vertex colours already include the reflectance
                 return {"type": "mesh_attribute", "name": "vertex_color", "scale": scale}
             return rgb(factor)
         if self.coloured:
@@ -334,7 +337,10 @@ class _Surface:
 
 
 def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: Callable[[str], None]) -> Plugin:
-    """An image where a slot looks up that of `texture`. raw: it is no colour."""
+    """Return a bitmap plugin for an image, looked up as in a slot.
+
+    raw : True if the image is no colour
+    """
     image = image if image.dtype == np.uint8 else np.asarray(image, np.float32)
     made: Plugin = {"type": "bitmap", "image": np.ascontiguousarray(image), "name": texture.name, "raw": raw}
     if texture.filter == "nearest":
@@ -356,7 +362,7 @@ def _mirror(reflectance: Float64, alpha: float = 0.0) -> Plugin:
 
 
 def _blend(parts: Sequence[tuple[float, Plugin]]) -> Plugin:
-    """By their weights; black without any."""
+    """Return plugins blended by their weights; black without any."""
     if not parts:
         return _diffuse(rgb(np.zeros(3)))
     total, made = parts[0]

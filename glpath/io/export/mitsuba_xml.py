@@ -1,7 +1,7 @@
-"""A scene for Mitsuba 3 as XML, with a folder of meshes (PLY) and images (PNG, EXR) beside it.
+"""Writer of scenes for Mitsuba 3 as XML, with a folder of meshes (PLY) and images (PNG, EXR) beside it.
 
-The XML comes last and the names of the other files have their contents' digests, so that an XML, also one that is
-written over, never meets the files of another.
+The XML is written last, and the names of the other files contain digests of their contents. So an XML, even an
+overwritten one, never refers to files of another export.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from glpath.scene.geometry import Mesh
 from glpath.scene.source_location import shown
 from glpath.system.files import whole_file, write_bytes
 
-# The version of the format, which Mitsuba 3 reads as it is.
+# Version of the format, which Mitsuba 3 reads without conversion.
 _VERSION = "3.0.0"
 _TAGS = {
     "bsdf": "diffuse twosided conductor roughconductor principled dielectric roughdielectric thindielectric "
@@ -42,7 +42,7 @@ _DIGITS = 8
 
 
 def write_xml(translated: MitsubaScene, path: Path) -> None:
-    """Write `path` and what it needs, into the folder PATH_files without the suffix. Raises ImageError."""
+    """Write `path` and its meshes and images, into the folder PATH_files without the suffix. Raises ImageError."""
     folder = path.with_name(f"{path.stem}_files")
     writer = _Writer(folder)
     scene = ElementTree.Element("scene", version=_VERSION)
@@ -57,13 +57,13 @@ def write_xml(translated: MitsubaScene, path: Path) -> None:
 
 
 class _Writer:
-    """Elements of plugins, and the files that they name."""
+    """Writer of XML elements for plugins, and of the files that they name."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def put(self, parent: ElementTree.Element, name: str, value: Any, *, identified: bool = False) -> None:
-        """Add a parameter or a plugin to an element. identified: others refer to it by its name."""
+        """Add a parameter or a plugin to an element. identified: True if others refer to it by its name."""
         if isinstance(value, np.ndarray):
             transform = ElementTree.SubElement(parent, "transform", name=name)
             ElementTree.SubElement(transform, "matrix", value=_numbers(value.ravel()))
@@ -82,7 +82,7 @@ class _Writer:
                 self.put(element, key, each)
 
     def _as_files(self, plugin: Plugin) -> Iterator[tuple[str, Any]]:
-        """The plugin's items, with names of files for meshes and images."""
+        """Yield the plugin's items, with file names instead of meshes and images."""
         for key, value in plugin.items():
             if key == "type" and value == "mesh":
                 yield key, "ply"
@@ -108,7 +108,7 @@ class _Writer:
 
 
 def ply(mesh: Mesh) -> bytes:
-    """Triangles as binary PLY, in the single precision that Mitsuba has."""
+    """Return triangles as binary PLY in single precision, the precision of Mitsuba."""
     columns = {"xyz": mesh.vertices, "normal": mesh.normals, "uv": mesh.uv, "rgb": mesh.colours}
     letters = {"xyz": ("x", "y", "z"), "normal": ("nx", "ny", "nz"), "uv": ("u", "v"), "rgb": ("r", "g", "b")}
     names = [letter for key, values in columns.items() if values is not None for letter in letters[key]]

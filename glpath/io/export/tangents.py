@@ -1,10 +1,10 @@
-"""Tangents of vertices, for programs that do not make them of texture coordinates themselves.
+"""Vertex tangents for programs that do not compute them from texture coordinates.
 
-glTF wants them where brushed metal or the normal map of a clearcoat stands without a normal map of the base.
-Readers make them from that one alone.
+glTF requires them for anisotropy or a clearcoat normal map without a normal map of the base. Readers compute
+tangents only for the base normal map.
 
-Source: Mikkelsen 2008, Simulation of wrinkled surfaces revisited, as MikkTSpace has it: a corner counts by its
-        angle, and a vertex is two where some of its triangles mirror the texture.
+Source: Mikkelsen 2008, Simulation of wrinkled surfaces revisited. As in MikkTSpace, corners are weighted by their
+        angles, and a vertex is split if some of its triangles mirror the texture.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from glpath.scene.material import Material, TextureSlot
 
 
 def tangent_slot(material: Material) -> TextureSlot | None:
-    """The slot by whose coordinates glTF wants tangents of this material; None where it wants none."""
+    """Return the slot whose coordinates define the tangents that glTF requires; None if it requires none."""
     if material.normal_texture is not None:
         return None
     if material.clearcoat > 0 and material.clearcoat_normal_texture is not None:
@@ -28,9 +28,10 @@ def tangent_slot(material: Material) -> TextureSlot | None:
 
 
 def with_tangents(mesh: Mesh, slot: TextureSlot) -> tuple[Mesh, Float64]:
-    """The mesh with normals at all vertices, and (V, 4): unit tangents where u of the slot grows, with a sign.
+    """Return the mesh with normals at all vertices, and its (V, 4) unit tangents with a sign.
 
-    v of the slot grows along the sign times normal x tangent. Without coordinates any tangent will do.
+    The tangent is the direction in which u of the slot grows; v grows along sign * (normal x tangent). Without
+    texture coordinates, tangents are arbitrary.
     """
     mesh = _with_normals(mesh)
     uv = mesh.uv1 if slot.uv_set else mesh.uv
@@ -63,7 +64,7 @@ def with_tangents(mesh: Mesh, slot: TextureSlot) -> tuple[Mesh, Float64]:
 
 
 def _with_normals(mesh: Mesh) -> Mesh:
-    """With those of the faces where a mesh has none."""
+    """Return the mesh with normals; face normals if it has none."""
     mesh = with_all_normals(mesh)
     if mesh.normals is not None:
         return mesh
@@ -71,11 +72,11 @@ def _with_normals(mesh: Mesh) -> Mesh:
 
 
 def _across(vectors: Float64, normals: Float64) -> Float64:
-    """The part of each that is across its normal."""
+    """Return the component of each vector perpendicular to its normal."""
     return np.asarray(vectors - np.einsum("ij,ij->i", vectors, normals)[:, None] * normals)
 
 
 def _unit(vectors: Float64) -> Float64:
-    """Zeros stay zeros."""
+    """Return the vectors normalised; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0, length, 1.0))

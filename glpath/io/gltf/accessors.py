@@ -23,14 +23,14 @@ _COMPONENTS: dict[int, np.dtype[Any]] = {
     5120: np.dtype("<i1"), 5121: np.dtype("<u1"), 5122: np.dtype("<i2"), 5123: np.dtype("<u2"),
     5125: np.dtype("<u4"), 5126: np.dtype("<f4"),
 }  # fmt: skip
-#: Attributes that a vertex need not have, as names for messages.
+#: Optional vertex attributes, with their names in messages.
 OPTIONAL_ATTRIBUTES = {
     "NORMAL": "normals",
     **dict.fromkeys(("TEXCOORD_0", "TEXCOORD_1"), "texture coordinates"),
     "COLOR_0": "colours",
 }
 _INDICES = {kind: _COMPONENTS[kind] for kind in (5121, 5123, 5125)}
-#: Rows and columns; columns of matrices begin at multiples of four bytes.
+#: Rows and columns of each type; columns of matrices begin at multiples of four bytes.
 _TYPES = {
     "SCALAR": (1, 1), "VEC2": (2, 1), "VEC3": (3, 1), "VEC4": (4, 1), "MAT2": (2, 2), "MAT3": (3, 3), "MAT4": (4, 4)
 }  # fmt: skip
@@ -38,9 +38,9 @@ _TYPES = {
 
 @dataclass
 class Accessors:
-    """The accessors of a document, each decoded once.
+    """Accessors of a document, each decoded once.
 
-    left_out : counts of values that are not finite, by what they are
+    left_out : number of rows with values that are not finite, by kind of attribute
     """
 
     document: Document
@@ -49,12 +49,12 @@ class Accessors:
     _floats: dict[int, Float64] = field(default_factory=dict)
 
     def floats(self, index: int, widths: tuple[int, ...], location: SourceLocation) -> Float64:
-        """(N, k) float64, all finite, normalised integers in [-1, 1] or [0, 1]; not to be written to.
+        """Return the (N, k) float64 values of an accessor, all finite; read-only.
 
-        widths : the k that are allowed
-        location  : where it is used
+        Normalised integers become numbers in [-1, 1] or [0, 1]. A matrix has its columns one after the other.
 
-        A matrix has its columns one after the other.
+        widths   : allowed values of k
+        location : location of the use, for error messages
         """
         values = self._converted(index)
         self._check_width(values, widths, index, location)
@@ -69,23 +69,25 @@ class Accessors:
         return values
 
     def attribute(self, name: str, index: int, widths: tuple[int, ...], location: SourceLocation) -> Float64:
-        """As `floats`; of attributes that a vertex need not have, rows that are not finite become zeros.
+        """Return the values of an attribute like `floats`, with zeros for bad rows of an optional attribute.
 
-        name : of the attribute, such as NORMAL
+        A row is bad if it has a value that is not finite.
+
+        name : name of the attribute, such as NORMAL
         """
         if name in OPTIONAL_ATTRIBUTES:
             self._floats[index] = self.repaired(name, self._converted(index))
         return self.floats(index, widths, location)
 
     def repaired(self, name: str, values: Float64) -> Float64:
-        """Values (N, k) of an optional attribute with zeros for rows that are not finite, which are counted."""
+        """Return values (N, k) of an optional attribute with zeros for rows that are not finite; count them."""
         counts: dict[str, int] = {}
         values = finite_rows(values, OPTIONAL_ATTRIBUTES[name], counts)
         self.left_out.update(counts)
         return values
 
     def _converted(self, index: int) -> Float64:
-        """(N, k) float64, integers normalised if the accessor has that flag."""
+        """Return (N, k) float64; integers are normalised if the accessor has that flag."""
         if index not in self._floats:
             table = self.document.all("accessors")[index]
             stored = self._array(index)
@@ -98,7 +100,7 @@ class Accessors:
         return self._floats[index]
 
     def integers(self, index: int, width: int, location: SourceLocation) -> NDArray[np.int64]:
-        """(N, width) int64 of unsigned integers."""
+        """Return an accessor of unsigned integers as (N, width) int64."""
         stored = self._array(index)
         if stored.dtype.kind != "u":
             raise location.error(
@@ -120,7 +122,7 @@ class Accessors:
             )
 
     def _array(self, index: int) -> NDArray[Any]:
-        """(N, k) of the stored type."""
+        """Return the (N, k) values in their stored type."""
         if index not in self._stored:
             self._stored[index] = self._read(self.document.all("accessors")[index])
         return self._stored[index]
@@ -147,7 +149,7 @@ class Accessors:
     def _elements(
         self, table: Table, view: Table, index: int, count: int, kind: np.dtype[Any], rows: int, columns: int
     ) -> NDArray[Any]:
-        """(count, rows * columns) of a buffer view, a copy."""
+        """Return a copy of the elements in a buffer view, (count, rows * columns)."""
         data = self.document.view(index)
         offset = table.integer("byteOffset", 0)
         column = rows * kind.itemsize if columns == 1 else -(-rows * kind.itemsize // 4) * 4
@@ -164,12 +166,12 @@ class Accessors:
                 "The file is cut off, or was written wrongly.",
             )
         self.document.take(count * rows * columns * kind.itemsize, table.location)
-        # Not by strides of the view: an offset may be odd, and numpy reads what is not aligned by bytes.
+        # Byte strides instead of a view of the array: an offset may be odd, and numpy then reads unaligned numbers.
         strided = np.ndarray((count, columns, rows), kind, data, offset, (stride, column, kind.itemsize))
         return np.array(strided).reshape(count, rows * columns)
 
     def _with_sparse(self, values: NDArray[Any], sparse: Table, rows: int, columns: int) -> NDArray[Any]:
-        """With some elements replaced."""
+        """Return `values` with the elements of `sparse` replaced, in place."""
         count = sparse.required("count", 1, len(values))
         views = self.document.all("bufferViews")
         of_indices, of_values = sparse.table("indices"), sparse.table("values")

@@ -1,7 +1,7 @@
-"""Animations: the pose of all nodes at a time.
+"""Animations: the pose of all nodes at a given time.
 
-Those that are chosen run at once, each held before its first and after its last key; where two of them move the
-same thing, the later one does.
+All chosen animations run at once. Each keeps its first value before its first key and its last value after its last
+key. If two of them animate the same property of a node, the later one wins.
 
 Source: glTF 2.0, 3.11 and appendix C (interpolation).
 """
@@ -19,7 +19,7 @@ from glpath.io.gltf.table import Table
 from glpath.scene.model import Float64
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
-# While a shutter is open: a turn of a hundred degrees between two of them would still be less than half a turn.
+# Samples while the shutter is open: a rotation by 100 degrees between two samples is still below half a turn.
 _EVEN_TIMES, _MAX_KEYS = 17, 64
 _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
@@ -28,9 +28,9 @@ _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 def poses_at(
     document: Document, accessors: Accessors, time: float | None, chosen: Sequence[tuple[int, Table]]
 ) -> dict[int, dict[str, Float64]]:
-    """The animated values of nodes, by the number of the node; none without a time, in seconds.
+    """Return the animated values of nodes by node index; empty if `time`, in seconds, is None.
 
-    chosen : the animations that run, with their numbers
+    chosen : animations that run, with their indices
     """
     animations = document.all("animations")
     poses: dict[int, dict[str, Float64]] = {}
@@ -50,7 +50,7 @@ def poses_at(
         for channel in animation.tables("channels"):
             target = channel.table("target")
             if target.text("path") == "pointer":
-                continue  # KHR_animation_pointer, which is noted where extensions are
+                continue  # KHR_animation_pointer has its note with the extensions
             node = target.index("node", document.all("nodes"), "nodes")
             path = target.choice("path", _PATHS, "")
             if node is None or not path:
@@ -68,9 +68,9 @@ def poses_at(
 def shutter_times(
     chosen: Sequence[tuple[int, Table]], accessors: Accessors, opened: float, closed: float
 ) -> Float64:
-    """(K,) times at which nodes are looked for, so that what lies between goes nearly straight: even ones and keys.
+    """Return (K,) sample times of the nodes: evenly spaced times plus keyframes.
 
-    Keys beyond `_MAX_KEYS` are left out.
+    Motion between the samples is nearly linear. Keys beyond `_MAX_KEYS` are left out.
     """
     keys: list[Float64] = []
     for _, animation in chosen:
@@ -83,7 +83,7 @@ def shutter_times(
 
 
 def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64:
-    """(k,) of a sampler at a time."""
+    """Return the (k,) value of a sampler at a time."""
     every = accessors.document.all("accessors")
     at = sampler.location.field("input")
     times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
@@ -113,7 +113,7 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
         if path == "rotation":
             return slerp(_unit(before[0]), _unit(after[0]), t)
         return np.asarray((1 - t) * before[0] + t * after[0])
-    # Hermite's basis; a key holds its tangent before it, its value, its tangent after it.
+    # Hermite basis. A key holds its in-tangent, its value and its out-tangent, in this order.
     found = (
         (2 * t**3 - 3 * t**2 + 1) * before[1]
         + step * (t**3 - 2 * t**2 + t) * before[2]
@@ -124,7 +124,7 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
 
 
 def slerp(a: Float64, b: Float64, t: float) -> Float64:
-    """(4,) between two unit quaternions, on the shorter arc [Shoemake 1985]."""
+    """Return the (4,) spherical interpolation between two unit quaternions on the shorter arc [Shoemake 1985]."""
     cosine = float(a @ b)
     b, cosine = (b, cosine) if cosine >= 0 else (-b, -cosine)
     if cosine > 1 - 1e-12:
@@ -134,6 +134,6 @@ def slerp(a: Float64, b: Float64, t: float) -> Float64:
 
 
 def _unit(quaternion: Float64) -> Float64:
-    """The vector at length 1; zero stays, which its node refuses."""
+    """Return the quaternion with length 1; a zero quaternion is returned as is, and its node rejects it."""
     length = np.linalg.norm(quaternion)
     return np.asarray(quaternion / length if length > 0 else quaternion)

@@ -1,4 +1,4 @@
-"""What a file leaves to choose: which of its animations run, and which variant of its materials is shown.
+"""Choices that a file leaves to the user: the animations that run, and the variant of its materials.
 
 Source: glTF 2.0, 3.11; KHR_materials_variants.
 """
@@ -15,17 +15,17 @@ from glpath.io.gltf.table import Table, Tables
 from glpath.scene.source_location import shown
 
 _VARIANTS = "KHR_materials_variants"
-#: Of animations: all run at once, as exporters write them that make one of each object's motion.
+#: Choice of animations that runs all at once, for exporters that write one animation per object.
 ALL = "all"
 
 
 def animation_names(document: Document) -> tuple[str, ...]:
-    """Of each animation, in order."""
+    """Return the name of each animation, in order."""
     return tuple(each.name(f"animation-{i}") for i, each in enumerate(document.all("animations")))
 
 
 def animation_lengths(document: Document, accessors: Accessors) -> tuple[float, ...]:
-    """Seconds until the last key of each animation."""
+    """Return the length of each animation: the time of its last key in seconds."""
     every = document.all("accessors")
     lengths = []
     for animation in document.all("animations"):
@@ -39,7 +39,10 @@ def animation_lengths(document: Document, accessors: Accessors) -> tuple[float, 
 
 
 def chosen_animations(document: Document, wanted: str | None) -> list[tuple[int, Table]]:
-    """Those that run, with their numbers: the first, `ALL`, or one by name or number. Raises UsageError."""
+    """Return the animations that run, with their indices. Raises UsageError.
+
+    wanted : None for the first, `ALL`, or the name or index of one
+    """
     every = list(enumerate(document.all("animations")))
     if wanted is None:
         return every[:1]
@@ -49,17 +52,17 @@ def chosen_animations(document: Document, wanted: str | None) -> list[tuple[int,
 
 
 def variant_names(document: Document) -> tuple[str, ...]:
-    """Of each variant, in order."""
+    """Return the name of each material variant, in order."""
     return tuple(each.name(f"variant-{i}") for i, each in enumerate(_variants(document)))
 
 
 def chosen_variant(document: Document, wanted: str | None) -> int | None:
-    """The number of a variant, by its name or number; None: the file's own materials. Raises UsageError."""
+    """Return the index of a variant given by name or index; None for the own materials. Raises UsageError."""
     return None if wanted is None else _number(wanted, variant_names(document), "variant", document)
 
 
 def material_of(primitive: Table, variant: int | None, document: Document) -> int | None:
-    """The material of a primitive, its own where the variant has no other."""
+    """Return the material index of a primitive: its own unless the variant has another."""
     materials = document.all("materials")
     mapped = primitive.extension(_VARIANTS) if variant is not None else None
     if mapped is not None:

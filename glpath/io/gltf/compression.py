@@ -1,6 +1,7 @@
-"""Compressed buffers, meshes and textures, by meshopt, DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`).
+"""Decompression of buffers, meshes and textures.
 
-Where a file holds the same data uncompressed, that is taken, and none of them is needed.
+It needs meshopt and DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`). If a file also holds the data
+uncompressed, those are read, and no package is needed.
 
 Source: EXT_meshopt_compression, KHR_draco_mesh_compression, KHR_texture_basisu.
 """
@@ -16,14 +17,14 @@ from numpy.typing import NDArray
 from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
 
-#: The extension and its successor, which are alike to the decoder.
+#: Extension and its successor, which the decoder treats equally.
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 BASISU = "KHR_texture_basisu"
 
 
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
-    """The bytes of a buffer view that is compressed as `table` says."""
+    """Return the bytes of a buffer view that is compressed as `table` describes."""
     decoder = _library("meshopt", "gltf", extension, table.location)
     mode = table.required_choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")})
     filters = {name: name for name in ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")}
@@ -31,29 +32,29 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
     count, stride = table.required("count", 1), table.required("byteStride", 1, 256)
     try:
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
-    except Exception as error:  # whatever the library finds wrong
+    except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(table.location, error) from error
     return memoryview(np.ascontiguousarray(rows).tobytes())
 
 
 def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
-    """Indices (F, 3) of a Draco mesh, and its attributes (V, k) by their unique ids."""
+    """Return the indices (F, 3) of a Draco mesh, and its attributes (V, k) by their unique ids."""
     library = _library("DracoPy", "gltf", DRACO, location)
     try:
         mesh = library.decode(bytes(data))
         faces = np.array(mesh.faces, np.int64).reshape(-1, 3)
         return faces, {int(a["unique_id"]): np.asarray(a["data"]) for a in mesh.attributes}
-    except Exception as error:  # whatever the library finds wrong
+    except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(location, error) from error
 
 
 def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
-    """(h, w, 3) or (h, w, 4) uint8: the largest level of a KTX 2 texture, row 0 at the top."""
+    """Return the largest level of a KTX 2 texture, (h, w, 3) or (h, w, 4) uint8, row 0 at the top."""
     library = _library("opengl_basisu", "ktx2", BASISU, location)
     try:
         texture = library.open(data)
         pixels = np.array(texture.transcode("rgba8").data, np.uint8)
-    except Exception as error:  # whatever the library finds wrong
+    except Exception as error:  # the library raises all kinds of exceptions
         if type(error).__name__ == "UnsupportedError":
             raise location.error(
                 f"is a texture that {BASISU} does not allow: {error}",

@@ -1,7 +1,7 @@
-"""The file itself: JSON and buffers of a .gltf or .glb, and what may be opened beside it.
+"""glTF file: JSON and buffers of a .gltf or .glb, and access to the files that it names.
 
-The JSON is decoded as plain values by msgspec, and each value is checked where it is asked for (`Table`), so that
-an error names its location.
+msgspec decodes the JSON to plain values. Each value is checked when it is read (`Table`), so that an error names
+its location.
 
 Source: Khronos Group, glTF 2.0 specification, 3.6 (buffers, URIs), 4 (the GLB container).
 """
@@ -29,7 +29,7 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes, reason_of
 
 SUFFIXES = (".gltf", ".glb")
-#: The extensions that are used, and those of which nothing is needed to draw a file as it is meant.
+#: Extensions that are read.
 KNOWN_EXTENSIONS = (
     "EXT_lights_ies",
     "EXT_lights_image_based",
@@ -54,19 +54,20 @@ KNOWN_EXTENSIONS = (
     "KHR_texture_transform",
     *LAYERS,
 )
-#: Extensions of which a part of the look is lost, with that part. They may be required: a picture can be made.
+#: Extensions that are not read, with the lost part of the look. A file may require them, because an image can still
+#: be made.
 UNUSED_EXTENSIONS = {
     "KHR_animation_pointer": "animations of other things than nodes",
     **UNUSED_MATERIALS,
 }
-# One letter is a drive of Windows.
+# A scheme has at least two letters: a single letter is a Windows drive.
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 
 @dataclass
 class Notes:
-    """Notes on unused contents of the file, each text once, in the order found."""
+    """Notes on unused contents of the file, without duplicates, in the order found."""
 
     texts: dict[str, None] = field(default_factory=dict)
 
@@ -76,13 +77,13 @@ class Notes:
 
 @dataclass
 class Document:
-    """An open glTF file.
+    """Open glTF file.
 
-    root   : the JSON
-    folder : where its relative paths start, and which they do not leave
-    binary : the BIN chunk of a .glb
-    stored : bytes read so far, of the file itself and of those beside it
-    files  : where its pictures are, and which are not used
+    root   : root object of the JSON
+    folder : folder at which relative paths start and which they must not leave
+    binary : BIN chunk of a .glb
+    stored : number of bytes read so far, from the file and from the files that it names
+    files  : locations of the images, and the images that are not used
     """
 
     root: Table
@@ -98,13 +99,13 @@ class Document:
     _decoded: int = 0
 
     def all(self, name: str) -> Tables:
-        """One of the lists of the root: nodes, meshes, ..."""
+        """Return a list of the root: nodes, meshes, ..."""
         if name not in self._lists:
             self._lists[name] = self.root.tables(name)
         return self._lists[name]
 
     def take(self, size: int, location: SourceLocation) -> None:
-        """Count bytes that are about to be decoded. Raises SceneError when all together are too many."""
+        """Count bytes that are about to be decoded. Raises SceneError if the total exceeds the limits."""
         self._decoded += size
         allowed = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
         allowed = min(allowed, limits.MAX_DECODED_BYTES)
@@ -141,7 +142,7 @@ class Document:
         return data
 
     def view(self, index: int) -> memoryview:
-        """The bytes of a buffer view, decompressed where it has to be."""
+        """Return the bytes of a buffer view, decompressed if necessary."""
         if index not in self._views:
             self._views[index] = self._read_view(self.all("bufferViews")[index])
         return self._views[index]
@@ -158,7 +159,7 @@ class Document:
         return self._slice(table)
 
     def _fallback(self, table: Table) -> memoryview | None:
-        """The uncompressed bytes of a compressed view, where the file has them."""
+        """Return the uncompressed bytes of a compressed view; None if the file does not have them."""
         buffers = self.all("buffers")
         index = table.required_index("buffer", buffers, "buffers")
         buffer = buffers[index]
@@ -181,7 +182,7 @@ class Document:
     def resolve(self, uri: str, location: SourceLocation, *, is_picture: bool = False) -> bytes:
         """Return the bytes of a URI: data, or a file in the folder of the model. Raises SceneError.
 
-        is_picture : a file of the same base name in another folder will do
+        is_picture : True if a file of the same base name in another folder may replace a missing one
         """
         if uri[:5].lower() == "data:":
             return _data(uri, location)
@@ -198,7 +199,7 @@ class Document:
         return content
 
     def lacks_picture(self, uri: str, location: SourceLocation) -> bool:
-        """Return True if a URI names a file that there is not, which `files` then notes. Raises SceneError."""
+        """Return True if a URI names a missing file, and note it in `files`. Raises SceneError."""
         if uri[:5].lower() == "data:":
             return False
         name = _file_name(uri, location)
@@ -211,7 +212,7 @@ class Document:
 
 
 def _file_name(uri: str, location: SourceLocation) -> str:
-    """Return the name of a file in a URI. Raises SceneError for a URL, and for what is not UTF-8."""
+    """Return the file name in a URI. Raises SceneError for a URL, and for a name that is not UTF-8."""
     if scheme := _SCHEME.match(uri):
         raise location.error(
             f"is a URL of the scheme {scheme[1]}, but must be data: or the name of a file beside the model.",
@@ -224,7 +225,7 @@ def _file_name(uri: str, location: SourceLocation) -> str:
 
 
 def read_document(path: Path) -> Document:
-    """Open a .gltf or .glb. Raises SceneError for one that is missing, broken or needs what is unknown here."""
+    """Open a .gltf or .glb. Raises SceneError if it is missing, broken or needs something unknown."""
     location = SourceLocation(str(path))
     if not os.path.isfile(path):
         raise location.error(
@@ -245,7 +246,7 @@ def read_document(path: Path) -> Document:
 
 
 def read_file(path: Path, location: SourceLocation) -> bytes:
-    """The bytes of a file, unless they are too many. Raises SceneError."""
+    """Return the bytes of a file. Raises SceneError if there are too many or the file cannot be read."""
     try:
         return read_bytes(path, limits.MAX_FILE_BYTES)
     except OSError as error:
@@ -282,7 +283,7 @@ def _chunks(content: bytes, location: SourceLocation) -> tuple[bytes, bytes | No
 
 
 def _decoded(text: bytes, location: SourceLocation) -> dict[str, Any]:
-    """The JSON as plain values, neither too many nor too deep."""
+    """Return the JSON as plain values. Raises SceneError if it has too many values or too many levels."""
     values = text.count(b",") + text.count(b"[") + text.count(b"{")
     if values > limits.MAX_JSON_VALUES:
         raise location.error(

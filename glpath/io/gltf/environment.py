@@ -1,10 +1,10 @@
-"""Light from all around: the cube map of a file's scene, as its environment.
+"""Environment map from the cube map of a file's scene.
 
-The sharpest faces are read. Those behind them are the same light filtered for shaders, and so are the coefficients:
-paths filter it themselves.
+Only the sharpest level is read. The other levels and the irradiance coefficients are the same light filtered for
+shaders, and path tracing filters it itself.
 
-Source: EXT_lights_image_based. Faces are seen from inside and are not mirrored: OpenGL's, each flipped left to
-right, as the extension has them.
+Source: EXT_lights_image_based. As the extension defines them, faces are seen from inside without mirroring:
+OpenGL's faces, each flipped left to right.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from glpath.scene.sky import Environment
 
 NAME = "EXT_lights_image_based"
 
-# Rows of the environment at most.
+# Maximum number of rows of the environment map.
 _MAX_HEIGHT = 1024
-# Of each face, +x -x +y -y +z -z: the axis through its middle, to the right and down, as seen from inside.
+# Axes of each face, +x -x +y -y +z -z, as seen from inside: through its centre, to the right, and down.
 _FACES = np.array([
     [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
     [[-1, 0, 0], [0, 0, -1], [0, -1, 0]],
@@ -37,7 +37,7 @@ _FACES = np.array([
 
 
 def environment_of(document: Document) -> Environment | None:
-    """The environment of the file's scene, y up; None where it has none. Raises SceneError."""
+    """Return the environment of the file's scene, y up; None if it has no environment. Raises SceneError."""
     scenes, chosen = document.all("scenes"), document.root.integer("scene", 0)
     extension = scenes[chosen].extension(NAME) if chosen < len(scenes) else None
     if extension is None:
@@ -53,7 +53,7 @@ def environment_of(document: Document) -> Environment | None:
 
 
 def _faces(document: Document, light: Table) -> list[Float64]:
-    """Six of (n, n, 3), linear."""
+    """Return the six faces (n, n, 3), linear."""
     location, images = light.location.field("specularImages"), document.all("images")
     levels = light.values.get("specularImages")
     if not isinstance(levels, list) or not levels:
@@ -72,14 +72,14 @@ def _faces(document: Document, light: Table) -> list[Float64]:
 
 
 def _linear(stored: NDArray[Any]) -> Float64:
-    """Four channels are RGBD: light above 1 is divided by the fourth."""
+    """Return (n, n, 3) linear values. Four channels are RGBD: light above 1 is stored divided by the fourth."""
     values = stored / np.iinfo(stored.dtype).max
     light = decode_srgb(values[..., :3])
     return light / np.maximum(values[..., 3:], 1 / 255) if values.shape[2] == 4 else light
 
 
 def _rotation(quaternion: Float64, light: Table) -> Float64:
-    """(3, 3) world from light: v turns to R v."""
+    """Return the (3, 3) rotation R from light to world; a vector v becomes R v."""
     length = np.linalg.norm(quaternion)
     if not length > 0:
         raise light.location.field("rotation").wrong(quaternion, "a quaternion of a length above 0")
@@ -92,7 +92,7 @@ def _rotation(quaternion: Float64, light: Table) -> Float64:
 
 
 def _directions(environment: Environment) -> Float64:
-    """(h, w, 3) unit, through the middles of its texels."""
+    """Return the (h, w, 3) unit directions through the texel centres of an environment map."""
     height, width = environment.image.shape[:2]
     theta = (np.arange(height) + 0.5)[:, None] * (np.pi / height)
     phi = (0.5 - (np.arange(width) + 0.5) / width)[None, :] * (2 * np.pi)
@@ -102,7 +102,7 @@ def _directions(environment: Environment) -> Float64:
 
 
 def _seen(faces: Float64, directions: Float64) -> Float64:
-    """(N, 3) of (6, n, n, 3) faces in directions (N, 3), filtered bilinearly within each face."""
+    """Return the (N, 3) values of cube faces (6, n, n, 3) in directions (N, 3), bilinear within each face."""
     size = faces.shape[1]
     along = directions @ _FACES[:, 0].T
     face = np.argmax(along, axis=1)

@@ -1,7 +1,7 @@
-"""The older material model of specular colour and glossiness, texel by texel as one of metal and roughness.
+"""Conversion of specular-glossiness materials, the older model, to metallic-roughness, texel by texel.
 
-A texel is taken for a mixture of metal, whose colour is the specular one, and of a dielectric that reflects 4 %:
-the share of metal is that which has both its diffuse and its specular brightness.
+A texel is taken as a mixture of a metal, which has the specular colour, and a dielectric that reflects 4 %. The
+metal fraction is chosen so that the mixture has the diffuse and the specular brightness of the texel.
 
 Poor at: dielectrics that reflect more than 4 % (they become part metal), coloured reflections of dielectrics.
 Source:  Khronos Group, KHR_materials_pbrSpecularGlossiness, its converter between the two models (2016).
@@ -23,13 +23,13 @@ _TINY = 1e-6
 def metal_and_roughness(
     diffuse: Float64, specular: Float64, glossiness: Float64
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Images of the metallic-roughness model.
+    """Return the images of the metallic-roughness model: base colour and surface.
+
+    The base colour is (h, w, 3 or 4), sRGB. The surface is (h, w, 3), with roughness in green and metal in blue.
 
     diffuse    : (h, w, 3) or, with alpha, (h, w, 4), linear, in [0, 1]
-    specular   : (h, w, 3), linear, in [0, 1]: what is reflected at normal incidence
+    specular   : (h, w, 3) reflectance at normal incidence, linear, in [0, 1]
     glossiness : (h, w) in [0, 1]
-
-    Returns the base colour (h, w, 3 or 4), sRGB, and (h, w, 3) with roughness in green and metal in blue.
     """
     left = 1.0 - specular.max(axis=2, keepdims=True)
     under = diffuse[..., :3] * left / (1.0 - F0)
@@ -43,14 +43,14 @@ def metal_and_roughness(
 
 
 def _metal(diffuse: Float64, specular: Float64) -> Float64:
-    """The share m of a base colour c for which (1 - m) c = diffuse and m c + (1 - m) F0 = specular."""
+    """Return the metal fraction m: (1 - m) c = diffuse and m c + (1 - m) F0 = specular for a base colour c."""
     b = diffuse + specular - 2.0 * F0
     root = np.sqrt(np.maximum(b**2 - 4.0 * F0 * (F0 - specular), 0.0))
     return np.where(specular < F0, 0.0, np.clip((root - b) / (2.0 * F0), 0.0, 1.0))
 
 
 def _brightness(colour: Float64) -> Float64:
-    """As it is seen [http://alienryderflex.com/hsp.html]."""
+    """Return the perceived brightness of colours [http://alienryderflex.com/hsp.html]."""
     return np.asarray(np.sqrt(colour**2 @ [0.299, 0.587, 0.114]))
 
 

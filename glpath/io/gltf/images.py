@@ -1,7 +1,7 @@
-"""Images: PNG, JPEG, WebP, BMP, GIF and TIFF by Pillow, KTX 2 by a library of the extra `gltf`.
+"""Images: PNG, JPEG, WebP, BMP, GIF and TIFF by Pillow, KTX 2 by a library of the extra `ktx2`.
 
-The size is read from the header before anything is decoded. As glTF says, colour profiles, gamma and rotation tags
-in them are not followed. Pillow reads PNG of 16 bits a channel with 8, but for grey ones.
+The size is read from the header before anything is decoded. As glTF demands, colour profiles, gamma and rotation
+tags are ignored. Pillow reads 16-bit PNG images with 8 bits per channel, except grey ones.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from glpath.scene.source_location import SourceLocation
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", KTX2: "KTX2"}
-# Not of glTF, but other programs read them.
+# Formats outside of glTF that other programs read.
 _FORMATS |= {b"BM": "BMP", b"GIF8": "GIF", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
-# Beginnings of the names of Pillow's modules and classes.
+# Prefixes of the names of Pillow's modules and classes.
 _PLUGINS = {"PNG": "Png", "JPEG": "Jpeg", "WEBP": "WebP", "BMP": "Bmp", "GIF": "Gif", "TIFF": "Tiff"}
 _OTHERS = {
     b"DDS ": "DDS",
@@ -34,7 +34,7 @@ _OTHERS = {
 
 
 def read_image(document: Document, table: Table) -> NDArray[Any]:
-    """(h, w, 3) or, with alpha, (h, w, 4) uint8, row 0 at the top; uint16 of 16 bits and grey.
+    """Return the (h, w, 3) or, with alpha, (h, w, 4) uint8 pixels, row 0 at the top; uint16 for 16-bit grey images.
 
     Raises SceneError for an image that is missing, broken, too large or of another format.
     """
@@ -48,7 +48,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
         )
     try:
         width, height = _size(data, kind)
-    except Exception as error:  # Pillow raises whatever its parsers run into
+    except Exception as error:  # Pillow's parsers raise all kinds of exceptions
         raise _broken(table.location, error) from error
     if not (
         0 < width <= MAX_TEXTURE_SIDE and 0 < height <= MAX_TEXTURE_SIDE and width * height <= MAX_TEXTURE_PIXELS
@@ -63,7 +63,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
         return compression.ktx2(data, table.location)
     try:
         return _pixels(data, kind)
-    except Exception as error:  # as above
+    except Exception as error:  # all kinds of exceptions, too
         raise _broken(table.location, error) from error
 
 
@@ -91,7 +91,7 @@ def _size(data: bytes, kind: str) -> tuple[int, int]:
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:
-    """The size in the container's first chunk [RFC 9649], as Pillow takes memory for all pixels to read it."""
+    """Return the size in the container's first chunk [RFC 9649]; Pillow would allocate all pixels to read it."""
     chunk = data[12:16]
     if chunk == b"VP8X":
         return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
@@ -113,8 +113,8 @@ def _pixels(data: bytes, kind: str) -> NDArray[Any]:
 
 
 def _opened(data: bytes, kind: str) -> Any:
-    """Return a picture of Pillow whose pixels are not read."""
-    # Not Image.open, which refuses pictures beyond a size of its own and does not say theirs.
+    """Return an image of Pillow whose pixels are not yet read."""
+    # Image.open would refuse images beyond its own limit without reporting their size.
     plugin = import_module(f"PIL.{_PLUGINS[kind]}ImagePlugin")
     return getattr(plugin, f"{_PLUGINS[kind]}ImageFile")(io.BytesIO(data))
 

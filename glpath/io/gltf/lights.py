@@ -1,6 +1,6 @@
 """Punctual lights and cameras of nodes. Both look along -z of their node.
 
-Candela and lux are kept as they are: the unit of a model is photometric, of its surfaces that send light, too.
+Candela and lux are kept, because the unit of a model is photometric, also for its emitting surfaces.
 
 Source: KHR_lights_punctual; EXT_lights_ies; glTF 2.0, 3.10.
 """
@@ -26,12 +26,12 @@ _PROJECTIONS = {"perspective": True, "orthographic": False}
 
 @dataclass(frozen=True)
 class ModelCamera:
-    """A camera of a model, without a resolution.
+    """Camera of a model, without a resolution.
 
     position, target, up : (3,) float64, scene units; the target is at distance 1
-    fov                  : of a perspective one: vertical field of view, degrees
-    aspect               : width over height of the image that it is meant for; None: any
-    projection, height, motion : as of `glpath.scene.Camera`
+    fov                  : vertical field of view of a perspective camera, degrees
+    aspect               : width over height of the intended image; None: any
+    projection, height, motion : fields of `glpath.scene.Camera`
     """
 
     name: str
@@ -45,7 +45,10 @@ class ModelCamera:
     motion: tuple[CameraKey, ...] = ()
 
     def through(self, times: Float64, others: Sequence[ModelCamera]) -> ModelCamera:
-        """The camera with its positions at some times, (K,) seconds, where these differ."""
+        """Return the camera with its poses at times (K,) in seconds as keyframes; itself if the poses are equal.
+
+        others : the camera at each time
+        """
         first = others[0]
         if all(np.array_equal(first.position, c.position) and _looks_alike(first, c) for c in others):
             return self
@@ -60,7 +63,7 @@ def _looks_alike(a: ModelCamera, b: ModelCamera) -> bool:
 def light_of(
     document: Document, node: Table, world: Float64, factor: float, webs: profiles.Profiles
 ) -> Light | None:
-    """The light of a node, None where it has none."""
+    """Return the light of a node; None if it has no light."""
     extension = node.extension("KHR_lights_punctual")
     profiled = node.extension(profiles.NAME)
     if profiled is not None:
@@ -101,7 +104,7 @@ def light_of(
 def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles) -> Light:
     direction = _along(node, world, 2)
     x = -_along(node, world, 0)
-    c0 = x - (x @ direction) * direction  # of a node that is sheared, too
+    c0 = x - (x @ direction) * direction  # perpendicular even if the node is sheared
     if not np.linalg.norm(c0) > 0:
         raise node.location.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
     number = node.location.path.rpartition("[")[2].rstrip("]")
@@ -117,7 +120,7 @@ def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs
 
 
 def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:
-    """The camera of a node; None where it has none."""
+    """Return the camera of a node; None if it has no camera."""
     cameras = document.all("cameras")
     index = node.index("camera", cameras, "cameras")
     if index is None:
@@ -143,7 +146,7 @@ def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | 
 
 
 def _along(node: Table, world: Float64, axis: int) -> Float64:
-    """(3,) unit: where an axis of the node points, reversed."""
+    """Return the (3,) unit vector opposite to an axis of the node."""
     column = world[:3, axis]
     length = np.linalg.norm(column)
     if not length > 0:

@@ -1,7 +1,7 @@
 """glTF 2.0 models: `read_gltf`.
 
-What is not used of a file is listed in `Model.notes`; what must not be in one (paths that leave its folder, lengths
-that lie, nodes in a circle) is a SceneError that names the location.
+`Model.notes` lists the unused contents of a file. Forbidden contents raise a SceneError that names the location:
+paths that leave the folder, wrong lengths, cycles of nodes.
 """
 
 from __future__ import annotations
@@ -39,34 +39,35 @@ from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
 
-#: A mark of `glpath export` in a file's extras: the backs of one-sided materials were black in the scene.
+#: Mark of `glpath export` in a file's extras: in the scene, the backs of one-sided materials were black.
 BLACK_BACKS = {"backs": "black"}
 
-# The shortest axis of a mapped unit sphere over its longest: below it, numbers of 32 bits mix front and back.
+# Ratio of the shortest to the longest axis of a transformed unit sphere. Below it, 32-bit floats do not separate
+# front and back.
 _FLAT = 1e-7
-# Faces above which it is not asked whether a mesh is closed.
+# Maximum number of faces for which a mesh is tested for being closed.
 _LONG_TEST = 2**20
-# Meshes that a note names.
+# Maximum number of meshes that a note names.
 _NAMES = 20
-# Fields by which a node makes a mesh its own, or has more than one.
+# Fields by which a node deforms its mesh or has several instances of it.
 _OF_ITS_OWN = {"skin", "weights", "extensions"}
 _MIRRORED = " (mirrored)"
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model file, as glpath's own data.
+    """Model file in glpath's own data types.
 
     source    : the file
-    name      : of its scene, or of the file
-    shapes    : one for each primitive, with all its instances
-    lights    : punctual ones
-    cameras   : all of the scene
-    camera    : the one that was asked for, else the first; None where there is none
-    shutter   : when it opens and closes, seconds of the animations; (0, 0) at rest
-    notes     : what the file holds that is not used, each once
-    unit      : of its light; None where the format has none
-    sky       : light from all around; None where it has none
+    name      : name of its scene, or of the file
+    shapes    : one shape for each primitive, with all its instances
+    lights    : punctual lights
+    cameras   : all cameras of the scene
+    camera    : requested camera, otherwise the first; None if there is no camera
+    shutter   : times in the animations at which it opens and closes, seconds; (0, 0) at rest
+    notes     : unused contents of the file, without duplicates
+    unit      : unit of its light; None if the format has no unit
+    sky       : environment; None if the file has no environment
     """
 
     source: str
@@ -98,20 +99,20 @@ def read_gltf(
     """Read a .gltf or .glb.
 
     time         : seconds into its animations; None shows it at rest
-    shutter      : seconds from then on; nodes that move meanwhile have a motion, what they carry keeps its form
-    camera       : name or number of one of its cameras, for `Model.camera`
-    animation    : name or number of the one that runs, or "all"; the first does without it, as in viewers
-    variant      : name or number of one of its variants of materials; its own without it
-    light_factor : what the intensity of punctual lights is multiplied by; surfaces that send light keep theirs.
-                   Blender's exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", brings
-                   back its watts
-    unit         : what the numbers of its light are: "photometric" (cd, lx, cd m^-2), as glTF has it, or
-                   "radiometric", as programs write them whose light is in watts
-    backs        : of materials that are not doubleSided: "absent", as viewers have them, or "black", so that walls
+    shutter      : duration in seconds from `time` on; nodes that move meanwhile get a motion, but their skins and
+                   morph targets keep their form
+    camera       : name or index of one of its cameras, for `Model.camera`
+    animation    : name or index of the animation that runs, or "all"; by default the first, as in viewers
+    variant      : name or index of one of its material variants; by default its own materials
+    light_factor : factor of the intensity of punctual lights; emitting surfaces keep their radiance. Blender's
+                   exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", restores its watts
+    unit         : unit of its light: "photometric" (cd, lx, cd m^-2), as glTF defines it, or "radiometric", as
+                   programs write it that have their light in watts
+    backs        : backs of materials that are not doubleSided: "absent", as in viewers, or "black", so that walls
                    block light from both sides
 
-    Raises SceneError for a file that is missing, broken, hostile or needs what is unknown here, and UsageError for
-    a camera, an animation or a variant that it does not have and numbers that are not finite.
+    Raises SceneError for a file that is missing, broken, hostile or needs something unknown. Raises UsageError for
+    a camera, an animation or a variant that it does not have, and for numbers that are not finite.
     """
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):
@@ -138,7 +139,7 @@ def read_gltf(
     cameras = tuple(each for each in views if each is not None)
     eyes = [camera.position for camera in cameras] if backs == "absent" and not made.backs_were_black else None
     shapes = made.all(eyes)
-    if not shapes:  # points and lines alone are drawn
+    if not shapes:  # points and lines are drawn only if nothing else is there
         made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
         made.primitives.strokes = True
         shapes = made.all(eyes)
@@ -185,11 +186,11 @@ def read_gltf(
 
 @dataclass(frozen=True)
 class NodePaths:
-    """Where nodes are while the shutter is open.
+    """World transforms of nodes while the shutter is open.
 
     times : (K,) seconds
-    world : (K, N, 4, 4) of each node at each time
-    poses : of each time, of animated nodes what their animations say
+    world : (K, N, 4, 4) for each time and node
+    poses : for each time, the animated values of nodes by node index
     """
 
     times: Float64
@@ -198,15 +199,15 @@ class NodePaths:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """(N,) whether each node moves."""
+        """Mask (N,), True for each node that moves."""
         return np.asarray(np.any(self.world != self.world[0], axis=(0, 2, 3)))
 
     def of(self, node: int) -> Float64 | None:
-        """(K, 3, 4) of a node; None where it stands still."""
+        """Return the (K, 3, 4) transforms of a node; None if it does not move."""
         return self.world[:, node, :3] if self.moving[node] else None
 
     def bend(self, node: int, joints: Sequence[int]) -> bool:
-        """Whether a node's mesh changes its form: by weights of its morph targets, or by joints of its skin."""
+        """Return True if a node's mesh deforms, by weights of morph targets or by joints of its skin."""
         if any(self.of(joint) is not None for joint in joints):
             return True
         weights = [pose[node]["weights"] for pose in self.poses if "weights" in pose.get(node, {})]
@@ -236,10 +237,10 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
 
 @dataclass(eq=False)
 class _Group:
-    """Instances of one mesh of one primitive, until all are found.
+    """Instances of one mesh of one primitive while they are collected.
 
-    maps  : (N, 3, 4) each
-    nodes : that each have one instance more, after `maps`
+    maps  : (N, 3, 4) arrays of transforms
+    nodes : indices of nodes that each have one more instance, after `maps`
     """
 
     name: str
@@ -250,7 +251,7 @@ class _Group:
     nodes: list[int] = field(default_factory=list)
 
     def add_instances(self, world: Float64) -> None:
-        """Have the instances of `nodes` among `maps`."""
+        """Move the instances of `nodes` to `maps`."""
         if self.nodes:
             self.maps.append(world[self.nodes, :3])
             self.nodes = []
@@ -271,10 +272,10 @@ class _Group:
 
 @dataclass
 class _Part:
-    """A primitive of a mesh that is as the file has it: without a skin, and morphed as the mesh itself says.
+    """Primitive of a mesh without a skin, with the morph weights of the mesh itself.
 
-    name  : what is added to the mesh's
-    nodes : where it is placed
+    name  : suffix of the mesh's name
+    nodes : indices of the nodes with an instance of it
     """
 
     name: str
@@ -303,25 +304,26 @@ class _Shapes:
         self.skins: dict[int, Skin] = {}
         self.solid: dict[tuple[Mesh, ...], bool] = {}
         self.turned: dict[Mesh, Mesh] = {}
-        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # by the axis along which it has no extent
+        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # by mesh and flat axis
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
-        self.parts: dict[int, list[_Part]] = {}  # by the number of the mesh
-        #: Groups that are the primitives of one mesh, by its number and whether it is mirrored; by -1 - node where
-        #: the mesh is the node's own.
+        self.parts: dict[int, list[_Part]] = {}  # by mesh index
+        #: Groups that are the primitives of one mesh, by mesh index and True for a mirrored mesh. The index is -1 -
+        #: node if the mesh belongs to the node alone.
         self.wholes: dict[tuple[int, bool], dict[tuple[Mesh, int, int], _Group]] = {}
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
         self.triangles = 0
-        #: How far numbers of 32 bits are apart where the vertices are, and the box around all, world space.
+        #: Maximum spacing of 32-bit floats at the vertices, and the bounding box of all shapes, world space.
         self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
-        #: Names of meshes that change their form while the shutter is open.
+        #: Names of meshes that deform while the shutter is open.
         self.bent: list[str] = []
 
     def all(self, eyes: Sequence[Float64] | None = None) -> list[Shape]:
         """Return a shape for each primitive.
 
-        eyes : positions of cameras, for which backs are lit or absent if they see them; None keeps all backs black
+        eyes : positions of cameras; a back that they can see becomes two-sided or absent. None keeps all backs
+               black
         """
         for index in self.nodes.drawn:
             number = self._plain_mesh(index)
@@ -354,7 +356,7 @@ class _Shapes:
         return shapes
 
     def _plain_mesh(self, index: int) -> int | None:
-        """The number of a node's mesh, where nothing but where it stands is the node's own; most nodes are so."""
+        """Return the index of a node's mesh if the node only transforms it, as most nodes do; otherwise None."""
         values = self.nodes.tables.values[index]
         if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
             return None
@@ -393,7 +395,7 @@ class _Shapes:
         return parts
 
     def _surface(self, primitive: Table) -> tuple[int, frozenset[int]]:
-        """The material of a primitive, and the texture coordinates that it needs."""
+        """Return the surface index of a primitive, and the texture coordinate sets that it needs."""
         surface = self.surfaces.number(material_of(primitive, self.variant, self.document))
         slots = self.surfaces.surfaces[surface].material.slots.values()
         return surface, frozenset(slot.uv_set for slot in slots)
@@ -425,7 +427,7 @@ class _Shapes:
         name = mesh.name(node.name(f"mesh-{number}"))
         if self.paths is not None and self.paths.bend(index, self._joints(node)):
             self.bent.append(name)
-        # A skin's joints stand in the world, and where its node does is of no meaning.
+        # A skin's joints are in world space, so the transform of its node has no meaning.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         for i, primitive in enumerate(primitives):
             part = name if len(primitives) == 1 else f"{name}-{i}"
@@ -438,7 +440,7 @@ class _Shapes:
                 self._add_shape(part, made, surface, maps, primitive, index)
 
     def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
-        """(M,) of the morph targets: animated, the node's, or the mesh's."""
+        """Return the (M,) morph weights: animated ones, otherwise the node's, otherwise the mesh's."""
         if "weights" in pose:
             return pose["weights"]
         return node.any_numbers("weights") if "weights" in node else mesh.any_numbers("weights")
@@ -453,13 +455,16 @@ class _Shapes:
         return self.skins[index]
 
     def _joints(self, node: Table) -> list[int]:
-        """Nodes that are the joints of a node's skin."""
+        """Return the node indices of the joints of a node's skin."""
         skins = self.document.all("skins")
         index = node.index("skin", skins, "skins")
         return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
 
     def _add_shape(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
-        """Instances (N, 3, 4) of a mesh. Mirrored ones are of a turned mesh, so that fronts stay outside."""
+        """Add instances (N, 3, 4) of a mesh.
+
+        Mirrored instances use a mesh with reversed winding, so that fronts stay outside.
+        """
         determinant, size = _stretch(maps[:, :, :3])
         flat = ~(np.abs(determinant) > _FLAT * size)
         if flat.any():
@@ -473,8 +478,8 @@ class _Shapes:
             geometry = self._turned(mesh) if suffix else mesh
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
-                path = None  # its joints say where it is
-            # A moving node is a shape of its own, as instances move together.
+                path = None  # its joints move it
+            # A moving node becomes a separate shape, because all instances of a shape move together.
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
                 self.groups[key] = _Group(name + suffix, geometry, surface, [])
@@ -490,13 +495,16 @@ class _Shapes:
                 self.groups[key].motion = Motion(self.paths.times, path, placed)
 
     def _add_flat(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
-        """Instances whose maps flatten them into a plane: of a mesh that is flat itself, by maps that do not."""
+        """Add instances whose transforms flatten the mesh into a plane.
+
+        The mesh itself is flattened instead, and its transform is made invertible.
+        """
         if self.paths is not None and self.paths.of(node) is not None:
             self.document.notes.add("Meshes that are scaled to 0 along an axis and move while the shutter is open.")
             return
         for world in maps:
             left, scale, right = np.linalg.svd(world[:, :3])
-            if not scale[1] > _FLAT * scale[0]:  # a line or a point
+            if not scale[1] > _FLAT * scale[0]:  # flattened to a line or a point
                 self.document.notes.add("Meshes that are scaled to nothing.")
                 continue
             axis = right[2] * np.sign(right[2][np.argmax(np.abs(right[2]))])
@@ -530,17 +538,18 @@ class _Shapes:
 
     @property
     def backs_were_black(self) -> bool:
-        """The file is of `glpath export`, whose scene had black backs."""
-        extras = self.document.root.values.get("extras")  # of any type
+        """True if `glpath export` wrote the file from a scene with black backs."""
+        extras = self.document.root.values.get("extras")  # extras may have any type
         return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
 
     def _light_backs(self) -> None:
-        """Give two sides to one-sided materials of closed meshes that one can see into.
+        """Make one-sided materials two-sided on closed meshes into which one can see.
 
-        One sees into a closed mesh through holes, or where it lets light through. Viewers show no far wall there.
+        One sees into a closed mesh through cut-out holes or where it transmits light. Viewers show no far wall
+        there.
         """
         surfaces = self.surfaces.surfaces
-        seen: dict[int, list[_Group]] = {}  # by the number of the surface
+        seen: dict[int, list[_Group]] = {}  # by surface index
         for groups in self.wholes.values():
             clear = [group for group in groups.values() if self._is_see_through(group)]
             if not clear:
@@ -580,7 +589,10 @@ class _Shapes:
         return float(opacity_of(material, np.array(alpha))) < 1
 
     def _cull_backs(self, eyes: Sequence[Float64]) -> None:
-        """Of materials that are not doubleSided, where backs can be seen: those of solids cannot from outside."""
+        """Cull the backs of materials that are not doubleSided, if they can be seen.
+
+        Backs inside closed meshes cannot be seen from outside, so they need no culling.
+        """
         surfaces = self.surfaces.surfaces
         for number, surface in enumerate(surfaces):
             material = surface.material
@@ -591,7 +603,7 @@ class _Shapes:
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
 
     def _is_solid(self, *meshes: Mesh) -> bool:
-        """Return the result of `_are_solid`, which each set of meshes is examined for once."""
+        """Return the result of `_are_solid`, cached for each set of meshes."""
         if meshes not in self.solid:
             self.solid[meshes] = _are_solid(meshes)
         return self.solid[meshes]
@@ -605,7 +617,7 @@ def _are_solid(meshes: Sequence[Mesh]) -> bool:
 
 
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:
-    """(N,) determinants of maps (N, 3, 3), and their like for maps that are as thick as they are long."""
+    """Return (N,) determinants of maps (N, 3, 3), and (N,) of similar maps that are as thick as long."""
     x, y, z = (linear[:, row] for row in range(3))
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
     determinant = np.sum(x * cofactors[:, 0], axis=1)

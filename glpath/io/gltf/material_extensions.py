@@ -1,7 +1,6 @@
-"""The extensions of glTF's materials that are factors alone, as the reader and the writer both have them; and those
-that are not read.
+"""Table of glTF material extensions that are plain factors, for reader and writer; list of unread extensions.
 
-An extension is a row of LAYERS: neither the reader nor the writer names it.
+An extension is a row of LAYERS, so neither the reader nor the writer has code for a single extension.
 """
 
 from __future__ import annotations
@@ -12,7 +11,13 @@ from typing import NamedTuple
 
 
 class LayerTexture(NamedTuple):
-    """field : of `Material`; srgb: its texture has colours; alpha: it is read; scale: of a normal map"""
+    """Texture of a layer.
+
+    field : field of `Material`
+    srgb  : True if the texture holds colours
+    alpha : True if its alpha is read
+    scale : field of `Material` with the scale of a normal map; None for other textures
+    """
 
     field: str
     srgb: bool = False
@@ -21,12 +26,12 @@ class LayerTexture(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """An extension whose properties are fields of `Material`.
+    """Extension whose properties are fields of `Material`.
 
-    factors  : the field of each property, in [0, 1], with the default of `Material`; without the first, whose
-               default is 0, there is no layer
-    numbers  : the field of each property from 0 on, with the default of `Material`
-    textures : the field of each texture
+    factors  : field for each property in [0, 1]; defaults are those of `Material`. The first property, 0 by
+               default, is the strength: without it there is no layer
+    numbers  : field for each property with values from 0 on; defaults are those of `Material`
+    textures : field for each texture
     """
 
     factors: dict[str, str]
@@ -35,7 +40,7 @@ class Layer(NamedTuple):
 
     @property
     def strength(self) -> str:
-        """The field of `Material` that is 0 where the layer is absent."""
+        """Field of `Material` that is 0 if the layer is absent."""
         return next(iter(self.factors.values()))
 
 
@@ -78,7 +83,7 @@ LAYERS = {
         },
     ),
 }
-#: Extensions of materials that are lost, and the part of the look that is lost with each.
+#: Extensions of materials that are not read, with the lost part of the look.
 UNUSED_MATERIALS = {
     "KHR_materials_dispersion": "dispersion of glass: a path has all three colours, which would part",
     "KHR_materials_volume_scatter": "light that is scattered inside of solids: media are not traced",

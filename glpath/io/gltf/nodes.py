@@ -1,4 +1,4 @@
-"""The hierarchy of nodes, and where each of them stands in the world, at rest or at a time.
+"""Node hierarchy, and the world transform of each node, at rest or at a given time.
 
 Source: glTF 2.0, 3.5 (nodes); EXT_mesh_gpu_instancing.
 """
@@ -25,10 +25,10 @@ _NO_CHILDREN: list[int] = []
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of a document.
+    """Nodes of a document.
 
     world : (N, 4, 4) world from node
-    drawn : numbers of the nodes of the scene that are to be seen, each once
+    drawn : indices of the visible nodes of the scene, each once
     """
 
     tables: Tables
@@ -37,9 +37,11 @@ class Nodes:
 
     @classmethod
     def of(cls, document: Document, poses: Mapping[int, Pose]) -> Nodes:
-        """Raises SceneError for nodes that are their own ancestors, or have several parents.
+        """Compute the transforms of all nodes.
 
-        poses : what is animated, by the number of the node
+        poses : animated values by node index
+
+        Raises SceneError for nodes that are their own ancestors or have several parents.
         """
         tables = document.all("nodes")
         world = _local_maps(tables, poses)
@@ -85,7 +87,7 @@ def _parents(tables: Tables, children: list[list[int]]) -> dict[int, int]:
 
 
 def _on_a_circle(parent: Mapping[int, int], count: int) -> int:
-    """The number of a node that is its own ancestor."""
+    """Return the index of a node that is its own ancestor."""
     settled: set[int] = set()
     for start in range(count):
         index, on_path = start, set[int]()
@@ -105,7 +107,7 @@ def _drawn(document: Document, tables: Tables, children: list[list[int]], parent
         scene = scenes[chosen or 0]
         roots = scene.indices("nodes", tables, "nodes")
         if any(root in parent for root in roots):
-            # Not allowed, and yet much that UniGLTF wrote is so, with a parent that does nothing.
+            # glTF forbids this, but many files of UniGLTF have it, with a parent that does nothing.
             document.notes.add(
                 "Scenes' lists of nodes that have parents: such a node is drawn once, below its own."
             )
@@ -133,7 +135,7 @@ def _drawn(document: Document, tables: Tables, children: list[list[int]], parent
 
 
 def _local_maps(tables: Tables, poses: Mapping[int, Pose]) -> Float64:
-    """(N, 4, 4) parent from node."""
+    """Return the (N, 4, 4) transforms parent from node."""
     count = len(tables)
     parts = {
         "translation": np.zeros((count, 3)),
@@ -165,7 +167,7 @@ def _local_maps(tables: Tables, poses: Mapping[int, Pose]) -> Float64:
 
 
 def trs(translation: Float64, rotation: Float64, scale: Float64, location: SourceLocation) -> Float64:
-    """(N, 4, 4) that scale (N, 3), then rotate by quaternions x y z w (N, 4), then translate (N, 3)."""
+    """Return (N, 4, 4) transforms that scale (N, 3), rotate by quaternions x y z w (N, 4), translate (N, 3)."""
     length = np.linalg.norm(rotation, axis=1, keepdims=True)
     if not np.all(length > 0):
         raise location.field("rotation").wrong(rotation[int(np.argmin(length))], "a unit quaternion [x, y, z, w]")
@@ -181,7 +183,10 @@ def trs(translation: Float64, rotation: Float64, scale: Float64, location: Sourc
 
 
 def instances(table: Table, world: Float64, accessors: Accessors) -> Float64:
-    """(N, 3, 4) world from mesh: one for a node, and as many as EXT_mesh_gpu_instancing lists."""
+    """Return the (N, 3, 4) transforms world from mesh of a node.
+
+    There is one transform, or as many as EXT_mesh_gpu_instancing lists.
+    """
     extension = table.extension("EXT_mesh_gpu_instancing")
     if extension is None:
         return world[None, :3]

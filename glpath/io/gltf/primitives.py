@@ -1,7 +1,7 @@
 """Meshes: primitives with their attributes, morph targets and skins.
 
-Texture coordinates are turned over, as glTF's v runs downwards from the image's first row and ours upwards to it.
-TANGENT is not read: normal maps follow the gradient of the texture coordinates. A mesh without NORMAL is flat.
+Texture coordinate v is flipped: in glTF it runs downwards from the image's first row, here upwards. TANGENT is not
+read, because normal maps follow the gradient of the texture coordinates. A mesh without NORMAL is shaded flat.
 
 Source: glTF 2.0, 3.7; KHR_mesh_quantization; KHR_draco_mesh_compression.
 """
@@ -23,19 +23,19 @@ from glpath.scene.model import Float64, Mesh
 from glpath.scene.tessellate import without_area
 
 _MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangles", 5: "strip", 6: "fan"}
-#: A note on what is left out.
+#: Note on points and lines, which are left out.
 ONLY_TRIANGLES = "Points and lines: only triangles are drawn."
 _STROKES = ("points", "lines", "line loop", "line strip")
-#: The attributes that are read, and how many numbers each may have.
+#: Attributes that are read, and the allowed counts of numbers of each.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A skin: it moves the vertices of a mesh.
+    """Skin that moves the vertices of a mesh.
 
-    world_from_mesh : (J, 4, 4), for each joint
+    world_from_mesh : (J, 4, 4) transform for each joint
     """
 
     world_from_mesh: Float64
@@ -43,10 +43,10 @@ class Skin:
 
 @dataclass
 class Primitives:
-    """The primitives of a document as meshes, each made once for each pose of it.
+    """Primitives of a document as meshes, each built once for each of its poses.
 
-    strokes : points and lines are drawn, see `glpath.io.strokes`
-    radii   : that they were drawn with, in units of their meshes
+    strokes : True if points and lines are drawn, see `glpath.io.strokes`
+    radii   : radii of the balls and rods drawn for points and lines, in units of their meshes
     """
 
     accessors: Accessors
@@ -55,12 +55,13 @@ class Primitives:
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
-        """One primitive, morphed; None for points, lines, and triangles of which none has an area.
+        """Return a primitive as a morphed mesh; None for points, lines, and triangles without any area.
 
         morph   : (M,) weights of its morph targets
-        uv_sets : those that its material asks for; zeros where it has none
+        uv_sets : texture coordinate sets that its material needs; missing ones are filled with zeros
         """
-        # By what it says, not by its location: meshes of several materials often share their arrays.
+        # The key is the content of the primitive, not its location: primitives of several materials often share
+        # arrays.
         says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
         key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
         if key not in self._made:
@@ -69,7 +70,7 @@ class Primitives:
         return self._made[key]
 
     def skinned(self, primitive: Table, morph: Float64, uv_sets: frozenset[int], skin: Skin) -> Mesh | None:
-        """One primitive, morphed and skinned: its vertices are in the world. None as `mesh`."""
+        """Return a primitive as a morphed and skinned mesh, its vertices in world space; None like `mesh`."""
         attributes = self._attributes(primitive, morph)
         if attributes is None:
             return None
@@ -84,7 +85,7 @@ class Primitives:
         return mesh.turned() if mesh is not None and mirrored else mesh
 
     def _attributes(self, primitive: Table, morph: Float64) -> dict[str, NDArray[Any]] | None:
-        """Attributes by their names, morphed, and "faces" (F, 3) int64."""
+        """Return morphed attributes by name, and "faces" (F, 3) int64; None for a primitive that is not drawn."""
         document = self.accessors.document
         mode = primitive.choice("mode", _MODES, "triangles")
         if mode in _STROKES and not self.strokes:
@@ -126,7 +127,7 @@ class Primitives:
         return found
 
     def _unpacked(self, primitive: Table) -> dict[str, NDArray[Any]] | None:
-        """Draco's attributes, with "faces"; None where the file has the same as accessors."""
+        """Return the attributes of Draco data, with "faces"; None if accessors hold the same data."""
         extension = primitive.extension(compression.DRACO)
         if extension is None:
             return None
@@ -158,7 +159,7 @@ class Primitives:
         return {**found, "faces": faces}
 
     def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
-        """(F, 3) numbers of vertices, (F, 2) of lines, (F, 1) of points."""
+        """Return vertex indices: (F, 3) for triangles, (F, 2) for lines, (F, 1) for points."""
         every, location = self.accessors.document.all("accessors"), primitive.location.field("indices")
         index = primitive.index("indices", every, "accessors")
         if index is None:
@@ -190,7 +191,7 @@ class Primitives:
         return order[np.stack(corners, axis=1)]
 
     def _morphed(self, found: dict[str, NDArray[Any]], targets: Tables, morph: Float64) -> None:
-        """Add the morph targets with their weights, in place."""
+        """Add the weighted morph targets to the attributes, in place."""
         every = self.accessors.document.all("accessors")
         changed = set()
         for target, weight in zip(targets, morph, strict=False):
@@ -240,12 +241,12 @@ class Primitives:
         if flat.all():
             document.notes.add("Meshes of which no triangle has an area.")
             return None
-        if flat.any() and primitive.values.get("mode", 4) != 5:  # strips are joined by such triangles
+        if flat.any() and primitive.values.get("mode", 4) != 5:  # mode 5: degenerate triangles join strips
             document.notes.add("Triangles without an area.")
         return mesh.without_faces(flat)
 
     def _stroked(self, found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """The attributes of points or lines as those of balls or rods."""
+        """Return the attributes of points or lines as attributes of balls or rods."""
         points, faces = found["POSITION"], found["faces"]
         if faces.shape[1] == 1:
             used = np.unique(faces)
@@ -262,7 +263,7 @@ class Primitives:
         return {**others, "POSITION": vertices, "NORMAL": normals, "faces": made}
 
     def _vertex_maps(self, primitive: Table, skin: Skin, count: int) -> Float64:
-        """(V, 3, 4) world from mesh: the mean of the joints' by the weights."""
+        """Return the (V, 3, 4) transforms world from mesh: weighted means of the joints' transforms."""
         attributes = primitive.table("attributes")
         every = self.accessors.document.all("accessors")
         joints, weights = [], []
@@ -304,7 +305,7 @@ class Primitives:
 
 
 def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
-    """A skin of the document, its joints where they stand."""
+    """Return a skin of the document with its joints at their world transforms."""
     joints = table.indices("joints", range(len(nodes_world)), "nodes")
     if not joints:
         raise table.location.field("joints").error(
@@ -324,8 +325,11 @@ def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
 
 
 def is_open(mesh: Mesh) -> bool:
-    """Whether some edge has a triangle on one side alone, so that backs can be seen; by positions."""
-    points = np.ascontiguousarray(mesh.vertices + 0.0)  # no -0
+    """Return True if an edge has a triangle on one side only, so that backs can be seen.
+
+    Vertices match by position.
+    """
+    points = np.ascontiguousarray(mesh.vertices + 0.0)  # turns -0 into 0
     _, number = np.unique(points.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
     a = number[mesh.faces].astype(np.int64)
     b, count = np.roll(a, -1, axis=1), len(points)
@@ -333,6 +337,6 @@ def is_open(mesh: Mesh) -> bool:
 
 
 def is_solid(mesh: Mesh) -> bool:
-    """Whether it is closed, with its fronts outward."""
+    """Return True if the mesh is closed, with its fronts outward."""
     a, b, c = (mesh.vertices - mesh.vertices.mean(axis=0))[mesh.faces].transpose(1, 0, 2)
     return not is_open(mesh) and float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0

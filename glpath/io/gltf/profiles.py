@@ -1,6 +1,6 @@
 """Photometric profiles of a document: EXT_lights_ies.
 
-Untransformed, gamma = 0 is along -z and C = 0 along +x; C grows from x towards y.
+Without a transform, gamma = 0 is along -z and C = 0 along +x; C grows from x towards y.
 
 Source: EXT_lights_ies.
 """
@@ -17,14 +17,14 @@ NAME = "EXT_lights_ies"
 
 
 class Profiles:
-    """The profiles of a document, each read once, when a lamp has it."""
+    """Profiles of a document, each read once when a lamp refers to it."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
         self._found: dict[int, LightProfile] = {}
 
     def of(self, extension: Table) -> LightProfile:
-        """The profile that a node's extension names. Raises SceneError."""
+        """Return the profile that a node's extension names. Raises SceneError."""
         root = self._document.root.extension(NAME)
         every = (root or Table({}, self._document.location)).tables("lights")
         index = extension.required_index("light", every, "lights")

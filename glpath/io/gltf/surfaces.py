@@ -1,9 +1,9 @@
 """Materials and their textures.
 
-A material whose `doubleSided` is false is culled from behind in glTF: its back is not drawn. So it is here, for
-eyes, bounces and rays to lights (`Material.culled`), unless one asks for black backs that block light.
-Light that surfaces send is taken as W sr^-1 m^-2, one to one for glTF's nits. Unlit surfaces send their colour, and
-so light others.
+A glTF material whose `doubleSided` is false is culled from behind: its back is not drawn. Here, camera rays,
+bounces and shadow rays also ignore the back (`Material.culled`), unless the caller asks for black backs that block
+light. Emitted light in nits, glTF's unit, is taken one to one as W sr^-1 m^-2. Unlit surfaces emit their colour, so
+they light other surfaces.
 
 Source: glTF 2.0, 3.8, 3.9 and appendix B; the KHR_materials extensions; KHR_texture_transform.
 """
@@ -30,15 +30,15 @@ _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 _STRENGTH = "KHR_materials_emissive_strength"
-# Its fields are numbers, or arrays where they are colours.
+# Material with defaults; its fields are numbers, or arrays for colours.
 _PLAIN = Material("plain", np.ones(3))
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A material, and what glTF says of its light, which glpath's shapes have.
+    """Material and its emission; in glpath the emission belongs to the shape.
 
-    emission : (3,) radiance W sr^-1 m^-2; where the material is two-sided, of both sides
+    emission : (3,) radiance W sr^-1 m^-2, of both sides if the material is two-sided
     """
 
     material: Material
@@ -47,7 +47,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class _LookUp:
-    """Which image of the document a texture shows, and where; see `Texture` and `TextureSlot`."""
+    """Image of a texture and its lookup; see `Texture` and `TextureSlot`."""
 
     source: int
     wrap: tuple[Wrap, Wrap]
@@ -58,7 +58,7 @@ class _LookUp:
 
 @dataclass
 class Surfaces:
-    """The materials of a document that shapes use, and their textures."""
+    """Materials of a document that shapes use, and their textures."""
 
     document: Document
     surfaces: list[Surface] = field(default_factory=list)
@@ -69,7 +69,7 @@ class Surfaces:
     _names: set[str] = field(default_factory=set)
 
     def number(self, index: int | None) -> int:
-        """The index in `surfaces` of a material of the document; None is glTF's default."""
+        """Return the index in `surfaces` of a material of the document; None is glTF's default material."""
         if index not in self._numbers:
             table = Table({}, self.document.location.field("materials"))
             if index is not None:
@@ -97,7 +97,7 @@ class Surfaces:
             "roughness": 1.0,
         }
         if table.extension("KHR_materials_unlit") is not None:
-            # The texture is its alpha; there is no light that its colour reflects.
+            # The texture supplies the alpha; the unlit colour reflects no light.
             return Surface(
                 Material(
                     reflectance=np.zeros(3),
@@ -131,7 +131,7 @@ class Surfaces:
         return Surface(material, self._emission(table))
 
     def _specular_glossiness(self, table: Table, glossy: Table, common: dict[str, Any]) -> Surface:
-        """The older model, of a diffuse colour and one of the reflection at normal incidence."""
+        """Return a surface of the older model: a diffuse colour and a specular colour at normal incidence."""
         diffuse = self._shares(glossy, "diffuseFactor", (1, 1, 1, 1))
         specular = self._shares(glossy, "specularFactor", (1, 1, 1))
         gloss = self._share(glossy, "glossinessFactor", 1.0)
@@ -160,9 +160,9 @@ class Surfaces:
     def _of_metal_and_roughness(
         self, glossy: Table, diffuse: Float64, specular: Float64, gloss: float
     ) -> dict[str, Any] | None:
-        """The fields of a material whose textures of the older model are converted texel by texel.
+        """Return the fields of a material whose specular-glossiness textures are converted texel by texel.
 
-        None where the two are not looked up alike, so that no texel of one has a texel of the other.
+        Returns None if the two textures have different lookups, because their texels then do not correspond.
         """
         second = self._look_up(glossy, "specularGlossinessTexture")
         first = self._look_up(glossy, "diffuseTexture") if "diffuseTexture" in glossy else second
@@ -192,14 +192,14 @@ class Surfaces:
         }
 
     def _emission(self, table: Table) -> Float64:
-        """(3,) radiance of a lit material."""
+        """Return the (3,) emitted radiance of a material that is not unlit."""
         if "emissiveTexture" in table and self._look_up(table, "emissiveTexture") is None:
-            return np.zeros(3)  # the factor alone would light the whole surface
+            return np.zeros(3)  # the factor without the texture would light the whole surface
         factor, stronger = table.numbers("emissiveFactor", (0, 0, 0), 0.0), table.extension(_STRENGTH)
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
     def _emission_texture(self, table: Table) -> dict[str, Any]:
-        """The texture of emitting surfaces: the factor is 0 by default, and then so is the product."""
+        """Return the emission texture as a field; empty if the emissive factor, and so the product, is 0."""
         if not table.numbers("emissiveFactor", (0, 0, 0), 0.0).any():
             return {}
         return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}
@@ -216,11 +216,11 @@ class Surfaces:
         if specular is not None:
             fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
             fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
-            if fields["specular_weight"] > 0:  # which textures multiply
+            if fields["specular_weight"] > 0:  # textures multiply the weight
                 fields["specular_texture"] = self._slot(specular, "specularTexture", srgb=False)
                 fields["specular_colour_texture"] = self._slot(specular, "specularColorTexture", srgb=True)
         if ior is not None and ior.number("ior", 1.5) == 0:
-            # 0 stands for a reflection that the colour alone decides.
+            # An index of 0 means that the specular colour alone sets the reflection.
             fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
         for extension, layer in LAYERS.items():
             found = table.extension(extension)
@@ -243,7 +243,7 @@ class Surfaces:
         anisotropic = table.extension("KHR_materials_anisotropy")
         if anisotropic is not None:
             fields["anisotropy"] = self._share(anisotropic, "anisotropyStrength", 0.0)
-            # Counter-clockwise from u to v, as seen with v upwards, which ours is.
+            # The angle is counter-clockwise from u to v if v points upwards, as it does here.
             fields["anisotropy_angle"] = float(np.degrees(anisotropic.number("anisotropyRotation", 0.0)))
             if fields["anisotropy"] > 0:
                 fields["anisotropy_texture"] = self._slot(anisotropic, "anisotropyTexture", srgb=False)
@@ -258,7 +258,7 @@ class Surfaces:
             distance = volume.number("attenuationDistance", np.inf, 0.0, np.inf)
             if not distance > 0:
                 raise volume.location.field("attenuationDistance").wrong(distance, "above 0")
-            # Not of 0, of which the logarithm is infinite: a thousand decades in one distance are as black.
+            # At least 1e-300, because the logarithm of 0 is infinite; the transmitted light is equally black.
             fields["attenuation"] = -np.log(np.maximum(colour, 1e-300)) / distance + 0.0
             self._unused(volume, "thicknessTexture")
         return fields
@@ -284,7 +284,7 @@ class Surfaces:
         return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
 
     def _look_up(self, owner: Table, name: str) -> _LookUp | None:
-        """Which image, and how; None where there are no such texture coordinates."""
+        """Return the image and the lookup of a texture; None if its coordinates or its image are missing."""
         info = owner.table(name)
         textures = self.document.all("textures")
         texture = textures[info.required_index("index", textures, "textures")]
@@ -312,7 +312,7 @@ class Surfaces:
         )
 
     def _sampled(self, sampler: Table, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
-        """A value of a sampler; the default, with a note, for a number that glTF does not define."""
+        """Return a value of a sampler; the default, with a note, for a number that glTF does not define."""
         value = sampler.values.get(name)
         if type(value) is int and value not in allowed:
             self.document.notes.add(f"{name} {value} of samplers, which glTF does not define: {default} is taken.")
@@ -320,7 +320,7 @@ class Surfaces:
         return sampler.choice(name, allowed, default)
 
     def _texture(self, found: _LookUp, srgb: bool) -> int:
-        """The index in `textures` of a texture of the document, of one colour space."""
+        """Return the index in `textures` of a texture in a given colour space."""
         key = (found.source, found.wrap, found.filter, srgb)
         if key not in self._texture_numbers:
             image = self._image(found.source)
@@ -333,20 +333,20 @@ class Surfaces:
         return self._texture_numbers[key]
 
     def _image(self, source: int) -> NDArray[Any]:
-        """(h, w, 3) or (h, w, 4) as it is stored."""
+        """Return the stored pixels of an image, (h, w, 3) or (h, w, 4)."""
         if source not in self._images:
             self._images[source] = read_image(self.document, self.document.all("images")[source])
         return self._images[source]
 
     def _linear(self, source: int) -> Float64:
-        """The same of colours in sRGB as linear numbers in [0, 1]."""
+        """Return an sRGB image as linear numbers in [0, 1]."""
         image = self._image(source)
         stored = image / np.float64(np.iinfo(image.dtype).max)
         stored[..., :3] = decode_srgb(stored[..., :3])
         return stored
 
     def _source(self, table: Table) -> int:
-        """The number of the image: a compressed one where it can be read, else the plain one."""
+        """Return the image index of a texture: a compressed image if it can be read, otherwise the plain one."""
         images = self.document.all("images")
         plain = table.index("source", images, "images")
         webp = table.extension("EXT_texture_webp")
@@ -363,10 +363,11 @@ class Surfaces:
 
 
 def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:
-    """Whether a surface reflects by Lambert's base alone: there is neither metal nor glass, no layer above, and
-    KHR_materials_specular takes the reflection of the dielectric away, at all angles.
+    """Return True if a surface has only a Lambertian base.
 
-    Its roughness then changes nothing: it is a material without microfacets. Textures multiply these factors.
+    It then has no metal, no glass and no layer above, and KHR_materials_specular removes the dielectric reflection
+    at all angles. Its roughness has no effect, so it is a material without microfacets. Textures only multiply
+    these factors.
     """
     specular = layers.get("specular_weight", 1.0)
     layered = any(np.any(layers.get(layer.strength, 0.0)) for layer in LAYERS.values())
@@ -374,7 +375,7 @@ def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:
 
 
 def _of_size(*images: Float64) -> list[Float64]:
-    """Copies of images, of the largest's size, by their nearest texels."""
+    """Return copies of images at the size of the largest, by nearest texels."""
     height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
     return [
         image[np.arange(height) * image.shape[0] // height][:, np.arange(width) * image.shape[1] // width]
@@ -383,15 +384,15 @@ def _of_size(*images: Float64) -> list[Float64]:
 
 
 def _uv_transform(table: Table) -> Float64:
-    """(2, 3): KHR_texture_transform with v upwards.
+    """Return the (2, 3) map of KHR_texture_transform with v upwards.
 
-    The extension's text turns coordinates counter-clockwise as one sees the image, with v downwards, and so do
-    viewers; its GLSL turns them clockwise [KhronosGroup/glTF issue 1563].
+    The extension's text rotates coordinates counter-clockwise on an image with v downwards, and so do viewers. Its
+    GLSL rotates them clockwise [KhronosGroup/glTF issue 1563].
     """
     angle = table.number("rotation", 0.0)
     c, s = np.cos(angle), np.sin(angle)
     matrix = np.eye(3)
     matrix[:2, :2] = np.array([[c, s], [-s, c]]) * table.numbers("scale", (1, 1))
     matrix[:2, 2] = table.numbers("offset", (0, 0))
-    over = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # v to 1 - v and back
+    over = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # flips v to 1 - v and back
     return np.asarray((over @ matrix @ over)[:2])

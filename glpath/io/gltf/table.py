@@ -1,4 +1,4 @@
-"""Objects of a glTF file's JSON, each with its location, and their values checked when they are asked for."""
+"""JSON objects of a glTF file, each with its location; values are checked when they are read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Choice = TypeVar("Choice")
 
 @dataclass(frozen=True)
 class Table:
-    """A JSON object and where it stands. Everything asked of it raises SceneError for a value of another kind."""
+    """JSON object with its location. All methods raise SceneError for a value of the wrong type."""
 
     values: dict[str, Any]
     location: SourceLocation
@@ -36,11 +36,11 @@ class Table:
         return name in self.values
 
     def table(self, name: str) -> Table:
-        """The object of that name; an empty one where there is none."""
+        """Return the object of that name; an empty one if it is missing."""
         return Table.of(self.values.get(name, {}), self.location.field(name))
 
     def tables(self, name: str) -> Tables:
-        """The list of objects of that name; an empty one where there is none."""
+        """Return the list of objects of that name; an empty one if it is missing."""
         return Tables(self._list(name), self.location.field(name))
 
     def extension(self, name: str) -> Table | None:
@@ -63,7 +63,7 @@ class Table:
         return values
 
     def name(self, otherwise: str) -> str:
-        """The object's own `name`, of letters that can be shown."""
+        """Return the object's `name`, limited to printable characters."""
         return printable(self.text("name") or "") or otherwise
 
     def flag(self, name: str, default: bool = False) -> bool:
@@ -77,28 +77,31 @@ class Table:
     @overload
     def integer(self, name: str, default: None = None, low: int = 0, high: int = 2**53) -> int | None: ...
     def integer(self, name: str, default: int | None = None, low: int = 0, high: int = 2**53) -> int | None:
-        """A whole number from `low` to `high`."""
+        """Return an integer from `low` to `high`."""
         if name not in self.values:
             return default
         return _integer(self.values[name], self.location.field(name), low, high)
 
     def required(self, name: str, low: int = 0, high: int = 2**53) -> int:
-        """A whole number that has to be there."""
+        """Return an integer that must be present."""
         return _integer(self._present(name), self.location.field(name), low, high)
 
     def choice(self, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
-        """What the value stands for."""
+        """Return the meaning of a value among `allowed`."""
         return self.required_choice(name, allowed) if name in self.values else default
 
     def required_choice(self, name: str, allowed: Mapping[Any, Choice]) -> Choice:
-        """What the value stands for, which has to be there."""
+        """Return the meaning of a value among `allowed`; the value must be present."""
         value = self._present(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or value not in allowed:
             raise self.location.field(name).wrong(value, f"one of {', '.join(str(key) for key in allowed)}")
         return allowed[value]
 
     def index(self, name: str, of: Sequence[Any], what: str) -> int | None:
-        """A number of an element of `of`; None where there is none. `what` they are, in the plural."""
+        """Return an index into `of`; None if it is missing.
+
+        what : plural noun of the elements, for messages
+        """
         if name not in self.values:
             return None
         value = self.values[name]
@@ -122,7 +125,7 @@ class Table:
         return _number(self.values[name], self.location.field(name), low, high)
 
     def numbers(self, name: str, default: Sequence[float], low: float = -LARGEST, high: float = LARGEST) -> Float64:
-        """(n,) float64, as many as `default` has."""
+        """Return (n,) float64, as many numbers as `default` has."""
         if name not in self.values:
             return np.array(default, np.float64)
         value, location = self.values[name], self.location.field(name)
@@ -131,7 +134,7 @@ class Table:
         return np.array([_number(each, location.item(i), low, high) for i, each in enumerate(value)])
 
     def any_numbers(self, name: str) -> Float64:
-        """(n,) float64, however many there are."""
+        """Return (n,) float64, any count of numbers."""
         value, location = self._list(name), self.location.field(name)
         return np.array(
             [_number(each, location.item(i), -LARGEST, LARGEST) for i, each in enumerate(value)], np.float64
@@ -151,7 +154,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Tables(Sequence[Table]):
-    """A list of JSON objects and where it stands."""
+    """List of JSON objects with its location."""
 
     values: list[Any]
     location: SourceLocation
@@ -159,38 +162,38 @@ class Tables(Sequence[Table]):
     def __len__(self) -> int:
         return len(self.values)
 
-    def __getitem__(self, index: Any) -> Any:  # as Sequence declares it: also for slices, which are not asked for
+    def __getitem__(self, index: Any) -> Any:  # typed like Sequence; no caller uses slices
         return Table.of(self.values[index], self.location.item(index))
 
     def __iter__(self) -> Iterator[Table]:
         return (self[i] for i in range(len(self)))
 
     def having(self, name: str) -> NDArray[np.int64]:
-        """Numbers of the objects that have a field. Raises SceneError for what is no object."""
+        """Return the indices of the objects that have a field. Raises SceneError for a value that is no object."""
         for i, value in enumerate(self.values):
             if type(value) is not dict:
                 Table.of(value, self.location.item(i))
         return np.array([i for i, value in enumerate(self.values) if name in value], np.int64)
 
     def numbers(self, name: str, rows: NDArray[np.int64], count: int) -> Float64:
-        """(len(rows), count) float64: what `Table.numbers` gives for a field of these objects, all at once."""
+        """Return the values of `Table.numbers` for a field of these objects at once, (len(rows), count) float64."""
         values = [self.values[i][name] for i in rows.tolist()]
         if set(map(type, values)) <= {list} and set(map(len, values)) <= {count}:
             flat = [*chain.from_iterable(values)]
-            # A whole number may be longer than any float.
+            # An integer of JSON may be larger than any float.
             if set(map(type, flat)) <= {int, float} and all(-LARGEST <= value <= LARGEST for value in flat):
                 return np.array(flat, np.float64).reshape(-1, count)
         return np.array([self[i].numbers(name, [0.0] * count) for i in rows.tolist()]).reshape(-1, count)
 
 
 def printable(text: str) -> str:
-    """A name from the file without what could be no letter: line ends, commands to terminals, endless length."""
+    """Return a name without unprintable characters, such as line ends and terminal codes, of limited length."""
     return "".join(c for c in text[: 4 * MAX_NAME] if c.isprintable())[:MAX_NAME].strip()
 
 
 def _integer(value: object, location: SourceLocation, low: int, high: int) -> int:
     if isinstance(value, float) and value.is_integer():
-        value = int(value)  # JSON knows one kind of number
+        value = int(value)  # JSON has only one type of number
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise location.wrong(
             value, f"a whole number from {low} to {high}" if high < 2**53 else f"a whole number, at least {low}"

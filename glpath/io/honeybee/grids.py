@@ -1,4 +1,4 @@
-"""Sensor grids of an HBJSON file, for what measures."""
+"""Sensor grids of an HBJSON file, for measurements."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from glpath.scene.source_location import SourceLocation
 
 
 def sensor_points(path: Path, grid: str | None = None) -> tuple[Float64, Float64]:
-    """Positions (N, 3) and directions (N, 3) of a file's sensors, in the units of the file.
+    """Return the positions (N, 3) and directions (N, 3) of a file's sensors, in the units of the file.
 
-    grid : the identifier or the displayed name of one grid; None for all, one after the other
+    grid : identifier or display name of one grid; None for all grids in sequence
 
-    Raises SceneError where the file has no such grid, or no grid at all.
+    Raises SceneError if the file has no such grid, or no grid at all.
     """
     grids = read_model_file(path).radiance.sensor_grids or []
     location = SourceLocation(str(path))

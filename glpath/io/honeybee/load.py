@@ -1,4 +1,4 @@
-"""The scene of an HBJSON file."""
+"""Assembly of a scene from an HBJSON file."""
 
 from __future__ import annotations
 
@@ -40,9 +40,10 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import with_area
 
 _UP = np.array([0.0, 0.0, 1.0])
-# Of the area of a face: what its openings may overlap each other or its edges by, as models have tolerances.
+# Tolerance of overlaps between the openings and edges of a face, as a fraction of its area.
 _MISSING = 1e-2
-# Of the camera in a room: from a corner towards the middle, its height and that of its target, as shares; degrees.
+# Camera in a room: distance from a corner towards the centre, heights of the eye and of the target, as fractions;
+# field of view in degrees.
 _FROM_CORNER, _EYE, _TARGET, _FOV = 0.08, 0.6, 0.45, 75.0
 
 
@@ -59,10 +60,9 @@ def read_honeybee(
         str, Meta(description="the name of one of the file's views; without it the first in perspective")
     ] = "",
 ) -> Scene:
-    """The scene of an HBJSON file; see `glpath.io.honeybee`.
+    """Read the scene of an HBJSON file; see `glpath.io.honeybee`.
 
-    Raises SceneError, which names the object. Warns of what stands in for a sky or a view that the file does not
-    have.
+    Raises SceneError with the name of the object. Warns if a sky or a view is set because the file has none.
     """
     model = read_model_file(path)
     location = SourceLocation(str(path))
@@ -96,7 +96,11 @@ def read_honeybee(
 
 
 def overcast_sky(illuminance: float, ground: float) -> Environment:
-    """A CIE overcast sky of lx on open ground, z up, in W; below the horizon a diffuse ground of a reflectance."""
+    """Return a CIE overcast sky in W, z up, above a diffuse ground.
+
+    illuminance : illuminance of open ground, lx
+    ground      : reflectance of the ground, which is seen below the horizon
+    """
     irradiance = illuminance / EFFICACY
     sky = cie_sky(1, _UP, None, illuminance=irradiance)
     image = sky.image.copy()
@@ -106,9 +110,9 @@ def overcast_sky(illuminance: float, ground: float) -> Environment:
 
 @dataclass
 class _Reader:
-    """Shapes of all objects, one each.
+    """Reader that makes one shape for each object.
 
-    paired : by kind, the names of those that a taken one is the other side of
+    paired : by type, the names of objects that are the other side of an object already taken
     """
 
     location: SourceLocation
@@ -172,7 +176,7 @@ class _Reader:
         self._add(shade.identifier, shade.modifier or default, self._polygon(shade.identifier, shade.geometry))
 
     def _is_first(self, item: Face | Aperture | Door, boundary: BoundaryCondition) -> bool:
-        """Whether it is not the other side of one that was taken: two rooms share one wall."""
+        """Return False if the item is the other side of an item already taken, because two rooms share a wall."""
         if boundary.type != "Surface":
             return True
         paired = self.paired[type(item)]
@@ -189,7 +193,10 @@ class _Reader:
         self.shapes.append(Shape(name, mesh, number, emission=self.modifiers.emission[number]))
 
     def _polygon(self, name: str, geometry: Face3D, openings: Sequence[Any] = ()) -> Mesh | None:
-        """None for what has no area. Raises SceneError where openings overlap or lie outside."""
+        """Return a polygon with holes as a mesh; None if it has no area.
+
+        Raises SceneError if openings overlap or lie outside.
+        """
         rings = [np.array(ring, np.float64) for ring in (geometry.boundary, *(geometry.holes or ()), *openings)]
         for ring in rings:
             self._check(name, ring)
@@ -226,7 +233,7 @@ class _Reader:
 
 
 def _camera(model: Model, name: str, location: SourceLocation) -> Camera | None:
-    """A view of the file's: by name, else the first in perspective. Raises SceneError."""
+    """Return the camera of a view by name, otherwise of the first perspective view. Raises SceneError."""
     views = model.radiance.views or []
     chosen = [each for each in views if each.identifier == name] if name else views
     if name and not chosen:
@@ -253,7 +260,7 @@ def _camera_of(view: View, location: SourceLocation) -> Camera:
 
 
 def _camera_inside(rooms: Sequence[Room], shapes: Shapes) -> Camera:
-    """From a corner of the largest room across it; without rooms, from beside all shapes."""
+    """Return a camera in a corner of the largest room; without rooms, outside all shapes."""
     lower, upper = (np.asarray(bound) for bound in shapes.bounds)
     floors = [(np.array(face.geometry.boundary), room) for room in rooms for face in room.faces]
     floors = [(ring, room) for ring, room in floors if np.ptp(ring[:, 2]) < 1e-6 * np.ptp(ring)]

@@ -1,4 +1,4 @@
-"""The tables of an HBJSON file that light depends on. What other programs keep there is passed over."""
+"""Objects of an HBJSON file that affect light. Other contents are ignored."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Ring = Annotated[list[Point], Meta(min_length=3)]
 
 
 def _in_file(name: str) -> str:
-    """The key of a field: lists of these objects have the plural."""
+    """Return the key of a field in the file; lists of shades have the plural there."""
     return f"{name}s" if name.endswith("_shade") else name
 
 
 class Face3D(Struct):
-    """A plane polygon. Seen from its front its boundary runs counter-clockwise."""
+    """Planar polygon. Its boundary is counter-clockwise, seen from its front."""
 
     boundary: Ring
     holes: list[Ring] | None = None
@@ -36,7 +36,7 @@ class Mesh3D(Struct):
 
 
 class Radiance(Struct):
-    """Names of a modifier, or of a room's set of them."""
+    """Names of a modifier or of a room's modifier set."""
 
     modifier: str | None = None
     modifier_set: str | None = None
@@ -47,21 +47,21 @@ class Properties(Struct):
 
 
 class BoundaryCondition(Struct):
-    """What is on the other side of a face; of "Surface" the names of that face, its parent and its room."""
+    """Other side of a face; for "Surface", the names of the adjacent face, its parent and its room."""
 
     type: str
     boundary_condition_objects: tuple[str, ...] = ()
 
 
 class Named(Struct, kw_only=True):
-    """What all objects have."""
+    """Fields that all objects have."""
 
     identifier: str
     properties: Properties = msgspec.field(default_factory=Properties)
 
     @property
     def modifier(self) -> str | None:
-        """Its own, by name."""
+        """Name of the object's own modifier; None if it has none."""
         return None if self.properties.radiance is None else self.properties.radiance.modifier
 
 
@@ -81,7 +81,7 @@ class Shaded(Named, kw_only=True, rename=_in_file):
 
 
 class Opening(Shaded, kw_only=True):
-    """What apertures and doors have."""
+    """Fields that apertures and doors have."""
 
     geometry: Face3D
     boundary_condition: BoundaryCondition
@@ -119,7 +119,7 @@ class SensorGrid(Struct):
 
 
 class View(Struct):
-    """A view of Radiance's: v is perspective; sizes in degrees."""
+    """View of Radiance; type v is perspective; sizes in degrees."""
 
     identifier: str
     position: Point
@@ -131,7 +131,7 @@ class View(Struct):
 
 
 class ModifierSet(Struct):
-    """Names of modifiers by the kind of an object and the side that it is seen from."""
+    """Names of modifiers by the type of an object and its visible side."""
 
     identifier: str
     wall_set: dict[str, Any] | None = None
@@ -155,7 +155,7 @@ class ModelProperties(Struct):
 
 
 class Model(Struct, kw_only=True, rename=_in_file):
-    """A whole file."""
+    """Whole HBJSON file."""
 
     identifier: str
     type: Literal["Model"]
@@ -174,7 +174,7 @@ class Model(Struct, kw_only=True, rename=_in_file):
 
 
 def read_model_file(path: Path) -> Model:
-    """The tables of a file. Raises SceneError, which names the object that is wrong."""
+    """Read the objects of a file. Raises SceneError with the name of the object that is wrong."""
     location = SourceLocation(str(path))
     try:
         data = msgspec.json.decode(read_bytes(path).removeprefix(codecs.BOM_UTF8))
@@ -189,7 +189,7 @@ def read_model_file(path: Path) -> Model:
 
 
 def _named(error: msgspec.ValidationError, data: Any, location: SourceLocation) -> SceneError:
-    """The error with the path to what is wrong, and the name of the object around it."""
+    """Return the error with the path to the wrong value and the name of the object around it."""
     text, _, path = str(error).partition(" - at `$")
     name = ""
     for key in path.rstrip("`").replace("]", "").replace("[", ".").split(".")[1:]:

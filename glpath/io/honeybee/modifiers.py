@@ -1,4 +1,4 @@
-"""Radiance's modifiers as materials, and which an object has.
+"""Radiance's modifiers as materials, and the modifier of each object.
 
 Source: Ward & Shakespeare 1998, Rendering with Radiance, and its reference manual for the formulas of plastic,
 metal, trans and glass; the defaults are those of honeybee-standards 2.0.
@@ -20,7 +20,7 @@ from glpath.scene.model import Material
 from glpath.scene.source_location import SourceLocation
 
 _Share = Annotated[float, Meta(ge=0, le=1)]
-# The index beyond which a material has none.
+# Maximum index of refraction of a material.
 _MAX_IOR = 10.0
 
 
@@ -94,7 +94,7 @@ def _glazing(transmissivity: float) -> dict[str, Any]:
     return {"type": "Glass"} | {f"{channel}_transmissivity": transmissivity for channel in "rgb"}
 
 
-# The modifiers that every file of honeybee may name.
+# Modifiers that every file of honeybee may name.
 _STANDARD: dict[str, dict[str, Any]] = {
     "generic_floor_0.20": _grey(0.2),
     "generic_wall_0.50": _grey(0.5),
@@ -112,13 +112,13 @@ _STANDARD: dict[str, dict[str, Any]] = {
     "generic_floor_exterior_side_0.50": _grey(0.5),
     "generic_wall_exterior_side_0.35": _grey(0.35),
     "generic_ceiling_exterior_side_0.35": _grey(0.35),
-    "air_boundary": {"type": "Void"},  # of Radiance's trans, which lets all light through
+    "air_boundary": {"type": "Void"},  # in Radiance a trans that transmits all light
     "black": _grey(0.0),
     "white_glow": {"type": "Glow", "r_emittance": 1.0, "g_emittance": 1.0, "b_emittance": 1.0},
 }
 
 _BOTH = ("interior_modifier", "exterior_modifier")
-# Honeybee's own set, Generic_Interior_Visible_Modifier_Set.
+# Honeybee's default set, Generic_Interior_Visible_Modifier_Set.
 _GENERIC: dict[str, dict[str, str]] = {
     "wall_set": dict.fromkeys(_BOTH, "generic_wall_0.50"),
     "floor_set": dict.fromkeys(_BOTH, "generic_floor_0.20"),
@@ -140,16 +140,16 @@ _GENERIC: dict[str, dict[str, str]] = {
     },
 }
 _FACE_SETS = {"Wall": "wall_set", "Floor": "floor_set", "RoofCeiling": "roof_ceiling_set"}
-#: Of a shade that belongs to nothing, as a neighbouring building does.
+#: Modifier of a shade that belongs to no object, such as a neighbouring building.
 CONTEXT = "generic_context_0.20"
 
 
 @dataclass
 class Modifiers:
-    """The modifiers of a file, and honeybee's own, as materials.
+    """Modifiers of a file, and honeybee's defaults, as materials.
 
-    materials : those that were asked for, in that order
-    emission  : (3,) radiance of each, W sr^-1 m^-2
+    materials : materials in the order of their first use
+    emission  : (3,) radiance of each material, W sr^-1 m^-2
     """
 
     location: SourceLocation
@@ -164,18 +164,18 @@ class Modifiers:
         self._sets = {each.identifier: each for each in self.radiance.modifier_sets or []}
 
     def number(self, name: str, user: str) -> int | None:
-        """Index into `materials` of a modifier; None for one that is not there to be seen.
+        """Return the index into `materials` of a modifier; None for an invisible modifier.
 
-        user : the object that has it, for errors
+        user : name of the object with the modifier, for errors
 
-        Raises SceneError for what is not in the file, and for what is not known.
+        Raises SceneError for a modifier that is not in the file or not supported.
         """
         if name not in self._numbers:
             self._numbers[name] = self._added(name, user)
         return self._numbers[name]
 
     def of_face(self, face: Face, room_set: str | None) -> str:
-        """The name of a face's modifier: its own, else that of the room's set for its type and boundary."""
+        """Return the name of a face's modifier: its own, otherwise the room set's for its type and boundary."""
         if face.modifier is not None:
             return face.modifier
         if face.face_type == "AirBoundary":
@@ -185,7 +185,7 @@ class Modifiers:
         return self._from_set(room_set, _FACE_SETS[face.face_type], side, face.identifier)
 
     def of_aperture(self, aperture: Aperture, room_set: str | None, face_type: str) -> str:
-        """The same of an aperture in a face of a type."""
+        """Return the name of an aperture's modifier. face_type: type of the face that contains it."""
         if aperture.modifier is not None:
             return aperture.modifier
         key = "window" if face_type == "Wall" else "skylight"
@@ -194,7 +194,7 @@ class Modifiers:
         return self._from_set(room_set, "aperture_set", f"{key}_modifier", aperture.identifier)
 
     def of_door(self, door: Door, room_set: str | None, face_type: str) -> str:
-        """The same of a door."""
+        """Return the name of a door's modifier. face_type: type of the face that contains it."""
         if door.modifier is not None:
             return door.modifier
         outdoors = door.boundary_condition.type == "Outdoors"
@@ -205,7 +205,7 @@ class Modifiers:
         return self._from_set(room_set, "door_set", f"{key}_modifier", door.identifier)
 
     def of_shade(self, room_set: str | None, *, indoors: bool, user: str) -> str:
-        """That of a shade which has none of its own."""
+        """Return the name of the default modifier of a shade without its own."""
         return self._from_set(room_set, "shade_set", _BOTH[not indoors], user)
 
     def _set(self, name: str | None, user: str) -> ModifierSet:
@@ -230,7 +230,7 @@ class Modifiers:
             )
         table = self._known[name]
         given = str(table.get("type"))
-        kind = given.capitalize()  # files of older releases have lower case
+        kind = given.capitalize()  # files of older releases are in lower case
         if kind == "Void":
             return None
         if kind not in _KINDS:
@@ -275,11 +275,14 @@ def _material(name: str, read: Struct) -> Material:
         return Material(
             name, read.reflectance, roughness=float(np.sqrt(read.roughness)), ior=_ior_of(read.specularity)
         )
-    return Material(name, np.zeros(3))  # a light, which reflects nothing
+    return Material(name, np.zeros(3))  # a light reflects nothing
 
 
 def _trans(name: str, read: _Trans) -> Material:
-    """Of the light that is not reflected at once a share is transmitted, of that a share straight on."""
+    """Return a translucent material.
+
+    A fraction of the light that is not reflected at once is transmitted, and a fraction of that goes straight.
+    """
     straight = read.transmitted_diff * read.transmitted_spec
     scattered = read.transmitted_diff - straight
     return Material(
@@ -295,7 +298,7 @@ def _trans(name: str, read: _Trans) -> Material:
 
 
 def _glass(name: str, read: _Glass) -> Material:
-    """Thin glass as Radiance has it at normal incidence, all reflections within it counted."""
+    """Return thin glass that equals Radiance's at normal incidence, with all internal reflections."""
     index = read.refraction_index or 1.52
     f = ((1.0 - index) / (1.0 + index)) ** 2
     t = read.transmissivity
@@ -307,6 +310,6 @@ def _glass(name: str, read: _Glass) -> Material:
 
 
 def _ior_of(reflected: float) -> float:
-    """The index of refraction that reflects so much at normal incidence."""
+    """Return the index of refraction with a given reflectance at normal incidence."""
     root = float(np.sqrt(reflected))
     return min((1.0 + root) / (1.0 - root), _MAX_IOR) if root < 1 else _MAX_IOR

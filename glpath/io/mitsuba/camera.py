@@ -1,4 +1,4 @@
-"""Mitsuba's sensor and film as a camera: y up and +z ahead in its frame, +x to the left of the picture."""
+"""Reader of Mitsuba's sensor and film. Its camera frame has y up, +z ahead and +x to the left of the image."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ _KINDS = dict.fromkeys(("perspective", "thinlens", "orthographic"))
 _FILMS = dict.fromkeys(("hdrfilm",))
 _AXES = ("x", "y", "diagonal", "smaller", "larger")
 _LENGTH = re.compile(r"\s*([0-9.]+)\s*mm\s*")
-# Of the frames of 35 mm film, 24 x 36, that a focal length is of.
+# Diagonal of a 35 mm film frame, 24 x 36 mm, to which focal lengths refer.
 _DIAGONAL = float(np.hypot(24.0, 36.0))
 _RESOLUTION = (768, 576)
-# Depth of a near plane, as a fraction of the scene's size, up to which it cuts off nothing that matters.
+# Maximum depth of a near plane, as a fraction of the scene's size, that cuts off nothing relevant.
 _NEGLIGIBLE = 1e-2
 
 
 class Clips(NamedTuple):
-    """Depths along the view axis, scene units, between which Mitsuba's camera sees."""
+    """Near and far clipping depths of Mitsuba's camera along the view axis, scene units."""
 
     near: float = 1e-2
     far: float = 1e4
 
 
 def clipping_notes(clips: Clips, camera: Camera, lower: Float64, upper: Float64) -> list[str]:
-    """Sentences about planes that cut off a part of the scene's box in Mitsuba. lower, upper: (3,) of the box."""
+    """Return notes on clipping planes that cut off a part of the scene in Mitsuba.
+
+    lower, upper : (3,) corners of the scene's bounding box
+    """
     corners = np.stack(np.meshgrid(*np.transpose([lower, upper]), indexing="ij"), axis=-1).reshape(-1, 3)
     axis = (camera.target - camera.position) / np.linalg.norm(camera.target - camera.position)
     depths = (corners - camera.position) @ axis
@@ -48,7 +51,7 @@ def clipping_notes(clips: Clips, camera: Camera, lower: Float64, upper: Float64)
 
 
 def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
-    """Return the camera of a sensor, and the clipping planes, which it lacks. Raises SceneError."""
+    """Return the camera of a sensor, and its clipping depths, which a `Camera` lacks. Raises SceneError."""
     if plugin.kind not in _KINDS:
         raise error_of_kind(plugin.element, "a sensor", _KINDS)
     width, height = _film(plugin)
@@ -64,11 +67,11 @@ def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
             "shears the picture.", "Give a lookat, or rotations and a translation."
         )
     for name in ("shutter_open", "shutter_close"):
-        plugin.number(name, 0.0, 0.0)  # nothing moves
+        plugin.number(name, 0.0, 0.0)  # unused, because nothing moves
     clips = Clips(*(plugin.number(f"{side}_clip", default, 0.0) for side, default in Clips()._asdict().items()))
     position, forward = world[:3, 3], axes[:, 2]
     camera = Camera(position, position + forward, axes[:, 1], 40.0, (width, height))
-    if plugin.kind == "orthographic":  # of a picture that is 2 wide before its transform
+    if plugin.kind == "orthographic":  # the image is 2 wide before its transform
         across, up = np.linalg.norm(world[:3, :2], axis=0).tolist()
         aspect = 1.0 if np.isclose(across, up, rtol=1e-9) else across / up
         camera = replace(camera, projection="orthographic", height=2.0 * up * height / width, pixel_aspect=aspect)
@@ -83,15 +86,15 @@ def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
             focus_distance=plugin.number("focus_distance", 1.0, 1e-12),
         )
     else:
-        plugin.number("focus_distance", 1.0)  # which all of Mitsuba's cameras have, and no pinhole needs
+        plugin.number("focus_distance", 1.0)  # all of Mitsuba's cameras have it; a pinhole ignores it
     if plugin.nested("sampler"):
-        pass  # how many samples, and which, is asked of `glpath render`
+        pass  # samples are options of `glpath render`
     plugin.check_all_read()
     return camera, clips
 
 
 def _film(plugin: Plugin) -> tuple[int, int]:
-    """(width, height). Its filter, file and format of pixels are none of the scene's."""
+    """Return (width, height). The film's filter, file and pixel format are not part of the scene."""
     films = plugin.nested("film")
     if not films:
         return _RESOLUTION
@@ -117,7 +120,7 @@ def _film(plugin: Plugin) -> tuple[int, int]:
 
 
 def _vertical(plugin: Plugin, width: int, height: int) -> float:
-    """The vertical field of view, degrees."""
+    """Return the vertical field of view, degrees."""
     given = plugin.text("focal_length")
     axis = plugin.text("fov_axis", "x", _AXES)
     if given:

@@ -1,6 +1,6 @@
-"""Mitsuba's XML as a tree of elements, each with its line [expat]; parameters, includes and references resolved.
+"""Mitsuba's XML as a tree of elements with their lines [expat]; parameters, includes and references are resolved.
 
-Files with a document type are refused, so that entities cannot grow without end.
+Files with a document type are refused, so that entities cannot expand without limit.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 
-_DEEPEST = 15  # includes in each other, as in Mitsuba
-_NESTED = 100  # elements in each other
-# Of a scene with all that it includes: elements, files, bytes of text, and bytes that values put for `$name`.
+_DEEPEST = 15  # maximum depth of nested includes, as in Mitsuba
+_NESTED = 100  # maximum depth of nested elements
+# Limits of a scene with its includes: elements, files, and bytes that values substitute for `$name`.
 _MAX_ELEMENTS, _MAX_FILES, _MAX_VALUES = 2**19, 2**10, 2**22
-# Plugins in each other by `<ref>`s. Two in each of them are twice as many with each step.
+# Maximum depth of plugins nested by `<ref>`s. With two in each plugin, their number doubles with each level.
 _MAX_REFERENCES = 16
 _DOLLAR = re.compile(r"\$(\w+)")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
-# Names of Mitsuba 0.x that are no camel case of today's.
+# Names of Mitsuba 0.x that are not simply today's names in camel case.
 _RENAMED = {"lookAt": "lookat"}
 
 
 @dataclass(eq=False)
 class Element:
-    """An element: its tag, attributes, children, and where the files are that it names.
+    """Element: its tag, attributes, children, and the folders of the files that it names.
 
-    folder   : of its file, where relative paths start
-    searched : further folders, for what is not there: that of the scene, and those of its `<path>`s
+    folder   : folder of its file, where relative paths start
+    searched : further folders for files missing there: the scene's folder and the folders of its `<path>`s
     """
 
     tag: str
@@ -51,12 +51,12 @@ class Element:
         return self.attributes.get("name", "")
 
     def file(self, name: str) -> Path:
-        """Where a file is that it names; in its own folder where there is none."""
+        """Return the path of a file that the element names; in its own folder if the file does not exist."""
         found = (folder / name for folder in (self.folder, *self.searched))
         return next((path for path in found if os.path.exists(path)), self.folder / name)
 
     def attribute(self, name: str) -> str:
-        """The value of an attribute that must be there. Raises SceneError."""
+        """Return the value of a required attribute. Raises SceneError."""
         if name not in self.attributes:
             found = ", ".join(self.attributes) or "none"
             raise self.location.error(f"lacks the attribute `{name}`. It has: {found}.")
@@ -65,11 +65,11 @@ class Element:
 
 @dataclass
 class Document:
-    """A scene file with all that it includes.
+    """Scene file with all its includes.
 
     root       : the element <scene>
     identified : elements by their id
-    defaults   : `<default>`s, in order, as text; None for a parameter that is used before it has one
+    defaults   : `<default>`s, in order, as text; None for a parameter that is used before it has a default
     """
 
     root: Element
@@ -81,9 +81,9 @@ class Document:
         return any(child.tag == "sensor" for child in self.root.children)
 
     def resolved(self, element: Element, depth: int = 0) -> Element:
-        """The element that a `<ref>` is to; itself of any other. Raises SceneError.
+        """Return the element to which a `<ref>` refers; any other element itself. Raises SceneError.
 
-        depth : number of plugins that it lies in
+        depth : number of plugins around it
         """
         if depth > _MAX_REFERENCES:
             raise element.location.error(
@@ -107,12 +107,12 @@ class Document:
 def read_document(
     path: Path, parameters: Mapping[str, object], *, complete: bool = True, others: Collection[str] = ()
 ) -> Document:
-    """The document of a file. Raises SceneError, also for parameters that the file does not have.
+    """Read the document of a file. Raises SceneError, also for parameters that the file does not have.
 
-    parameters : stand for the values of its `<default>`s, and for `$name` without one
-    complete   : raise SceneError for a `$name` without a value and for unknown parameters; otherwise such a
+    parameters : values that replace the file's `<default>`s, and values for `$name` without a default
+    complete   : True raises SceneError for a `$name` without a value and for unknown parameters; otherwise such a
                  value is empty text
-    others     : names of parameters that the file may have or not
+    others     : names of optional parameters, which the file need not have
     """
     reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
     root = reader.read(path, SourceLocation(str(path)), 0, 0)
@@ -132,7 +132,10 @@ def read_document(
 
 
 class _Reader:
-    """Reads a file and its includes in document order: a `<default>`, `<path>` or `<alias>` holds from there on."""
+    """Reader of a file and its includes in document order.
+
+    A `<default>`, `<path>` or `<alias>` applies to all that follows it.
+    """
 
     def __init__(self, given: Mapping[str, str], searched: list[Path], complete: bool) -> None:
         self._searched = searched
@@ -144,9 +147,10 @@ class _Reader:
         self._files = self._bytes = self._elements = self._substituted = 0
 
     def read(self, path: Path, location: SourceLocation, depth: int, nested: int) -> Element:
-        """The root element of a file; `location` is where it is named.
+        """Return the root element of a file.
 
-        depth, nested : number of files and of elements that it lies in
+        location      : location that names the file
+        depth, nested : number of files and of elements around it
         """
         if depth > _DEEPEST:
             raise location.error(f"includes files in each other, more than {_DEEPEST} deep.", "Is it a circle?")
@@ -169,7 +173,7 @@ class _Reader:
         return root
 
     def _resolve(self, element: Element, depth: int, nested: int) -> None:
-        """Substitute `$name` in an element, register its id, then do the same for its children in order.
+        """Resolve an element: substitute `$name`, register its id, then resolve its children in order.
 
         Includes are replaced by their content.
         """
@@ -210,7 +214,7 @@ class _Reader:
         element.children = children
 
     def _search(self, element: Element) -> None:
-        """Add the folder of a `<path>`: in the folder of its own file, or in that of the scene."""
+        """Add the folder of a `<path>`, relative to the folder of its own file or of the scene."""
         folders = [folder / element.attribute("value") for folder in (element.folder, self._scene_folder)]
         found = [folder for folder in folders if os.path.isdir(folder)]
         if not found:
@@ -221,7 +225,7 @@ class _Reader:
         self._searched.append(found[0])
 
     def _value(self, name: str, element: Element) -> str:
-        # As Mitsuba has it: the longest name that is known, so that `$widthpx` may be `$width` and px.
+        # As in Mitsuba, the longest known name counts, so `$widthpx` may be `$width` and px.
         for end in range(min(len(name), max(map(len, self._values), default=0)), 0, -1):
             if name[:end] in self._values:
                 self.defaults.setdefault(name[:end], None)
@@ -242,7 +246,7 @@ class _Reader:
         )
 
     def _parsed(self, content: bytes, path: Path, nested: int) -> Element:
-        """The root of a file's elements."""
+        """Parse a file and return its root element."""
         parser = expat.ParserCreate()
         stack: list[Element] = []
         roots: list[Element] = []
@@ -273,14 +277,14 @@ class _Reader:
         except expat.ExpatError as error:
             location = SourceLocation(str(path), f"line {error.lineno}, column {error.offset + 1}")
             raise location.error(f"is not XML: {expat.errors.messages[error.code]}.") from error
-        except (LookupError, ValueError) as error:  # of the encoding that the file says it has
+        except (LookupError, ValueError) as error:  # raised for the declared encoding
             location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
             raise location.error(f"has an encoding that is not read: {error}.", "Write it as UTF-8.") from error
         return roots[0]
 
 
 def _check_old_names(root: Element) -> None:
-    """Scenes of Mitsuba 0.x have names in camel case: toWorld is to_world today, intIOR int_ior."""
+    """Convert the camel-case names of Mitsuba 0.x, in place: toWorld becomes to_world, intIOR int_ior."""
     version = root.attributes.get("version", "3.0.0")
     found = _VERSION.match(version)
     if found is None:
@@ -299,7 +303,7 @@ def _walk(element: Element) -> Iterator[Element]:
 
 
 def error_of_kind(element: Element, what: str, allowed: Mapping[str, object], remedy: str = "") -> SceneError:
-    """The error for a plugin of a type that is not read."""
+    """Return the error for a plugin of an unsupported type."""
     kind = element.attributes.get("type", "")
     near = difflib.get_close_matches(kind, allowed, 1)
     return element.location.error(

@@ -1,4 +1,4 @@
-"""Mitsuba's emitters that no shape has: points, spots, parallel light, and what shines from all around."""
+"""Reader of Mitsuba's emitters without a shape: points, spots, directional lights and environments."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from glpath.scene.geometry import Float64
 from glpath.scene.model import Environment, Light, Sky
 
 _KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap", "sunsky"))
-# How much of the cone's angle full light may be short of its end before it is noted.
+# Minimum ratio of the beam width to the cone's cutoff angle without a note on the falloff.
 _SHARP = 0.999
-# Rows of a map from which half a row is not seen.
+# Minimum rows of a map in which a shift by half a row is invisible.
 _SMALL = 1100
-# Rows of a stretched map that are made at once, to save memory.
+# Rows of a stretched map that are computed at once, to save memory.
 _ROWS_AT_ONCE = 64
 
 
 @dataclass
 class Emitters:
-    """The lights of a scene, and its sky.
+    """Lights of a scene, and its sky.
 
-    notes : what of them is not as in Mitsuba, as sentences without a full stop
+    notes : differences from Mitsuba, as sentences without a full stop
     """
 
     lights: list[Light] = field(default_factory=list)
@@ -41,7 +41,7 @@ class Emitters:
     notes: dict[str, None] = field(default_factory=dict)
 
     def add(self, plugin: Plugin) -> None:
-        """Take in an emitter of the scene. Raises SceneError."""
+        """Add an emitter of the scene. Raises SceneError."""
         if plugin.kind not in _KINDS:
             remedy = "An area light stands in its shape." if plugin.kind == "area" else ""
             raise error_of_kind(plugin.element, "a light", _KINDS, remedy)
@@ -100,12 +100,12 @@ def _constant(plugin: Plugin) -> Sky:
 
 
 def _environment(plugin: Plugin) -> Environment:
-    """An environment map. Mitsuba's frame has y up and the middle of the picture towards +z."""
+    """Return an environment map. Mitsuba's frame has y up and the image centre towards +z."""
     where = plugin.where("filename")
     path = plugin.element.file(plugin.text("filename"))
     scale, world = plugin.number("scale", 1.0, 0.0), plugin.transform("to_world")
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_image)
-    plugin.flag("mis_compensation", False)  # which light is sampled most, not what it is
+    plugin.flag("mis_compensation", False)  # only affects sampling, not the radiance
     image = np.maximum(stored[..., :3], 0.0).astype(np.float32)
     map_from_world = plugin.inverse_transform("to_world")[:3, :3]
     if not np.allclose(map_from_world @ map_from_world.T, np.eye(3), atol=1e-5):
@@ -126,12 +126,11 @@ _SKIES: dict[str, Callable[[Plugin], Sky | Environment]] = {
 
 
 def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The rows of a map at the middles of equal steps of the angle from up.
+    """Return the rows of a map at the centres of equal steps of the polar angle.
 
-    Mitsuba takes its first row as straight up and its last as straight down. A map of `glpath export` has rows
-    between that are the means of their neighbours, so that it is read as it was. Small maps get so many rows that
-    interpolation between these hardly changes them; of large ones each row is half a step off at the most, and is
-    left.
+    Mitsuba takes its first row as exactly up and its last as exactly down. `glpath export` writes maps whose even
+    rows are means of their neighbours, so such a map is read back unchanged. A small map gets enough rows that
+    interpolation hardly changes it. A row of a large map is off by at most half a step, which is accepted.
     """
     height = image.shape[0]
     if height < 2 or height >= _SMALL:
@@ -146,10 +145,9 @@ def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _stretched(image: NDArray[np.float32], map_from_world: Float64) -> NDArray[np.float32]:
-    """The map as Mitsuba shows it through a linear map (3, 3) that is no rotation, in a frame with y up.
+    """Return the map as Mitsuba shows it through a linear map (3, 3) that is no rotation, in a frame with y up.
 
-    Mitsuba takes the arc cosine of the y of a direction that it brings into the frame of the map, however long that
-    direction is then.
+    Mitsuba takes the arc cosine of y of the direction in the frame of the map without normalising the direction.
     """
     height = image.shape[0]
     rows = max(height, min(2 * height, 2048), 512)
@@ -161,7 +159,11 @@ def _stretched(image: NDArray[np.float32], map_from_world: Float64) -> NDArray[n
 def _stretched_rows(
     image: NDArray[np.float32], map_from_world: Float64, theta: Float64, rows: int
 ) -> NDArray[np.float32]:
-    """Rows of a stretched map of so many `rows`. theta: (n, 1) angles of rows from up."""
+    """Return some rows of a stretched map.
+
+    theta : (n, 1) polar angles of the rows, from up
+    rows  : number of rows of the whole map
+    """
     height, width = image.shape[:2]
     phi = np.pi * (np.arange(2 * rows) + 0.5) / rows
     parts = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))

@@ -1,4 +1,4 @@
-"""The scene of a file of Mitsuba's."""
+"""Assembly of a scene from an XML file of Mitsuba."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from glpath.scene.check import check_camera
 from glpath.scene.model import Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 
-# Definitions, read where something refers to them; and how to render, which is asked of `glpath render`.
+# Skipped tags: definitions, which are read through references, and render settings, which `glpath render` has.
 _ASIDE = ("bsdf", "texture", "medium", "integrator", "film", "sampler", "rfilter", "spectrum")
 
 
 def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> Scene:
-    """The scene of an XML file of Mitsuba's; see `glpath.io.mitsuba`.
+    """Read the scene of an XML file of Mitsuba; see `glpath.io.mitsuba`.
 
-    parameters : stand for the values of the file's `<default>`s; `up`, if the file has none of that name, is the
-                 axis that is up for the camera that is set if the file has no sensor
+    parameters : values that replace the file's `<default>`s. `up`, if the file has no parameter of that name, is
+                 the up axis for the camera that replaces a missing sensor
 
-    Raises SceneError, with the line, for what is not read. Warns of what is not as in Mitsuba, and of what stands
-    in for a camera or light that the file does not have.
+    Raises SceneError, with the line, for unsupported contents. Warns of differences from Mitsuba, and of the camera
+    or light that replaces a missing one.
     """
     location = SourceLocation(str(path))
     given = dict(parameters or {})
@@ -52,7 +52,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         if element.tag == "shape":
             reader.add(Plugin(element, document))
         elif element.tag == "emitter" and element.attributes.get("type") == "area" and element.attributes.get("id"):
-            continue  # a definition, for the shapes that refer to it
+            continue  # a definition to which shapes refer
         elif element.tag == "emitter":
             emitters.add(Plugin(element, document))
         elif element.tag == "sensor" and camera is None:

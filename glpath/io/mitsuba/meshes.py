@@ -1,6 +1,7 @@
-"""The meshes of Mitsuba's shapes: files, and the squares, cubes and disks that it knows by name.
+"""Meshes of Mitsuba's shapes: files, and its built-in rectangles, cubes, disks and cylinders.
 
-As Mitsuba does, smooth normals are made for files without, unless `face_normals`. v is turned upwards.
+As in Mitsuba, files without normals get smooth normals, unless `face_normals` is set. v is flipped to point
+upwards.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
 from glpath.system.files import read_bytes, reason_of
 
-_SEGMENTS = 128  # of a disk or a cylinder
-# Of a cube's faces the corners where uv is (0, 1), (1, 1), (1, 0) and (0, 0), v downwards.
+_SEGMENTS = 128  # around a disk or a cylinder
+# Corners of each face of a cube with uv (0, 1), (1, 1), (1, 0) and (0, 0), v downwards.
 _CUBE = np.array(
     [
         [(1, -1, -1), (1, -1, 1), (-1, -1, 1), (-1, -1, -1)],
@@ -41,20 +42,20 @@ _CUBE = np.array(
 ).reshape(24, 3)
 _CUBE_UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
 _CUBE_FACES = np.concatenate([np.array([(0, 1, 2), (3, 0, 2)], np.int32) + 4 * face for face in range(6)])
-# Colours up to this value are 1, but for rounding.
+# Colours up to this value exceed 1 only by rounding.
 _MAX_REFLECTANCE = 1.0 + 1e-6
 _SERIALIZED = 0x041C
-# Bytes that hold the flags, the name and the counts of a mesh; and to how many bytes a mesh may unfold in any case,
-# and for each byte of the file. Meshes of surfaces are packed to a half or a tenth.
+# Bytes that contain the flags, the name and the counts of a mesh. Unpacked size in bytes that is always allowed,
+# and allowed unpacked bytes per byte of the file. Meshes of surfaces are packed to between a half and a tenth.
 _SERIALIZED_HEAD, _SERIALIZED_SMALL, _SERIALIZED_RATIO = 4096, 2**24, 32
 
 
 def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh, bool]:
-    """Return the mesh of an OBJ, PLY or serialized file, and True if it has normals of the file.
+    """Return the mesh of an OBJ, PLY or serialized file, and True if the file has normals.
 
     Raises SceneError.
 
-    attribute : whose colours it has, and must have in its file, such as vertex_color or face_color
+    attribute : attribute in the file that supplies the colours, such as vertex_color or face_color; empty for none
     """
     name = plugin.text("filename")
     where = plugin.where("filename")
@@ -68,7 +69,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
     else:
         if path.suffix.lower() != suffix:
             raise where.error(f"names {name}, but must be a file that ends in {suffix}.")
-        # Materials in it are not used, in Mitsuba neither.
+        # Materials in the file are ignored, as in Mitsuba.
         file = read_mesh_file(path, where, colours=False)
         stored = file.ply
         mesh = Mesh.joined(_alike(file.meshes))
@@ -96,7 +97,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
 
 
 def _alike(meshes: list[Mesh]) -> list[Mesh]:
-    """Return the meshes, all of them with texture coordinates if any has some: NaN for those that lack them."""
+    """Return the meshes, all with texture coordinates if any mesh has some: NaN for missing ones."""
     if all(mesh.uv is None for mesh in meshes):
         return meshes
     return [
@@ -105,13 +106,13 @@ def _alike(meshes: list[Mesh]) -> list[Mesh]:
 
 
 def with_uv_of_triangles(mesh: Mesh) -> Mesh:
-    """A mesh with Mitsuba's texture coordinates for meshes without: each triangle has (0, 0), (1, 0) and (0, 1)."""
+    """Return a mesh with Mitsuba's default texture coordinates: each triangle has (0, 0), (1, 0) and (0, 1)."""
     apart = mesh.unshared()
     return replace(apart, uv=v_downwards(np.tile([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], (len(mesh.faces), 1))))
 
 
 def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:
-    """Scene units of one u and of one v: means over the area of a mesh; 1 without texture coordinates."""
+    """Return the scene units per u and per v, area-weighted means over a mesh; 1 without texture coordinates."""
     if mesh.uv is None:
         return 1.0, 1.0
     corners = placed(mesh.vertices, world_from_mesh)[mesh.faces]
@@ -127,17 +128,20 @@ def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:
 
 
 def rectangle() -> Mesh:
-    """From -1 to 1 in x and y, its front towards +z."""
+    """Return a square from -1 to 1 in x and y, its front towards +z."""
     return _v_down(quad_mesh([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]))
 
 
 def cube() -> Mesh:
-    """From -1 to 1 in x, y and z, fronts outward."""
+    """Return a cube from -1 to 1 in x, y and z, fronts outward."""
     return Mesh(_CUBE, _CUBE_FACES, uv=v_downwards(np.tile(_CUBE_UV, (6, 1))))
 
 
 def disk() -> Mesh:
-    """Of radius 1 in x and y, its front towards +z: a polygon of the same area. u is the radius, v the angle."""
+    """Return a disk of radius 1 in x and y, its front towards +z, as a polygon of equal area.
+
+    u is the radius, v the angle.
+    """
     turn = 2.0 * np.pi / _SEGMENTS
     angles = turn * np.arange(_SEGMENTS + 1)
     radius = np.sqrt(turn / np.sin(turn))
@@ -153,7 +157,7 @@ def disk() -> Mesh:
 
 
 def cylinder(start: Float64, end: Float64, radius: float) -> Mesh:
-    """A tube from one point to another without caps, its front outside. u is the angle, v runs along it."""
+    """Return a tube between two points without caps, its front outside. u is the angle, v runs along it."""
     angles = 2.0 * np.pi * np.arange(_SEGMENTS + 1) / _SEGMENTS
     axis = end - start
     length = float(np.linalg.norm(axis))
@@ -164,7 +168,7 @@ def cylinder(start: Float64, end: Float64, radius: float) -> Mesh:
     b = x * y * a
     frame = np.array([[sign * x * x * a + 1.0, sign * b, -sign * x], [b, y * y * a + sign, -y]])
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ frame
-    # The polygon has the mean radius of the circle, so that the tube is as wide in the mean.
+    # The mean radius of the polygon is the radius of the circle.
     rim = radius * (np.pi / _SEGMENTS) / np.sin(np.pi / _SEGMENTS) * normals
     u = np.arange(_SEGMENTS + 1) / _SEGMENTS
     uv = np.concatenate([np.stack([u, np.full_like(u, v)], axis=1) for v in (0.0, 1.0)])
@@ -176,7 +180,7 @@ def cylinder(start: Float64, end: Float64, radius: float) -> Mesh:
 
 
 def smooth_normals(mesh: Mesh) -> Float64:
-    """(V, 3) unit: the mean of the faces' normals about each vertex, by their angles there."""
+    """Return (V, 3) unit normals: means of the face normals around each vertex, weighted by angle."""
     corners = mesh.vertices[mesh.faces]
     normals = unit_normals(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     total = np.zeros_like(mesh.vertices)
@@ -193,12 +197,13 @@ def _v_down(mesh: Mesh) -> Mesh:
 
 
 def _ply_attribute(stored: PlyMesh, attribute: str, source: str) -> Float64 | None:
-    """(N, 3) of the vertices or triangles: NAME_0 to NAME_2, NAME_0 alone, or r, g and b; None without.
+    """Return the (N, 3) colours of the vertices or triangles, or None.
 
-    Integers are fractions of white in sRGB, as Mitsuba reads those of 16 bits. Warns of colours below 0 or above 1.
+    The columns are NAME_0 to NAME_2, NAME_0 alone, or r, g and b. Integers are fractions of white in sRGB, as in
+    Mitsuba for 16 bits. Warns of colours below 0 or above 1.
 
     attribute : vertex_NAME or face_NAME
-    source    : the file, for warnings
+    source    : name of the file, for warnings
     """
     element, _, stem = attribute.lower().partition("_")
     rows = stored.faces if element == "face" else stored.vertices
@@ -213,7 +218,7 @@ def _ply_attribute(stored: PlyMesh, attribute: str, source: str) -> Float64 | No
 
 
 def _reflectances(colours: Float64, source: str) -> Float64:
-    """Return colours (N, 3) of 0 to 1. Those that are negative or not finite become white. Warns of them."""
+    """Return colours (N, 3) in [0, 1]; negative or non-finite colours become white. Warns of them."""
     broken = ~np.asarray((np.isfinite(colours) & (colours >= 0)).all(axis=1))
     bright = ~broken & (colours > _MAX_REFLECTANCE).any(axis=1)
     counts = {
@@ -225,7 +230,7 @@ def _reflectances(colours: Float64, source: str) -> Float64:
 
 
 def _serialized(plugin: Plugin, path: Path) -> Mesh:
-    """One of the meshes of Mitsuba's own format, `shape_index`. Raises SceneError."""
+    """Return the mesh `shape_index` of a file in Mitsuba's own format. Raises SceneError."""
     where, index = plugin.where("filename"), plugin.whole("shape_index", 0)
     try:
         content = read_bytes(path)
@@ -249,10 +254,10 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
 
 
 def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
-    """The mesh of a packed stream: flags, name, counts, then arrays one after the other.
+    """Return the mesh of a packed stream: flags, name, counts, then the arrays in sequence.
 
-    unpack : decompressor of zlib; no more is unpacked than the counts ask for
-    source : the file, for warnings
+    unpack : decompressor of zlib; it unpacks at most the bytes that follow from the counts
+    source : name of the file, for warnings
     """
     data = unpack.decompress(packed, _SERIALIZED_HEAD)
     (flags,) = struct.unpack("<I", data[:4])
@@ -279,7 +284,7 @@ def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
     normals = as_float64(array(number, vertex_count, 3)) if flags & 0x0001 else None
     uv = as_float64(array(number, vertex_count, 2)) if flags & 0x0002 else None
     if flags & 0x0008:
-        array(number, vertex_count, 3)  # colours, of no use without a name
+        array(number, vertex_count, 3)  # colours, unusable without a name
     faces = array("<u8" if vertex_count > 0xFFFFFFFF else "<u4", face_count, 3)
     if not face_count or faces.max() >= vertex_count:
         raise ValueError("its faces name vertices that it does not have")
@@ -287,7 +292,7 @@ def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
 
 
 def _finite(mesh: Mesh, source: str) -> Mesh:
-    """Return a mesh with unit normals, without what is not finite. Warns of it."""
+    """Return a mesh with unit normals, without values that are not finite. Warns of them."""
     left_out: dict[str, int] = {}
     uv = None if mesh.uv is None else finite_rows(mesh.uv, "texture coordinates", left_out)
     normals = None if mesh.normals is None else unit_normals(finite_rows(mesh.normals, "normals", left_out))

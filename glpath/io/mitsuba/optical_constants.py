@@ -1,11 +1,11 @@
-"""Indices of refraction of dielectrics and metals, by the names that Mitsuba has for them.
+"""Indices of refraction of dielectrics and metals, by their names in Mitsuba.
 
-Source: the tables of Mitsuba 3.9 in its RGB modes, which clip what is negative.
+Source: tables of Mitsuba 3.9 in its RGB modes, which clip negative values.
 """
 
 from __future__ import annotations
 
-#: Relative to vacuum.
+#: Indices of refraction relative to vacuum.
 INDICES = {
     "vacuum": 1.0,
     "helium": 1.000036,
@@ -31,7 +31,8 @@ INDICES = {
     "pet": 1.575,
     "diamond": 2.419,
 }
-#: n and k of each channel, linear Rec. 709. A name of which "_palik" is the end may be without it.
+#: Real part n and absorption k of the index for each channel, linear Rec. 709. The ending "_palik" of a name is
+#: optional.
 METALS = {
     "a-C": ((2.944, 2.2271, 1.9682), (0.88746, 0.7993, 0.81529)),
     "Ag": ((0.15528, 0.11673, 0.13839), (4.8284, 3.1222, 2.1469)),

@@ -1,4 +1,4 @@
-"""A plugin's parameters, with types and locations: what is asked for is read, what is left over is refused."""
+"""Parameters of a plugin, with types and locations: parameters are read by name, and unread ones are refused."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from glpath.system.numerals import real
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
-#: Linear Rec. 709 of light that is alike at all wavelengths, which a light's `<spectrum>` of one number is.
+#: Linear Rec. 709 of light with equal energy at all wavelengths; a light's `<spectrum>` with one number means this.
 EQUAL_ENERGY = np.array([1.204795, 0.948289, 0.908916])
-#: Types of a `<spectrum>`.
+#: Allowed types of a `<spectrum>`.
 _SPECTRA = dict.fromkeys(("d65", "blackbody", "uniform", "srgb", "regular", "irregular"))
 _PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector", "transform")
 
 
 class Plugin:
-    """One plugin. Its parameters are asked for by name; `check_all_read` refuses the others."""
+    """Plugin whose parameters are read by name; `check_all_read` refuses the others."""
 
     def __init__(self, element: Element, document: Document, depth: int = 0) -> None:
         self.element, self.document, self._depth = element, document, depth
@@ -60,13 +60,13 @@ class Plugin:
         return name in self._properties or any(each == name for each, _ in self._nested)
 
     def nested(self, tag: str, name: str = "") -> list[Plugin]:
-        """The plugins of a tag in it, in order; with a name, those alone that have it."""
+        """Return the nested plugins of a tag, in order; with a name, only those of that name."""
         found = [each for each in self._nested if each[1].tag == tag and (not name or each[0] == name)]
         self._nested = [each for each in self._nested if each not in found]
         return [Plugin(element, self.document, self._depth + 1) for _, element in found]
 
     def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
-        """A number from `low` to `high`. Raises SceneError."""
+        """Return a number from `low` to `high`. Raises SceneError."""
         child = self._take(name, ("float", "integer"))
         if child is None:
             return default
@@ -98,16 +98,16 @@ class Plugin:
         return value
 
     def where(self, name: str) -> SourceLocation:
-        """The location of a parameter, or of the plugin."""
+        """Return the location of a parameter; the plugin's location if it is missing."""
         return self._properties[name].location if name in self._properties else self.location
 
     def kind_of(self, name: str) -> str:
-        """The tag of a property; empty where it is not given."""
+        """Return the tag of a property; empty if it is missing."""
         self._asked[name] = None
         return self._properties[name].tag if name in self._properties else ""
 
     def colour(self, name: str, default: float, *, light: bool = False) -> Float64:
-        """(3,) linear Rec. 709, 0 or more. light: of a light, not of a reflectance."""
+        """Return (3,) linear Rec. 709, 0 or more. light: True for a light, False for a reflectance."""
         child = self._take(name, ("rgb", "spectrum", "float"))
         if child is None:
             return np.full(3, default)
@@ -124,10 +124,10 @@ class Plugin:
         return colour * EQUAL_ENERGY if light and child.tag == "spectrum" else colour
 
     def share(self, name: str, default: float) -> Float64:
-        """A colour of which no channel is above 1. Raises SceneError."""
+        """Return a colour whose channels are at most 1. Raises SceneError."""
         colour = self.colour(name, default)
         if self.kind_of(name) == "spectrum":
-            return np.minimum(colour, 1.0)  # as Mitsuba does with colours outside of the gamut
+            return np.minimum(colour, 1.0)  # as in Mitsuba for colours outside the gamut
         if np.any(colour > 1):
             raise self.where(name).error(
                 f"is {shown(colour)}, but must be between 0 and 1.", "A surface reflects at most what it receives."
@@ -135,19 +135,19 @@ class Plugin:
         return colour
 
     def fraction(self, name: str, default: float) -> float:
-        """A number from 0 to 1; the mean of a colour, as Mitsuba takes it. Raises SceneError."""
+        """Return a number from 0 to 1, or the mean of a colour, as in Mitsuba. Raises SceneError."""
         if self.kind_of(name) in ("rgb", "spectrum"):
             return float(self.share(name, default).mean())
         return self.number(name, default, 0.0, 1.0)
 
     def texture(self, name: str) -> Plugin | None:
-        """The texture that a parameter is; None where it is not one."""
+        """Return the texture of a parameter; None if it has no texture."""
         self._asked[name] = None
         found = self.nested("texture", name)
         return found[0] if found else None
 
     def numbers(self, name: str) -> list[float]:
-        """Numbers of a text, apart by commas or spaces; at least one. Raises SceneError."""
+        """Return the numbers of a text, separated by commas or spaces, at least one. Raises SceneError."""
         text = self.text(name)
         try:
             values = [real(word) for word in text.replace(",", " ").split()]
@@ -158,7 +158,7 @@ class Plugin:
         return values
 
     def vector(self, name: str, default: Sequence[float] | None = None) -> Float64:
-        """(3,) of a point or a vector; one that must be there without a default."""
+        """Return (3,) of a point or a vector. Without a default it is required."""
         child = self._take(name, ("point", "vector"))
         if child is None:
             if default is None:
@@ -167,7 +167,10 @@ class Plugin:
         return _vector(child, 0.0)
 
     def transform(self, name: str) -> Float64:
-        """(4, 4) for column vectors: all steps, the first one applied first. Raises SceneError."""
+        """Return the (4, 4) product of all steps for column vectors. Raises SceneError.
+
+        The first step is applied first.
+        """
         child = self._take(name, ("transform",))
         matrix = np.eye(4)
         for step in child.children if child is not None else ():
@@ -180,7 +183,10 @@ class Plugin:
         return matrix
 
     def inverse_transform(self, name: str) -> Float64:
-        """(4, 4): the inverse as Mitsuba has it, which transposes rotations even about an axis that is not unit."""
+        """Return the (4, 4) inverse as in Mitsuba.
+
+        It transposes rotations, even if their axis is no unit vector.
+        """
         child, matrix = self._take(name, ("transform",)), np.eye(4)
         for step in child.children if child is not None else ():
             moved = _step(step)
@@ -188,7 +194,7 @@ class Plugin:
         return matrix
 
     def refuse_unless(self, name: str, value: float, why: str) -> None:
-        """Raise SceneError where a number is given that is not `value`, the only one that is read."""
+        """Raise SceneError if a number is given that is not `value`, the only supported one."""
         if self.texture(name) is not None:
             raise self.location.error(f"has a texture for `{name}`, which is not read: {why}.", "Leave it out.")
         found = self.colour(name, value) if self.kind_of(name) in ("rgb", "spectrum") else self.number(name, value)
@@ -198,7 +204,7 @@ class Plugin:
             )
 
     def check_all_read(self) -> None:
-        """Raise SceneError for a parameter or plugin in it that nobody asked for."""
+        """Raise SceneError for a parameter or nested plugin that was never read."""
         allowed = ", ".join(self._asked) or "none"
         for name, child in self._properties.items():
             if name not in self._asked:
@@ -227,7 +233,7 @@ class Plugin:
 
 
 def _spectrum_plugin(plugin: Plugin, light: bool) -> Float64:
-    """(3,) linear Rec. 709 of a `<spectrum type="...">`. Raises SceneError."""
+    """Return (3,) linear Rec. 709 of a `<spectrum type="...">`. Raises SceneError."""
     of_kind(plugin, _SPECTRA, "a spectrum")
     match plugin.kind:
         case "d65":
@@ -255,7 +261,7 @@ def _spectrum_plugin(plugin: Plugin, light: bool) -> Float64:
 
 
 def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
-    """Wavelengths in nm and values, of value="400:0.3, 500:0.7" or of the lines of a file. Raises SceneError."""
+    """Return wavelengths in nm and values, from value="400:0.3, 500:0.7" or a file's lines. Raises SceneError."""
     if "filename" in element.attributes:
         path = element.file(element.attributes["filename"])
         try:
@@ -287,7 +293,7 @@ def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
 
 
 def _check_wavelengths(wavelengths: Sequence[float], values: Sequence[float], location: SourceLocation) -> None:
-    """Raise SceneError unless the wavelengths ascend, each with a value of 0 or more."""
+    """Raise SceneError unless the wavelengths ascend and each has a value of at least 0."""
     if len(wavelengths) != len(values):
         raise location.error(f"has {len(wavelengths)} wavelengths, but {len(values)} values.")
     if not all(before < after for before, after in pairwise(wavelengths)):
@@ -302,7 +308,7 @@ def _an(tag: str) -> str:
 
 
 def _numbers(element: Element, attribute: str, counts: Sequence[int]) -> list[float]:
-    """Numbers of an attribute, apart by commas or spaces. Raises SceneError."""
+    """Return the numbers of an attribute, separated by commas or spaces. Raises SceneError."""
     text = element.attribute(attribute)
     try:
         values = [real(word) for word in text.replace(",", " ").split()]
@@ -329,7 +335,7 @@ def _checked(value: float, element: Element, low: float, high: float) -> float:
 
 
 def _vector(element: Element, default: float) -> Float64:
-    """(3,) of value="x, y, z", or of x, y and z."""
+    """Return (3,) from value="x, y, z", or from x, y and z."""
     if "value" in element.attributes:
         return np.array(np.broadcast_to(_numbers(element, "value", (1, 3)), 3), np.float64)
     return np.array(
@@ -338,7 +344,7 @@ def _vector(element: Element, default: float) -> Float64:
 
 
 def _step(step: Element) -> Float64:
-    """(4, 4) of one step of a transform."""
+    """Return the (4, 4) matrix of one step of a transform."""
     made = _STEPS.get(step.tag)
     if made is None:
         raise step.location.error(f"is no step of a transform. Allowed: {', '.join(_STEPS)}.")
@@ -361,7 +367,7 @@ def _rotate(step: Element) -> Float64:
         raise step.location.error("has an axis of length zero.", 'For example <rotate y="1" angle="30"/>.')
     (degrees,) = _numbers(step, "angle", (1,))
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    # Rodrigues' formula. Mitsuba does not normalize the axis, so another length than 1 also stretches.
+    # Rodrigues' formula. Mitsuba does not normalise the axis, so an axis of another length also scales.
     matrix = np.eye(4)
     matrix[:3, :3] = cosine * np.eye(3) + sine * np.cross(np.eye(3), axis) + (1.0 - cosine) * np.outer(axis, axis)
     return matrix
@@ -407,7 +413,7 @@ _STEPS = {
 
 
 def of_kind(plugin: Plugin, kinds: Mapping[str, object], what: str) -> None:
-    """Raise SceneError for a plugin of a type that is none of `kinds`."""
+    """Raise SceneError if the plugin's type is none of `kinds`."""
     from glpath.io.mitsuba.document import error_of_kind
 
     if plugin.kind not in kinds:

@@ -1,11 +1,11 @@
-"""Colours of Sionna's radio materials, which are no surfaces of light.
+"""Colours of Sionna's radio materials, which define no optical reflection.
 
-Source: Sionna 1.0, `ITURadioMaterial`, whose preview and renderer show them so; the names are ITU-R P.2040-3's.
+Source: Sionna 1.0, `ITURadioMaterial`, the colours of its preview and renderer; the names are from ITU-R P.2040-3.
 """
 
 from __future__ import annotations
 
-#: Linear Rec. 709, by the parameter `type`.
+#: Colour, linear Rec. 709, for each value of the parameter `type`.
 RADIO_COLOURS = {
     "marble": (0.701, 0.644, 0.485),
     "concrete": (0.539, 0.539, 0.539),

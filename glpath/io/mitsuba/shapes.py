@@ -1,4 +1,4 @@
-"""Mitsuba's shapes: where they stand, what they are of, and the light that they send."""
+"""Reader of Mitsuba's shapes: geometry, transforms, materials and area lights."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _MADE: dict[str, Callable[[], Mesh]] = {
     "disk": meshes.disk,
 }
 _KINDS = dict.fromkeys((*_FILES, *_MADE, "cylinder", "sphere", "instance", "shapegroup"))
-# Shapes whose fronts stay in front in a mirroring transform, because their normals tell the front. So do those of
-# instances and of files with normals. The fronts of other meshes follow the order of the corners.
+# Shapes whose fronts stay in front under a mirroring transform, because their normals define the front. The same
+# holds for instances and for files with normals. The fronts of other meshes follow the order of the corners.
 _OF_NORMALS = ("rectangle", "cube", "disk", "cylinder")
-# Difference between the axes of a sphere, as a fraction, above which it is an ellipsoid.
+# Relative difference of a sphere's axes above which it is an ellipsoid.
 _ELLIPSOID = 1e-4
 
 
 @dataclass
 class _Part:
-    """What a shape is of, before it stands anywhere."""
+    """Geometry, transform, material and emission of a shape before it is added to the scene."""
 
     geometry: Mesh | Literal["sphere"]
     world_from_object: Float64
@@ -48,7 +48,7 @@ class _Part:
 
 @dataclass
 class Reader:
-    """The shapes of a scene."""
+    """Shapes of a scene."""
 
     surfaces: Surfaces
     textures: Textures
@@ -63,7 +63,7 @@ class Reader:
     _names: set[str] = field(default_factory=set)
 
     def add(self, plugin: Plugin) -> None:
-        """Take in a shape of the scene. Raises SceneError."""
+        """Add a shape of the scene. Raises SceneError."""
         if plugin.kind not in _KINDS:
             raise error_of_kind(plugin.element, "a shape", _KINDS, _remedy(plugin.kind))
         if plugin.kind == "shapegroup":
@@ -76,7 +76,7 @@ class Reader:
                 self._put(name, part, plugin)
 
     def finish(self) -> None:
-        """Add the instances, each mesh with all of its maps."""
+        """Add the instances, each mesh once with all its transforms."""
         for (group, number, mirrored), own_maps in self._instances.items():
             name, part = self._groups[group][number]
             maps = np.stack([_composed(m, part.world_from_object) for m in own_maps])
@@ -93,7 +93,7 @@ class Reader:
         self.shapes.append(Shape(name, geometry, part.material, matrix[None], part.emission))
 
     def _parts(self, plugin: Plugin, name: str) -> list[_Part]:
-        """A shape; two of it if its sides have different surfaces, each without its back."""
+        """Return one part for a shape; two parts, each without its back, if its sides have different surfaces."""
         surface = next(iter(plugin.nested("bsdf")), None)
         emitter = self._emitter(plugin)
         emission, look = (np.zeros(3), None) if emitter is None else self._light(emitter)
@@ -123,9 +123,9 @@ class Reader:
         return parts
 
     def _placed(self, plugin: Plugin, attribute: str) -> tuple[Mesh | Literal["sphere"], Float64, bool]:
-        """Geometry of a shape, its (3, 4) map into the world, and True if its fronts must be exchanged.
+        """Return the geometry of a shape, its (3, 4) transform to world, and True if its fronts must be exchanged.
 
-        attribute : of the mesh, whose colours it has; empty for none
+        attribute : attribute of the mesh that supplies the colours; empty for none
         """
         matrix = plugin.transform("to_world")
         if plugin.kind != "sphere":
@@ -139,10 +139,10 @@ class Reader:
         axes = np.linalg.svd(matrix[:3, :3], compute_uv=False)
         if axes[0] - axes[2] > _ELLIPSOID * axes[0]:
             self.notes["a sphere whose `to_world` stretches it is an ellipsoid, but a sphere in Mitsuba"] = None
-        return "sphere", matrix[:3], False  # a mirror puts its front inside, here and in Mitsuba
+        return "sphere", matrix[:3], False  # a mirroring transform turns its front inside, as in Mitsuba
 
     def _with_uv(self, mesh: Mesh, material: int) -> Mesh:
-        """The mesh, with texture coordinates for all vertices if the material has textures."""
+        """Return the mesh, with texture coordinates for all vertices if the material has textures."""
         is_textured, has_gaps = bool(self.surfaces.materials[material].slots), has_uv_gaps(mesh)
         if has_gaps and is_textured:
             self.notes["faces without texture coordinates show the first texel of their texture"] = None
@@ -155,10 +155,10 @@ class Reader:
     def _facing(
         self, geometry: Mesh | Literal["sphere"], maps: Float64, reverse: bool, material: int
     ) -> tuple[Mesh | Literal["sphere"], Float64]:
-        """Geometry for a material, and its maps (..., 3, 4), with fronts and backs exchanged if `reverse`.
+        """Return geometry for a material, and its maps (..., 3, 4), with fronts and backs exchanged if `reverse`.
 
-        A sphere can only be turned by a mirror. If it has a texture it becomes triangles, so that the texture is
-        not mirrored.
+        The front of a sphere can only be exchanged by a mirroring map. A textured sphere becomes triangles instead,
+        so that the texture is not mirrored.
         """
         if isinstance(geometry, Mesh):
             geometry = self._with_uv(geometry, material)
@@ -173,7 +173,7 @@ class Reader:
         return self._turned[geometry], maps
 
     def _mesh(self, plugin: Plugin, attribute: str) -> Mesh:
-        """A mesh, the same one for shapes of one file."""
+        """Return the mesh of a shape; shapes of the same file share a mesh."""
         if plugin.kind in _FILES:
             path: Path = plugin.element.file(plugin.text("filename"))
             options = ("face_normals", "flip_tex_coords")
@@ -205,7 +205,7 @@ class Reader:
         return self._meshes[key]
 
     def _emitter(self, plugin: Plugin) -> Plugin | None:
-        """The area light of a shape, if it has one."""
+        """Return the area light of a shape; None if it has none."""
         emitters = plugin.nested("emitter")
         if not emitters:
             return None
@@ -214,7 +214,7 @@ class Reader:
         return emitters[0]
 
     def _light(self, emitter: Plugin) -> tuple[Float64, Look | None]:
-        """The radiance of an area light, and the picture that multiplies it."""
+        """Return the radiance of an area light, and the image that multiplies it."""
         texture = emitter.texture("radiance")
         radiance = emitter.colour("radiance", 1.0, light=True) if texture is None else np.ones(3)
         if "sampling_weight" in emitter:
@@ -265,7 +265,7 @@ class Reader:
 
 
 def _composed(after: Float64, world_from_object: Float64) -> Float64:
-    """(3, 4): one map after the other."""
+    """Return the (3, 4) map that applies `world_from_object` first and `after` second."""
     return np.asarray((after @ np.vstack([world_from_object, [0.0, 0.0, 0.0, 1.0]]))[:3])
 
 

@@ -1,7 +1,7 @@
-"""Spectra as linear Rec. 709, as Mitsuba's RGB variants convert them: by the CIE's curves of 1931.
+"""Conversion of spectra to linear Rec. 709 as in Mitsuba's RGB variants: by the CIE curves of 1931.
 
-Reflectances are seen under D65, so that 1 at all wavelengths is white. Light is not: its unit is that of Mitsuba,
-in which D65 of luminance 1 is white of 1. Colours outside of the gamut are clipped at 0.
+Reflectances are weighted by D65, so 1 at all wavelengths is white. Light is not weighted: its unit is Mitsuba's, in
+which D65 of luminance 1 is white of value 1. Colours outside the gamut are clipped at 0.
 
 Source: Mitsuba 3.9, `spectrum_list_to_srgb`; CIE 018:2019, tables of the 2 degree observer and of illuminant D65.
 """
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from glpath.scene.geometry import Float64
 
-# x, y, z, and D65 relative to 560 nm, from 360 to 830 nm in steps of 5 nm.
+# Colour-matching functions x, y, z, and D65 relative to 560 nm, from 360 to 830 nm in steps of 5 nm.
 _TABLE = """
 0.0001299 3.9e-06 0.0006061 0.46638   0.0002321 7e-06 0.001086 0.49364   0.0004149 1.2e-05 0.001946 0.52089
 0.0007416 2.2e-05 0.003486 0.51032   0.001368 3.9e-05 0.00645 0.49976   0.002236 6.4e-05 0.01055 0.52312
@@ -64,10 +64,10 @@ _FIRST_RADIATION, _SECOND_RADIATION = 1.191042972e-16, 1.438776877e-2
 
 
 def colour_of_spectrum(wavelengths: ArrayLike, values: ArrayLike, *, light: bool) -> Float64:
-    """(3,) linear Rec. 709, 0 or more, of values between which a spectrum is linear; outside of them it is 0.
+    """Return (3,) linear Rec. 709, 0 or more, of a spectrum that is linear between values and 0 outside them.
 
     wavelengths : (N,) nm, ascending
-    light       : of a light; otherwise a reflectance, or another property of a surface
+    light       : True for a light; False for a reflectance or another property of a surface
     """
     at, curves, daylight = _curves()
     spectrum = np.interp(at, np.asarray(wavelengths, np.float64), np.asarray(values, np.float64), 0.0, 0.0)
@@ -76,7 +76,7 @@ def colour_of_spectrum(wavelengths: ArrayLike, values: ArrayLike, *, light: bool
 
 
 def colour_of_black_body(temperature: float) -> Float64:
-    """(3,) linear Rec. 709 radiance of a black body of a temperature in kelvin, W m^-2 sr^-1 per nm."""
+    """Return the (3,) linear Rec. 709 radiance of a black body, W m^-2 sr^-1 per nm. temperature: kelvin."""
     metres = 1e-9 * np.arange(360.0, 831.0)
     radiance = 1e-9 * _FIRST_RADIATION / metres**5 / np.expm1(_SECOND_RADIATION / (metres * temperature))
     return colour_of_spectrum(1e9 * metres, radiance, light=True)
@@ -84,7 +84,7 @@ def colour_of_black_body(temperature: float) -> Float64:
 
 @cache
 def _curves() -> tuple[Float64, Float64, Float64]:
-    """Wavelengths (N,) in nm, the observer's curves (N, 3), and D65 (N,)."""
+    """Return wavelengths (N,) in nm, the observer's curves (N, 3), and D65 (N,)."""
     table = np.array(_TABLE.split(), np.float64).reshape(-1, 4)
     at = np.linspace(_NODES[0], _NODES[-1], _STEPS)
     columns = [np.interp(at, _NODES, column) for column in table.T]

@@ -1,8 +1,8 @@
-"""Mitsuba's `sunsky`: its sun and its sky's light on the ground, in the distribution of Perez' all-weather sky.
+"""Reader of Mitsuba's `sunsky`, with its sun and its sky irradiance, but the pattern of Perez' all-weather sky.
 
-Poor at:  the pattern of the sky, which is Hosek & Wilkie's (2012) in Mitsuba and has colours of its own at the
-          horizon and about the sun. Here one colour is that of the whole sky.
-Source:   irradiances of Mitsuba 3.9.1, scalar_rgb, of an albedo of 0.3; Perez et al. 1993.
+Poor at:  the pattern of the sky. Mitsuba's is that of Hosek & Wilkie (2012), whose colours vary towards the horizon
+          and the sun; here the whole sky has one colour.
+Source:   irradiances of Mitsuba 3.9.1, scalar_rgb, for an albedo of 0.3; Perez et al. 1993.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 _DATE = (("year", 2010), ("month", 7), ("day", 10))
 _TURBIDITIES = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0)
 _ALTITUDES = (3.0, 15.0, 30.0, 60.0, 88.0)
-# Linear Rec. 709 in Mitsuba's unit: irradiance of a horizontal surface by the sky, and of one that faces the sun.
-# A row for each altitude of the first turbidity, then of the next.
+# Irradiances, linear Rec. 709 in Mitsuba's unit: of a horizontal surface by the sky (three columns), and of a
+# surface that faces the sun. Rows run over the altitudes of the first turbidity, then of the next.
 _IRRADIANCES = np.array([
     [0.05412, 0.06913, 0.0736, 0.6049, 0.2211, 0.01217],
     [0.07835, 0.1392, 0.216, 1.294, 0.8985, 0.4338],
@@ -57,14 +57,14 @@ _IRRADIANCES = np.array([
     [0.9333, 0.9655, 0.9307, 0.9524, 0.7599, 0.6005],
     [0.7732, 0.8037, 0.8093, 1.026, 0.8332, 0.6741],
 ])  # fmt: skip
-# Sky light by the ground's albedo, over that of 0.3: coefficients of a polynomial, of turbidity 3.
+# Polynomial coefficients of sky light over ground albedo, relative to albedo 0.3, for turbidity 3.
 _OF_ALBEDO = (0.2375, 0.239, 0.907)
-# W m^-2 of daylight in Mitsuba's unit, about: what the shape of Perez' sky goes by.
+# Approximate W m^-2 of daylight per Mitsuba unit; the pattern of Perez' sky depends on it.
 _WATTS = 700.0
 
 
 def sun_and_sky(plugin: Plugin) -> Environment:
-    """The sky of a `sunsky`, whose sun is a disc. Raises SceneError for a sun below the horizon."""
+    """Return the sky of a `sunsky`, with its sun as a disc. Raises SceneError for a sun below the horizon."""
     turbidity = plugin.number("turbidity", 3.0, 1.0, 10.0)
     for name in ("sky_scale", "sun_scale"):
         plugin.number(name, 1.0, 0.0)
@@ -97,7 +97,7 @@ def sun_and_sky(plugin: Plugin) -> Environment:
 
 
 def _towards_sun(plugin: Plugin) -> Float64:
-    """(3,) unit, z up, x to the south and y to the west."""
+    """Return the (3,) unit direction to the sun, z up, x to the south and y to the west."""
     if "sun_direction" in plugin:
         direction = plugin.vector("sun_direction")
         if not np.linalg.norm(direction) > 0:

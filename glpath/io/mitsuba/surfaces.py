@@ -1,10 +1,10 @@
-"""Mitsuba's surfaces as materials.
+"""Reader of Mitsuba's BSDFs as materials.
 
-Fresnel:  metals and dielectrics have Fresnel's equations, as in Mitsuba; the base of plastic and of "principled" is
+Fresnel:  metals and dielectrics use Fresnel's equations, as in Mitsuba. The base of plastic and "principled" is
           Mitsuba's (`Material.layering`).
-Sides:    black from behind, as Mitsuba has them, unless "twosided".
-Rough:    GGX or Beckmann of the same alpha. Light that microfacets scatter twice is lost, as there.
-Poor at:  what has no counterpart, which is refused by its name.
+Sides:    black from behind, as in Mitsuba, unless "twosided".
+Rough:    GGX or Beckmann of the same alpha. Light that microfacets scatter twice is lost, as in Mitsuba.
+Poor at:  BSDFs without a counterpart, which are refused by name.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from glpath.scene.geometry import Float64
 from glpath.scene.material import SMOOTH, Material, metal_reflectance
 from glpath.scene.source_location import shown
 
-#: Fields of a `Material`.
+#: Fields of a `Material` by name.
 Fields = dict[str, Any]
 _ROUGH = {"multiple_scattering": False}
 _ONE = 1.0 - 1e-9
@@ -33,9 +33,9 @@ _ONE = 1.0 - 1e-9
 
 @dataclass
 class Surfaces:
-    """The materials that shapes use.
+    """Materials that shapes use.
 
-    notes : what of them is not as in Mitsuba, as sentences without a full stop
+    notes : differences from Mitsuba, as sentences without a full stop
     """
 
     textures: Textures
@@ -56,13 +56,15 @@ class Surfaces:
         one_side: bool = False,
         uv_lengths: tuple[float, float] = (1.0, 1.0),
     ) -> int:
-        """The index of a shape's material.
+        """Return the index of a shape's material.
 
-        plugin     : its surface; None is Mitsuba's default, diffuse of one side: grey, or black if the shape emits
-        interior   : the medium in it
-        emission   : the picture of its light
-        name       : of the shape, for a material without an id
-        one_side   : nothing is there of the other side, which has a material of its own
+        plugin     : surface of the shape; None is Mitsuba's one-sided diffuse default: grey, or black if the shape
+                     emits
+        interior   : medium inside the shape
+        emission   : image of its emission
+        name       : name of the shape, for a material without an id
+        emits      : True if the shape emits
+        one_side   : True if the back is absent, because the other side has a separate material
         uv_lengths : scene units of one u and one v, for bump maps
         """
         bump = None if plugin is None else self._fields(plugin).get("bump")
@@ -88,19 +90,19 @@ class Surfaces:
         return self._known[key]
 
     def is_bumpy(self, plugin: Plugin | None) -> bool:
-        """True if a surface has a bump map, for which the size of the texture on the shape is asked."""
+        """Return True if a surface has a bump map, which depends on the texture's size on the shape."""
         return plugin is not None and bool(self._fields(plugin).get("bump"))
 
     def colour_attribute(self, plugin: Plugin | None) -> str:
-        """The attribute of meshes whose colours a surface has, such as vertex_color; empty for none."""
+        """Return the mesh attribute that supplies a surface's colours, such as vertex_color; empty for none."""
         return "" if plugin is None else str(self._fields(plugin).get("vertex_colours", ""))
 
     def back(self, plugin: Plugin | None) -> Plugin | None:
-        """The surface of the back, if it differs from that of the front."""
+        """Return the surface of the back; None if it equals that of the front."""
         return None if plugin is None else self._fields(plugin).get("back")
 
     def is_turned(self, plugin: Plugin | None) -> bool:
-        """True if the denser side of glass is outside, so that the shape must be turned."""
+        """Return True if the denser side of glass is outside, so that the shape must be turned inside out."""
         return plugin is not None and bool(self._fields(plugin).get("turned"))
 
     def _name(self, wanted: str) -> str:
@@ -124,7 +126,7 @@ class Surfaces:
     # --- colours and numbers, or textures ---
 
     def _base(self, plugin: Plugin, name: str, default: float) -> Fields:
-        """The reflectance of the base, with its texture, or the colours of vertices."""
+        """Return the reflectance of the base, with its texture or the attribute of its vertex colours."""
         texture = plugin.texture(name)
         if texture is None:
             return {"reflectance": plugin.share(name, default)}
@@ -150,7 +152,7 @@ class Surfaces:
         return plugin.fraction(name, default) if texture is None else self.textures.numbers(texture)
 
     def _rough(self, plugin: Plugin, default: float) -> Fields:
-        """Roughness by GGX's alpha, whose root it is, with anisotropy or a texture."""
+        """Return roughness, the root of alpha, with anisotropy or a texture."""
         distribution = plugin.text("distribution", "beckmann", ("beckmann", "ggx"))
         common: Fields = {**_ROUGH, "distribution": distribution}
         if "sample_visible" in plugin:
@@ -168,7 +170,7 @@ class Surfaces:
         return {**_stretched(along, across), "anisotropy_angle": 0.0 if u > v else 90.0, **common}
 
     def _anisotropic_texture(self, plugin: Plugin, u: float | Look, v: float | Look) -> Fields:
-        """Roughness and anisotropy as textures, of GGX's alpha along u and along v."""
+        """Return roughness and anisotropy as textures, from alpha along u and along v."""
         looks = [each for each in (u, v) if isinstance(each, Look)]
         first = looks[0]
         if not all(each.looked_up_as(first) for each in looks):
@@ -182,7 +184,7 @@ class Surfaces:
         anisotropy = np.sqrt((along - across) / np.maximum(1.0 - across, 1e-9))
         image = np.ones((*shape, 3), np.float32)
         image[..., 1] = np.sqrt(across)
-        # Red and green are the tangent, from -1 to 1: along u, or along v.
+        # Red and green hold the tangent, from -1 to 1: along u, or along v.
         along_u = alphas[0] >= alphas[1]
         tangent = np.stack([0.5 + 0.5 * along_u, 1.0 - 0.5 * along_u, anisotropy], axis=2).astype(np.float32)
         return {
@@ -194,7 +196,7 @@ class Surfaces:
         }
 
     def _surface_texture(self, rough: float | Look, metal: float | Look | None) -> Fields:
-        """Roughness and metal as one texture, as glTF has them: green and blue."""
+        """Return roughness and metallic as one texture, in green and blue as in glTF."""
         looks = [each for each in (rough, metal) if isinstance(each, Look)]
         first = looks[0]
         image = np.ones((*first.image.shape[:2], 3), np.float32)
@@ -208,7 +210,7 @@ class Surfaces:
         return fields | {"surface_texture": self.textures.slot(first.with_image(first.name, image))}
 
     def _ratio(self, plugin: Plugin, inside: str) -> float:
-        """The index inside over that outside. Raises SceneError where one is not known."""
+        """Return the index inside over the index outside. Raises SceneError for an unknown medium."""
         indices = []
         for name, default in (("int_ior", inside), ("ext_ior", "air")):
             if plugin.kind_of(name) == "string":
@@ -244,8 +246,8 @@ class Surfaces:
         rough = self._rough(plugin, 0.1) if plugin.kind == "roughconductor" else {"roughness": 0.0}
         metal = plugin.text("material", "none")
         texture = plugin.texture("specular_reflectance")
-        alike = metal == "none" and "eta" not in plugin and "k" not in plugin  # at all angles
-        if alike and texture is None and plugin.kind == "conductor":  # a mirror at any angle
+        alike = metal == "none" and "eta" not in plugin and "k" not in plugin  # reflectance equal at all angles
+        if alike and texture is None and plugin.kind == "conductor":  # a mirror that reflects equally at all angles
             return {**_diffuse(np.zeros(3)), "mirror": plugin.share("specular_reflectance", 1.0)}
         if metal == "none":
             index = np.stack([plugin.colour("eta", 0.0), plugin.colour("k", 1.0)])
@@ -312,7 +314,7 @@ class Surfaces:
         is_thin = plugin.kind == "thindielectric"
         fields = {"two_sided": False, "transmission": 1.0, "thin": False, **rough, **base}
         if ratio < 1:
-            # The same surface, seen from its other side.
+            # The same interface with its sides exchanged.
             ratio = 1.0 / ratio
             fields["turned"] = not is_thin
             if is_thin:
@@ -325,7 +327,7 @@ class Surfaces:
     def _principled(self, plugin: Plugin) -> Fields:
         for name in ("spec_tint", "sheen", "flatness"):
             plugin.refuse_unless(name, 0.0, "glpath's material has no such lobe")
-        self._unused(plugin, "sheen_tint")  # of a sheen that is not there
+        self._unused(plugin, "sheen_tint")  # the tint of an absent sheen
         fields: Fields = {"two_sided": False, **_ROUGH, **_without_look(self._base(plugin, "base_color", 0.5))}
         fields["layering"] = "disney"
         rough, metal = self._scalar(plugin, "roughness", 0.5), self._scalar(plugin, "metallic", 0.0)
@@ -339,7 +341,7 @@ class Surfaces:
         else:
             fields |= {"roughness": rough, "metallic": metal}
         fields["anisotropy"] = anisotropic = plugin.fraction("anisotropic", 0.0)
-        if isinstance(rough, float) and metal == 1.0:  # nothing but metal, which is glTF's
+        if isinstance(rough, float) and metal == 1.0:  # pure metal equals glTF's
             fields["layering"], aspect = "gltf", np.sqrt(1.0 - 0.9 * anisotropic)
             if anisotropic > 0:
                 fields |= _stretched(max(SMOOTH, rough**2 / aspect), max(SMOOTH, rough**2 * aspect))
@@ -364,12 +366,12 @@ class Surfaces:
         return fields
 
     def _unused(self, plugin: Plugin, name: str) -> None:
-        """Read a number or texture that changes nothing."""
+        """Read a number or texture that has no effect."""
         if plugin.texture(name) is None:
             plugin.number(name, 0.0)
 
     def _radio_material(self, plugin: Plugin) -> Fields:
-        """Sionna's radio material, as the diffuse surface in which Sionna shows it."""
+        """Return Sionna's radio material as the diffuse surface that Sionna shows."""
         kind = plugin.text("type", "", tuple(RADIO_COLOURS))
         for name in ("thickness", "scattering_coefficient", "xpd_coefficient"):
             plugin.number(name, 0.0)
@@ -389,7 +391,10 @@ class Surfaces:
         return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
 
     def _bump_map(self, plugin: Plugin) -> Fields:
-        """A surface bent by a texture of heights, which becomes a normal map where the size of a shape is known."""
+        """Return a surface with a texture of heights.
+
+        It becomes a normal map when the size of the shape is known.
+        """
         textures = plugin.nested("texture")
         if len(textures) != 1:
             raise plugin.location.error(f"has {len(textures)} textures in it, but must have one, of heights.")
@@ -421,7 +426,10 @@ class Surfaces:
         return {**fields, "texture": self.textures.slot(look.with_image(look.name, image))}
 
     def _blend(self, plugin: Plugin) -> Fields:
-        """A diffuse surface with a mirror, or an opaque one with glass: what one material is here."""
+        """Return a blend of a diffuse surface and a mirror, or of an opaque surface and glass, as one material.
+
+        Raises SceneError for other blends.
+        """
         weight = self._scalar(plugin, "weight", 0.5)
         parts = plugin.nested("bsdf")
         if len(parts) != 2:
@@ -467,7 +475,10 @@ class Surfaces:
         return parts[0]
 
     def _attenuation(self, medium: Plugin, fields: Fields) -> Float64:
-        """(3,) per scene unit, of a homogeneous medium that only absorbs. Raises SceneError."""
+        """Return the (3,) absorption per scene unit of a homogeneous medium. Raises SceneError.
+
+        The medium may only absorb.
+        """
         if medium.kind != "homogeneous" or not fields.get("transmission") or fields.get("thin"):
             raise medium.location.error(
                 f"is a medium of the type {shown(medium.kind)}, but only an absorbing one inside glass is read.",
@@ -484,9 +495,9 @@ def _diffuse(reflectance: Float64) -> Fields:
 
 
 def _without_microfacets(fields: Fields) -> Fields:
-    """Fields of a diffuse surface, a mirror or both; empty for any other surface.
+    """Return the fields of a diffuse surface, a mirror or both; empty for any other surface.
 
-    Microfacets that reflect alike at all angles become Phong's highlight, as `glpath export` makes those of it.
+    Microfacets with equal reflectance at all angles become a Phong highlight, the inverse of `glpath export`.
     """
     if fields.get("roughness") is None and not fields.get("transmission"):
         return fields
@@ -499,7 +510,7 @@ def _without_microfacets(fields: Fields) -> Fields:
 
 
 def _addable(one: Fields, other: Fields) -> bool:
-    """Whether the diffuse bases of both are one: without textures, or one of them is black."""
+    """Return True if the diffuse bases of both can be added: neither has a texture, or one is black."""
     textured = [bool(each.get("texture") or each.get("vertex_colours")) for each in (one, other)]
     black = [not each["reflectance"].any() for each in (one, other)]
     has_exponent = "exponent" in one and "exponent" in other
@@ -521,7 +532,7 @@ def _same_base(first: Fields, second: Fields) -> bool:
 
 
 def _stretched(along: float, across: float) -> Fields:
-    """The roughness and anisotropy whose alphas these are, along the tangent and across."""
+    """Return the roughness and anisotropy for the alphas along and across the tangent."""
     anisotropy = float(np.sqrt(max(along - across, 0.0) / (1.0 - across))) if across < _ONE else 0.0
     return {"roughness": float(np.sqrt(across)), "anisotropy": anisotropy}
 

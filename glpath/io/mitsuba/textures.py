@@ -1,6 +1,6 @@
-"""Mitsuba's textures as those of a scene: bitmaps and checkerboards, each once.
+"""Reader of Mitsuba's textures: bitmaps, checkerboards and constants, each read once.
 
-Mitsuba's v runs downwards: the first row of a picture is at v = 0, where it is here at v = 1.
+Mitsuba's v runs downwards: the first row of an image is at v = 0; in glpath it is at v = 1.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from glpath.scene.source_location import SourceLocation
 from glpath.system.terminal import encodable
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
-# How much finer a picture of at most so many texels is interpolated before its colours are changed.
+# Factor by which an image is refined before its colours are changed, and the maximum texels of such an image.
 _FINER, _MAX_INTERPOLATED = 5, 65536
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
-# Byte in sRGB whose reflectance is nearest to 0.5.
+# sRGB byte whose reflectance is nearest to 0.5.
 _GREY = 188
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A picture, and where it is looked up.
+    """Image and its texture lookup.
 
-    image  : (h, w, 3) uint8 or float32, as of `Texture`
-    matrix : (2, 3), as of `TextureSlot`
+    image  : (h, w, 3) uint8 or float32, as in `Texture`
+    matrix : (2, 3), as in `TextureSlot`
     """
 
     name: str
@@ -53,16 +53,16 @@ class Look:
 
     @property
     def linear(self) -> NDArray[np.float32]:
-        """(h, w, 3)."""
+        """Linear colours (h, w, 3)."""
         return Texture(self.name, self.image, srgb=self.srgb).linear()[..., :3]
 
     @property
     def grey(self) -> Float64:
-        """(h, w)."""
+        """Luminance (h, w)."""
         return np.asarray(luminance(self.linear.astype(np.float64)))
 
     def looked_up_as(self, other: Look) -> bool:
-        """Whether both may be channels of one picture."""
+        """Return True if both can be channels of one image."""
         return (
             self.image.shape[:2] == other.image.shape[:2]
             and (self.filter, self.wrap) == (other.filter, other.wrap)
@@ -70,14 +70,14 @@ class Look:
         )
 
     def with_image(self, name: str, image: NDArray[np.uint8] | NDArray[np.float32], *, srgb: bool = False) -> Look:
-        """Another picture, looked up as this one."""
+        """Return another image with the same lookup."""
         return Look(name, image, srgb, self.filter, self.wrap, self.matrix)
 
 
 class Textures:
-    """The textures of a scene, as they are used.
+    """Textures of a scene, added when they are used.
 
-    files : where their pictures are
+    files : locations of their images
     """
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class Textures:
         self._files: dict[tuple[Path, bool], NDArray[np.uint8] | NDArray[np.float32]] = {}
 
     def numbers(self, plugin: Plugin) -> Look:
-        """Return the picture of a texture of numbers, not colours, as `look`.
+        """Return the image of a texture of numbers, not colours, like `look`.
 
         Mitsuba exchanges the two values of a checkerboard of numbers (3.9.1, Checkerboard.eval_1).
         """
@@ -102,7 +102,7 @@ class Textures:
         return self._looks[key]
 
     def look(self, plugin: Plugin) -> Look:
-        """The picture of a texture's plugin, read once. Raises SceneError."""
+        """Return the image of a texture plugin, read once. Raises SceneError."""
         key = id(plugin.element)
         if key not in self._looks:
             of_kind(plugin, dict.fromkeys(_KINDS), "a texture")
@@ -115,16 +115,16 @@ class Textures:
         return self._looks[key]
 
     def slot(self, look: Look) -> TextureSlot:
-        """Where a picture is used."""
+        """Return the texture slot of an image; the image is added to the textures once."""
         if id(look) not in self._slots:
-            self._looks[id(look)] = look  # so that its identity stays its own
+            self._looks[id(look)] = look  # kept, so that no other object gets its id
             wrap = (look.wrap, look.wrap)
             self.textures.append(Texture(look.name, look.image, filter=look.filter, srgb=look.srgb, wrap=wrap))
             self._slots[id(look)] = TextureSlot(len(self.textures) - 1, 0, look.matrix)
         return self._slots[id(look)]
 
     def _elsewhere(self, plugin: Plugin, name: str) -> Path | None:
-        """Return the file that stands in for a picture that does not exist; None if there is none."""
+        """Return the file that replaces a missing image; None if there is none."""
         for folder in (plugin.element.folder, *plugin.element.searched):
             with suppress(UnusableError):
                 return self.files.find(folder, name)
@@ -135,7 +135,7 @@ class Textures:
         if not name:
             raise plugin.location.error("lacks the parameter `filename`, which must be there.")
         raw = plugin.flag("raw", False)
-        plugin.text("format", "auto", ("auto", "variant", "fp16", "fp32"))  # how Mitsuba stores it
+        plugin.text("format", "auto", ("auto", "variant", "fp16", "fp32"))  # Mitsuba's storage format
         filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
         wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
         path, where = plugin.element.file(name), plugin.where("filename")
@@ -165,7 +165,7 @@ class Textures:
 
 
 def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArray[np.float32]:
-    """(h, w, 3) of a file; grey, with a warning, if it does not exist. Raises SceneError for other faults."""
+    """Return the (h, w, 3) image of a file; grey, with a warning, if the file is missing. Raises SceneError."""
     if not os.path.exists(path):
         text = f"{location} names the picture {path}, which does not exist: grey stands in for it."
         warn_at(str(location), {"pictures that do not exist, for which grey stands in,": 1}, text)
@@ -192,14 +192,14 @@ def _checkerboard(plugin: Plugin) -> Look:
 
 
 def _constant(plugin: Plugin) -> Look:
-    """A picture of one colour, of a texture without a pattern."""
+    """Return an image of one colour for a texture without a pattern."""
     name = "color" if plugin.kind == "srgb" else "value"
     colour = plugin.vector(name) if plugin.kind_of(name) in ("point", "vector") else plugin.colour(name, 1.0)
     return Look(plugin.id or plugin.kind, np.array([[colour]], np.float32), False, "nearest")
 
 
 def _to_uv(plugin: Plugin) -> Float64:
-    """(2, 3): the map of our coordinates, v upwards, that is Mitsuba's `to_uv` of v downwards."""
+    """Return the (2, 3) map for coordinates with v upwards that equals Mitsuba's `to_uv` with v downwards."""
     given = plugin.transform("to_uv")
     scale = np.diag([plugin.number("uscale", 1.0), plugin.number("vscale", 1.0), 1.0])
     scale[:2, 2] = plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)
@@ -209,10 +209,10 @@ def _to_uv(plugin: Plugin) -> Float64:
 
 
 def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
-    """Return a picture whose linear colours are changed.
+    """Return an image whose linear colours are changed.
 
-    Small pictures are interpolated first, as Mitsuba changes colours after that. The factor is odd, so texels'
-    middles stay middles, and the interpolation between them is kept.
+    Small images are interpolated first, because Mitsuba changes colours after interpolation. The refinement factor
+    is odd, so texel centres stay texel centres, and interpolation between them is unchanged.
     """
     linear = look.linear.astype(np.float64)
     if look.filter == "linear" and linear.shape[0] * linear.shape[1] <= _MAX_INTERPOLATED:
@@ -222,7 +222,7 @@ def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
 
 
 def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
-    """Return a picture of _FINER times as many texels along an axis, between which it is linear."""
+    """Return an image with _FINER times as many texels along an axis, linear between the original texels."""
     size = image.shape[axis]
     at = (np.arange(_FINER * size) + 0.5) / _FINER - 0.5
     below = np.floor(at).astype(np.intp)
@@ -233,14 +233,14 @@ def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
 
 
 def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
-    """The normal map of a picture of heights.
+    """Return the normal map of an image of heights.
 
     scale      : scene units of a height of one
     uv_lengths : scene units of one u and one v
     """
     heights = scale * look.grey
     rows, columns = heights.shape
-    # By the picture's own coordinates, of which the second points from the last row to the first.
+    # Derivatives along the image's coordinates; the second coordinate points from the last row to the first.
     across = 0.5 * columns * (np.roll(heights, -1, axis=1) - np.roll(heights, 1, axis=1))
     upwards = 0.5 * rows * (np.roll(heights, 1, axis=0) - np.roll(heights, -1, axis=0))
     slopes = np.einsum("kij,kl->ijl", np.stack([across, upwards]), look.matrix[:, :2]) / uv_lengths

@@ -1,1 +1,1 @@
-"""Shipped scenes that functions make from parameters; the others are files in `scenes`."""
+"""Shipped scenes that functions generate from parameters; the others are files in `scenes`."""

@@ -1,7 +1,7 @@
-"""An office to count polygons in, as the paper's: 906 of them, or 2563 with its floor and walls tessellated.
+"""Office with the polygon counts of the paper's: 906, or 2563 with tessellated floor and walls.
 
-The original database of [SC, Statistics] is lost; only these counts of it are known, and that it has ten area
-lights. Desks, chairs, shelves, partitions and screens are solid boxes, chairs turned by odd angles.
+The original database of [SC, Statistics] is lost. Only these counts and its ten area lights are known. Desks,
+chairs, shelves, partitions and screens are solid boxes; chairs are rotated by various angles.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from glpath.scene.model import Scene
 
 _Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 
-#: The room from 0 to this, x along the windows, y up; metres.
+#: Size of the room, which starts at 0: x along the windows, y up; metres.
 ROOM = (12.0, 3.0, 8.0)
-# Rectangles along and across, of the premeshed floor, the two long walls and the two short ones: with these, 2563.
+# Rectangles along and across the tessellated floor, long walls and short walls; they give 2563 polygons.
 _FLOOR, _LONG, _SHORT = (30, 20), (35, 9), (24, 9)
 _LIGHTS = 10
 
@@ -70,7 +70,7 @@ def _office(premesh: bool, resolution: int, luminaires: int = _LIGHTS) -> Scene:
 
 
 def _room(premesh: bool) -> list[dict[str, Any]]:
-    """Floor, ceiling, four walls, a door and a board; fronts inward."""
+    """Return floor, ceiling, four walls, a door and a board; fronts inward."""
     x, y, z = ROOM
     sides = [
         ("floor", "floor", (0, 0, z), (x, 0, 0), (0, 0, -z), _FLOOR),
@@ -100,7 +100,7 @@ def _sheet(
     cells: tuple[int, int] = (1, 1),
     **more: Any,
 ) -> dict[str, Any]:
-    """A rectangle of cells, its front where `along` x `across` points."""
+    """Return a rectangle of cells; its front is in the direction `along` x `across`."""
     n, m = cells
     u, v = np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1)
     grid = np.array(corner) + u[:, None, None] * np.array(along) + v[None, :, None] * np.array(across)
@@ -122,7 +122,7 @@ def _lights() -> list[dict[str, Any]]:
 
 
 def _luminaires(count: int) -> list[dict[str, Any]]:
-    """So many, evenly over the ceiling; their area together is that of the ten."""
+    """Return `count` lights, evenly over the ceiling; their total area is that of the ten default lights."""
     x, _, z = ROOM
     columns = round(math.sqrt(count * x / z)) or 1
     long = math.sqrt(2 * _LIGHTS * 1.2 * 0.6 / count)
@@ -138,7 +138,7 @@ def _luminaires(count: int) -> list[dict[str, Any]]:
 
 
 def _light(name: str, corner: tuple[float, float], size: tuple[float, float]) -> dict[str, Any]:
-    """A rectangle below the ceiling, its corner along x and z."""
+    """Return a rectangular light below the ceiling, given by its corner and size along x and z."""
     (x, z), (along, across) = corner, size
     return _sheet(
         name, "lamp", (x, ROOM[1] - 0.02, z), (along, 0, 0), (0, 0, across), emission={"radiance": [8.0, 7.6, 7.0]}
@@ -166,7 +166,7 @@ def _box(
     name: str, material: str, center: tuple[float, ...], size: tuple[float, ...], at: tuple[float, ...] = (0, 0, 0),
     angle: float = 0.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """A box in its piece of furniture, which is turned by `angle` degrees about its upright axis and put `at`."""
+    """Return a box of a piece of furniture, which is rotated by `angle` degrees about y and then moved to `at`."""
     return {
         "type": "box", "name": name, "material": material, "center": list(center), "size": list(size),
         "transform": [{"rotate": {"axis": [0, 1, 0], "angle": angle}}, {"translate": list(at)}],
@@ -207,7 +207,7 @@ def _screen(name: str, x: float, z: float, angle: float) -> list[dict[str, Any]]
 
 
 def _shelf(name: str, x: float, z: float) -> list[dict[str, Any]]:
-    """Two sides, a back and five boards, which touch but don't enter each other."""
+    """Return two sides, a back and five boards, which touch but do not intersect."""
     parts: list[_Part] = [
         (f"{name}-left", "wood", (-0.685, 1.0, 0), (0.03, 2.0, 0.3)),
         (f"{name}-right", "wood", (0.685, 1.0, 0), (0.03, 2.0, 0.3)),

@@ -1,6 +1,6 @@
-"""The scene that scales: so many equal objects, stacked until they fill the picture [TB V.A, figure 12].
+"""Scalable scene: any number of equal objects, stacked until they fill the image [TB V.A, figure 12].
 
-The more there are, the smaller they grow, so that about the same share of the picture is covered by any number.
+More objects are smaller objects, so that any number covers about the same fraction of the image.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from glpath.scene.model import Camera, Float64, Light, Material, Mesh, Scene, Sh
 Int64 = NDArray[np.int64]
 
 _FOV = 40.0
-# Half the height of the view is 1 where the objects stand, in the plane z = 0.
+# Distance of the camera from the objects' plane z = 0, at which half the height of the view is 1.
 _DISTANCE = 1 / np.tan(np.radians(_FOV) / 2)
 _LIGHT = np.array([1.6, 3.0, 3.2])
 _COLOURS = {
@@ -30,10 +30,10 @@ _COLOURS = {
     "blue": (0.16, 0.28, 0.70),
     "violet": (0.48, 0.20, 0.60),
 }
-# Up to so many objects each is a shape of its own; a million names and ranges would take longer than all the rest.
+# Maximum objects that are separate shapes; a million names and ranges would take longer than all the rest.
 _MAX_SHAPES = 10_000
-# Triangles lean by so many degrees, every other one forwards, or all were in one plane without a shadow. They are
-# somewhat smaller than their cell, so that no two share an edge.
+# Lean of the triangles in degrees, alternately forwards and backwards; in one plane they would have no shadows.
+# They are slightly smaller than their cells, so that no two share an edge.
 _LEAN = 20.0
 _INSET = 0.94
 _ROW = np.sqrt(3)
@@ -53,14 +53,14 @@ def stacked(
 ) -> Scene:
     """So many spheres or triangles, stacked until they fill the picture.
 
-    Spheres lie in the hollows of the row below; triangles stand in rows, point up and point down by turns. Up to
-    10,000 objects each is a shape of its own, of which there are seven otherwise, one for each colour. One point
-    light, ambient light, a sky. The ground, when there is one, is the first shape.
+    Spheres lie in the hollows of the row below; triangles form rows, alternately pointing up and down. Up to 10,000
+    objects are separate shapes; more form seven shapes, one for each colour. The scene has a point light, ambient
+    light and a sky. The ground, if present, is the first shape.
     """
     half_width = max(1, round(resolution * aspect)) / resolution
     if kind == "sphere":
         positions = _pile_of_spheres(objects, half_width)
-        # The side of the box around all that is nearest to the camera and appears largest.
+        # Face of the bounding box nearest to the camera, which appears largest.
         front = np.array([positions.min(axis=0) - [1, 1, -1], positions.max(axis=0) + 1])
         middle, radius = _fit(front, half_width)
         centres = radius * (positions - middle)
@@ -93,7 +93,7 @@ def stacked(
         shapes=Shapes(shapes),
         materials=tuple(materials),
         source="stacked",
-        # As bright as the reflectance where a surface in the middle faces it.
+        # A surface in the middle that faces the light has a radiance equal to its reflectance.
         lights=(Light("lamp", "point", np.full(3, np.pi * _LIGHT @ _LIGHT), position=_LIGHT.copy()),),
         ambient=np.full(3, 0.1),
         sky=Sky(np.array([0.25, 0.35, 0.55]), np.array([0.55, 0.65, 0.80])),
@@ -115,35 +115,37 @@ def _shapes(objects: int, kind: str, geometry_of: Callable[[slice], dict[str, An
 
 
 def _pile_of_spheres(objects: int, half_width: float) -> Float64:
-    """(N, 3) centres of spheres of radius 1, from the bottom row up; as many columns as let them appear largest.
+    """Return the (N, 3) centres of spheres of radius 1, from the bottom row up.
 
-    Rows of c and of c - 1 spheres by turns, each in the hollows of the one below: sqrt(3) higher.
+    The number of columns makes them appear largest. Rows alternate between c and c - 1 spheres, each in the hollows
+    of the row below, sqrt(3) higher.
     """
     columns = np.arange(2, max(objects, 2) + 1)
     rows = _row_and_column(np.array(objects - 1), columns)[0] + 1
     extent = np.maximum(2 * columns / half_width, 2 + _ROW * (rows - 1))
     column_count = int(columns[np.argmin(extent)])
-    if max(2 * objects, 2 / half_width) <= extent.min():  # one upon the other, in a tall picture
+    if max(2 * objects, 2 / half_width) <= extent.min():  # a single column, for a tall image
         return np.stack([np.zeros(objects), 2.0 * np.arange(objects), np.zeros(objects)], axis=1)
     row, column = _row_and_column(np.arange(objects), column_count)
     in_row = np.bincount(row)
     positions = column_count - row % 2
-    # The top row is in the middle, as far as the hollows allow.
+    # The top row is centred, as far as the hollows allow.
     shift = (positions - in_row[row]) // 2
     return np.stack([2.0 * (column + shift) + row % 2, _ROW * row, np.zeros(objects)], axis=1)
 
 
 def _row_and_column(number: Int64, columns: Int64 | int) -> tuple[Int64, Int64]:
-    """Where the object of a number lies, in rows of `columns` and `columns` - 1 by turns."""
+    """Return the row and the column of an object, in rows of alternately `columns` and `columns` - 1."""
     pair, rest = np.divmod(number, 2 * np.asarray(columns) - 1)
     odd = rest >= columns
     return 2 * pair + odd, rest - odd * np.asarray(columns)
 
 
 def _wall_of_triangles(objects: int, half_width: float) -> Float64:
-    """(N, 3, 3) corners of equilateral triangles, in rows from the bottom up, fronts towards the camera.
+    """Return the (N, 3, 3) corners of equilateral triangles, in rows from the bottom up, fronts to the camera.
 
-    Each row is a strip, point up and point down by turns; as many columns as let them appear largest.
+    Each row is a strip of triangles that alternately point up and down. The number of columns makes them appear
+    largest.
     """
     columns = np.arange(1, objects + 1)
     extent = np.maximum((columns + 1) / 2 / half_width, _ROW / 2 * -(-objects // columns))
@@ -151,14 +153,15 @@ def _wall_of_triangles(objects: int, half_width: float) -> Float64:
     row, column = np.divmod(np.arange(objects), column_count)
     up = np.where(column % 2 == 0, 1.0, -1.0)
     height = _ROW / 2
-    # Around the centroid of one that points up; its mirror image points down.
+    # Corners around the centroid of a triangle that points up; a rotation by 180 degrees points it down.
     corners = _INSET * np.array([[-0.5, -height / 3], [0.5, -height / 3], [0, 2 * height / 3]])
     centre = np.stack([(column + 1) / 2, height * (row + 0.5 - up / 6), np.zeros(objects)], axis=1)
     lean = np.radians(_LEAN)
     y = up[:, None] * corners[:, 1]
-    # In rows of an even number of triangles, neighbours would lean alike over the whole wall.
+    # The lean alternates along rows and columns. By index alone, vertical neighbours in rows of even length would
+    # lean alike.
     sign = np.where((column + row) % 2 == 0, 1.0, -1.0)[:, None]
-    x = up[:, None] * corners[:, 0]  # turned by half, not mirrored: the corners stay counter-clockwise
+    x = up[:, None] * corners[:, 0]  # rotated by 180 degrees, not mirrored: the corners stay counter-clockwise
     shape = np.stack([x, y * np.cos(lean), -sign * y * np.sin(lean)], axis=2)
     triangles = centre[:, None, :] + shape
     middle, size = _fit(triangles.reshape(-1, 3), half_width)
@@ -166,9 +169,9 @@ def _wall_of_triangles(objects: int, half_width: float) -> Float64:
 
 
 def _fit(points: Float64, half_width: float) -> tuple[Float64, float]:
-    """The middle of points (N, 3), and the largest size about it at which all of them are in view."""
+    """Return the centre of points (N, 3), and the largest scale at which all of them are in view."""
     middle = np.append((points.min(axis=0) + points.max(axis=0))[:2] / 2, 0.0)
     x, y = np.abs(points - middle).T[:2]
-    # An object nearer by z is seen larger: size * |x| <= half_width * (1 - size * z / distance).
+    # An object nearer by z appears larger: size * |x| <= half_width * (1 - size * z / distance).
     nearer = points[:, 2] / _DISTANCE
     return middle, float(1 / np.max([x / half_width + nearer, y + nearer]))

@@ -1,8 +1,8 @@
-"""The Utah teapot: 32 bicubic Bézier patches [Newell 1975], as the University of Utah gave them to everyone.
+"""Utah teapot: 32 bicubic Bézier patches [Newell 1975], as published by the University of Utah.
 
-Kept as ten patches, of which the others are reflections: rim, body, lid and bottom in x and in y, handle and spout
-in y alone. z is up. The bottom was added later, so that it stands; the surface is not closed where the handle and
-the spout go through the body, and between body and lid.
+Ten patches are stored; the others are their reflections. Rim, body, lid and bottom are reflected in x and in y,
+handle and spout in y only. z is up. The bottom was added later, so that the teapot can stand. The surface is not
+closed between body and lid, and where handle and spout pass through the body.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from msgspec import Meta
 from glpath.io.load import scene_from_dict
 from glpath.scene.model import Float64, Scene
 
-# Four times four numbers of points a patch: rim, body (2), lid (2), bottom, handle (2), spout (2).
+# Indices of 4 x 4 points per patch: rim, body (2), lid (2), bottom, handle (2), spout (2).
 _PATCHES = """
 102 103 104 105   4   5   6   7   8   9  10  11  12  13  14  15
  12  13  14  15  16  17  18  19  20  21  22  23  24  25  26  27
@@ -28,7 +28,7 @@ _PATCHES = """
  68  69  70  71  72  73  74  75  76  77  78  79  80  81  82  83
  80  81  82  83  84  85  86  87  88  89  90  91  92  93  94  95
 """
-_TWICE_REFLECTED = 6  # the first so many
+_TWICE_REFLECTED = 6  # the first patches, reflected in x and in y
 
 _POINTS = """
 .2 0 2.7  .2 -.112 2.7  .112 -.2 2.7  0 -.2 2.7
@@ -67,13 +67,13 @@ _POINTS = """
 
 
 def teapot_patches() -> Float64:
-    """(32, 4, 4, 3) control points, z up; fronts outward."""
+    """Return the (32, 4, 4, 3) control points, z up; fronts outward."""
     points = np.array(_POINTS.split(), np.float64).reshape(-1, 3)
     kept = points[np.array(_PATCHES.split(), int).reshape(-1, 4, 4)[:, :, ::-1]]
 
     def reflected(patches: Float64, axis: int) -> Float64:
         sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-        return np.asarray(patches[:, :, ::-1] * sign + 0.0)  # turned, so that fronts stay outward
+        return np.asarray(patches[:, :, ::-1] * sign + 0.0)  # order reversed, so that fronts stay outward
 
     around, upright = kept[:_TWICE_REFLECTED], reflected(kept, 1)
     return np.concatenate([kept, upright, reflected(around, 0), reflected(upright[:_TWICE_REFLECTED], 0)])

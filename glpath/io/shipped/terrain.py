@@ -1,4 +1,4 @@
-"""Hills: a B-spline surface that is displaced along its normals, of as many triangles as are asked for."""
+"""Hills: a B-spline surface displaced along its normals, with any number of triangles."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from glpath.io.load import scene_from_dict
 from glpath.scene.model import Float64, Scene
 from glpath.scene.patches import PatchChunks, Patches, diced
 
-# Control points along a side of the net, and half the side, scene units.
+# Control points along a side of the net, and half the length of the side, scene units.
 _NET, _HALF = 19, 8.0
 _DISPLACED = 1.1
 
 
 def rocks(uv: Float64) -> Float64:
-    """(N,): heights at texture coordinates (N, 2), 0 to about 1: sharp ridges in five octaves [Musgrave 1994].
+    """Return (N,) heights, 0 to about 1, at texture coordinates (N, 2).
 
-    Each is the stronger, the higher the one before it is: valleys are smooth.
+    They are sharp ridges in five octaves [Musgrave 1994]. An octave is stronger where the octave before it is high,
+    so valleys are smooth.
     """
     u, v = uv.T
     height, strength, weight, frequency = np.zeros(len(uv)), np.ones(len(uv)), 0.6, 4.0
