@@ -47,8 +47,8 @@ class Assets:
     textures    : textures of the scene; those of the assets are appended
     shutter     : times at which the camera's shutter opens and closes, seconds, for moving assets
     unit        : unit of light in the scene
-    beside_map  : True if light of models without a unit in the scene file is not converted, because it is taken in
-                  the unit of an environment map that names none either
+    beside_map  : True if light of models that have no unit in the scene file is not converted, but taken in the
+                  unit of the environment map
     photometric : file of the first model whose photometric light has no unit in the scene file, or empty
     """
 

@@ -240,7 +240,7 @@ def _plane(given: description.Plane, location: SourceLocation) -> Float64:
     normal = np.linalg.inv(linear).T @ normal
     normal /= np.linalg.norm(normal)
     u, v = linear @ along, linear @ across
-    u -= (u @ normal) * normal  # rounding
+    u -= (u @ normal) * normal  # removes rounding errors
     v_length = np.linalg.norm(v - (v @ u) / (u @ u) * u)
     if given.flip_normals:
         normal = -normal
@@ -336,7 +336,7 @@ def _check_extent(coordinates: Float64, location: SourceLocation) -> None:
 
 
 def _check_quad(corners: Float64, location: SourceLocation) -> None:
-    """Raise SceneError unless `corners` (4, 3) are those of a planar and convex quad."""
+    """Raise SceneError unless the quad of `corners` (4, 3) is planar and convex."""
     edges = np.roll(corners, -1, axis=0) - corners
     diameter = max(np.linalg.norm(corners[2] - corners[0]), np.linalg.norm(corners[3] - corners[1]))
     normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])

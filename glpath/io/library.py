@@ -60,17 +60,15 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
                  glTF (.glb, .gltf), OBJ with its MTL, or one of `glpath.io.meshes.FORMATS`. A path has a folder
                  or such a suffix; `./furnace` is always a file;
                  name of a shipped scene (`shipped_scenes()`);
-                 dictionary in the form of the TOML, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F,
-                 4)
-                 and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;
+                 dictionary in the form of the TOML, whose meshes may have numpy arrays `vertices` (V, 3),
+                 `faces` (F, 3) or (F, 4) and `uv` (V, 2), or `mesh = trimesh.Trimesh`;
                  `trimesh.Trimesh`, or `trimesh.Scene` with its transforms, materials, textures and colours,
                  and its lights and camera if it has them;
                  `Scene`, which is returned unchanged
     parameters : values by name, as text (`-D key=value`) or of the parameter's type. A generated scene has its own
                  (`scene_parameters`). A glTF file has `camera`, `animation`, `variant`, `time`, `shutter`,
                  `light_factor`, `unit` and `backs`; a TOML file `time`; a honeybee model `overcast`, `ground` and
-                 `view`; a Mitsuba scene its `<default>`s. Other files without a camera have `up`, the axis that is
-                 up
+                 `view`; a Mitsuba scene its `<default>`s. Other files without a camera have `up`, their up axis
 
     Every scene also has the parameters `environment`, `environment_rotation` (degrees), `environment_exposure`
     (stops) and `background`. `environment` is the file of an environment map (.hdr, .exr) that replaces the sky.
@@ -123,7 +121,7 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
     if path.suffix.lower() in MODEL_FORMATS:
         return _made(read_mesh_model_as_asked, SourceLocation(text), parameters, path)
     if path.suffix.lower() == ".xml":
-        from glpath.io.mitsuba import read_mitsuba  # late, because its exporters import this module
+        from glpath.io.mitsuba import read_mitsuba  # late, because it imports exporters, which import this module
 
         return read_mitsuba(path, parameters)
     if path.suffix.lower() == ".hbjson":

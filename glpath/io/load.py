@@ -179,9 +179,9 @@ def scene_of(
 def _without_meshes(
     data: Mapping[str, Any], location: SourceLocation
 ) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
-    """Return `data` without streams and without meshes that are arrays or objects, and a dictionary of both.
+    """Return `data` without streams and without meshes that are arrays or objects, and both of these by shape.
 
-    The keys of the dictionary are the indices of the shapes. A million faces as lists would take a minute and a
+    The second result has the index of the shape as its key. A million faces as lists would take a minute and a
     gigabyte.
     """
     if not isinstance(data.get("shapes"), list | tuple):

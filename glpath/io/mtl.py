@@ -57,7 +57,7 @@ _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
 
 @dataclass(frozen=True)
 class _Map:
-    """Texture that a statement names. `matrix` (2, 3) maps texture coordinates to those of the lookup."""
+    """Texture that a statement names. `matrix` (2, 3) maps texture coordinates to lookup coordinates."""
 
     image: Image
     name: str

@@ -44,7 +44,7 @@ class NamedFiles:
     def find(self, folder: Path, name: str) -> Path:
         """Return the file as `spelt_file` does, or a file of the same base name elsewhere, which `notes` reports.
 
-        Of several files, the one that shares most folders with the name is taken. Raises UnusableError.
+        Of several files, the file that shares most folders with the name is taken. Raises UnusableError.
         """
         key = (folder, name)
         if key not in self._paths:
@@ -98,7 +98,7 @@ def named_file(folder: Path, name: str) -> Path:
         if not is_inside or _has_drive(name):
             raise UnusableError("which is outside the folder of the model")
         raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
-    except (OSError, RuntimeError, ValueError) as error:  # a NUL, a circle of links
+    except (OSError, RuntimeError, ValueError) as error:  # for a NUL or a circle of links
         raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
 
 
@@ -181,7 +181,7 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
             path /= part
         if path.is_file() and _is_inside(path, folder):
             return path
-    except (OSError, RuntimeError, ValueError):  # a NUL, a circle of links
+    except (OSError, RuntimeError, ValueError):  # for a NUL or a circle of links
         pass
     return None
 

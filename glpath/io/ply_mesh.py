@@ -250,7 +250,7 @@ def _check_vertices(lists: Ragged, name: str, count: int, source: str, *, min_ve
 
 
 def _triangles_of_strips(strips: Ragged) -> Int64:
-    """Return (T, 3) vertices of the triangles of strips, of which every second is flipped.
+    """Return (T, 3) vertices of the triangles of strips; every second triangle is flipped.
 
     Each vertex of a strip except the first two completes a triangle. Triangles with a vertex twice only continue a
     strip elsewhere, and are left out.

@@ -42,7 +42,7 @@ class Chunks(Protocol):
 
 @dataclass(frozen=True)
 class NpyTriangles:
-    """Triangles of a .npy file with an array (T, 3, 3), of which nothing is kept in memory.
+    """Triangles of a .npy file with an array (T, 3, 3), read on request and not kept in memory.
 
     path  : path of the file
     dtype : type of the numbers in the file

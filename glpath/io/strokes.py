@@ -56,8 +56,7 @@ def balls(points: Float64, radius: float) -> tuple[Float64, Int64, Float64, Int6
 
 
 def rods(points: Float64, lines: Int64, radius: float) -> tuple[Float64, Int64, Float64, Int64]:
-    """Return rods along lines (L, 2) between points (N, 3), with balls at their ends. The result is as in
-    `balls`."""
+    """Return rods along lines (L, 2) between points (N, 3), with balls at their ends, in the form of `balls`."""
     start, end = points[lines[:, 0]], points[lines[:, 1]]
     long = np.linalg.norm(end - start, axis=1) > 0
     lines, start, end = lines[long], start[long], end[long]

@@ -75,7 +75,7 @@ def _decoded(content: bytes) -> str:
 
 
 def with_plain_nan(text: str) -> str:
-    """Return text with NaN and infinity spelt `nan` and `inf`, in whatever form a C library wrote them."""
+    """Return text with NaN and infinity spelt `nan` and `inf`, also if a C library wrote other forms."""
     if "#" in text or "(" in text:
         return _INFINITE.sub("inf", _NAN.sub("nan", text))
     return text

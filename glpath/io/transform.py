@@ -58,7 +58,7 @@ def _matrix_of_step(step: Step, location: SourceLocation) -> Float64:
 
 
 def _column_vector(matrix: Float64) -> Float64:
-    """Return a matrix of pyrr, which is for row vectors, as one for column vectors."""
+    """Return the matrix for column vectors, given pyrr's matrix for row vectors."""
     return np.asarray(matrix, np.float64).T
 
 
